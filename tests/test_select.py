@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.cubes import axis_values
+from pounding_sweep.cli.app import axis_values
 from pounding_sweep.output.select import NEAR, select
 
 

@@ -44,6 +44,20 @@ Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Threads or processes; one per core by default.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file if it exists.")]
+#: Arguments of comparisons by the option that gives them.
+ARGUMENTS = {
+    "--reference": "reference",
+    "--event": "event",
+    "--level": "level",
+    "--quantile": "quantiles",
+    "--probability": "probabilities",
+    "--intensity": "intensity",
+    "--given": "levels",
+    "--hazard": "hazard",
+    "--years": "years",
+    "--one-dispersion": "one_dispersion",
+    "--records": "folders",
+}
 #: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
 FIGURE_FILE = "PNG, SVG or PDF file; replaced if it exists."
 
@@ -55,6 +69,18 @@ def numbers_of(text: str, option: str, form: str) -> list[float]:
     except ValueError:
         msg = f"{option} {text!r} is no list of {form}"
         raise InputError(msg) from None
+
+
+def axis_values(given: list[str]) -> dict[str, list[str]]:
+    """Read texts AXIS=VALUE, of which several may be of one axis; raises `InputError` for any other text."""
+    values: dict[str, list[str]] = {}
+    for text in given:
+        axis, equals, value = text.partition("=")
+        if not equals:
+            msg = f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01"
+            raise InputError(msg)
+        values.setdefault(axis.strip(), []).append(value.strip())
+    return values
 
 
 def main() -> None:

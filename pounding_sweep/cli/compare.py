@@ -12,8 +12,7 @@ import typer
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Intensity, app
-from pounding_sweep.cli.cubes import axis_values
+from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, app, axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -23,20 +22,6 @@ if TYPE_CHECKING:
 SHOWN = 12
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
-#: Arguments of comparisons by the option that gives them.
-_ARGUMENTS = {
-    "--reference": "reference",
-    "--event": "event",
-    "--level": "level",
-    "--quantile": "quantiles",
-    "--probability": "probabilities",
-    "--intensity": "intensity",
-    "--given": "levels",
-    "--hazard": "hazard",
-    "--years": "years",
-    "--one-dispersion": "one_dispersion",
-    "--records": "folders",
-}
 
 What = Annotated[
     list[str] | None,
@@ -129,7 +114,7 @@ def compare_command(
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
-        asked = {option: given[name] for option, name in _ARGUMENTS.items() if given[name] not in (None, [])}
+        asked = {option: given[name] for option, name in ARGUMENTS.items() if given[name] not in (None, [])}
         _check_options([option for option in asked if option != "--records" or intensity is None], keys)
         if years is not None and hazard is None:
             msg = "--years are those of a hazard; add --hazard, or leave them out"
@@ -159,7 +144,7 @@ def compare_command(
                 comparison = COMPARISONS[key]
                 report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
                 report[key]["left_out"] = left_out
-                passed = {_ARGUMENTS[o]: value for o, value in asked.items() if _ARGUMENTS[o] in comparison.arguments}
+                passed = {ARGUMENTS[o]: value for o, value in asked.items() if ARGUMENTS[o] in comparison.arguments}
                 passed |= {} if what or out else comparison.summary
                 if "over" in comparison.arguments and what:
                     apart = {"law", *MOTION_DIMS} - {*(over or ())}
@@ -195,7 +180,7 @@ def _check_options(given: list[str], keys: list[str]) -> None:
 
     for option in given:
         tables = option in ("--quantile", "--intensity")  # those of most comparisons have fractiles and intensities
-        takers = [k for k, c in COMPARISONS.items() if _ARGUMENTS[option] in c.arguments or (tables and c.rows is None)]
+        takers = [k for k, c in COMPARISONS.items() if ARGUMENTS[option] in c.arguments or (tables and c.rows is None)]
         if not set(takers) & set(keys):
             of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
             msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"

@@ -11,7 +11,7 @@ import typer
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.tables import print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, At, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, At, app, axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -174,18 +174,6 @@ def _drawn(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) 
         if len(each) > 1 and axis in chosen.coords:
             chosen[axis].attrs[SEVERAL] = "yes"  # for figures that would draw one of them
     return chosen
-
-
-def axis_values(given: list[str]) -> dict[str, list[str]]:
-    """Read texts AXIS=VALUE, of which several may be of one axis; raises `InputError` for any other text."""
-    values: dict[str, list[str]] = {}
-    for text in given:
-        axis, equals, value = text.partition("=")
-        if not equals:
-            msg = f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01"
-            raise InputError(msg)
-        values.setdefault(axis.strip(), []).append(value.strip())
-    return values
 
 
 def _list(dataset: xr.Dataset) -> None:

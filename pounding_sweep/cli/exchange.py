@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.base.tables import print_pairs
-from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, app
-from pounding_sweep.cli.cubes import axis_values
+from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, app, axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:

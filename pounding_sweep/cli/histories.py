@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
+from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app, axis_values
 from pounding_sweep.cli.reporting import reporting, say, say_laws
 from pounding_sweep.cli.run import SkipMissing
 
@@ -145,7 +145,6 @@ def _simulate(
     **choice: Any,
 ) -> xr.Dataset:
     """Run the scenario that is chosen as for `simulate_one`; say which it is, and how fine its histories are."""
-    from pounding_sweep.cli.cubes import axis_values
     from pounding_sweep.figures.shown import heading
     from pounding_sweep.run.one_scenario import simulate_shown
     from pounding_sweep.run.simulate import peaks_shown
