@@ -960,6 +960,7 @@ def test_options_of_figures_on_the_command_line(tmp_path, not_rendered):
     command("plot", one, "phase", "-o", tmp_path / "y.png", "--dpi", "20", "--start", "0.5", "--end", "1")
     said = command("plot", one, "histories", "-o", picture, "--x", "gap", code=2).stderr
     assert re.search(r"'histories' takes no x; amplification, force-gap, law-comparison, map do", said)
+    assert "give them to 'pounding-sweep compare CUBE.nc" in command(*words, "--event", "touch", code=2).stderr
 
 
 @pytest.mark.parametrize("name", ["simulate", "animate"])

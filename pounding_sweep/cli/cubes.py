@@ -11,7 +11,7 @@ import typer
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.tables import print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, At, app, axis_values
+from pounding_sweep.cli.app import ARGUMENTS, FIGURE_FILE, AsJson, At, app, axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -130,9 +130,16 @@ def plot_command(
     only_list: Annotated[
         bool, typer.Option("--list", help="List the figures, and what of them CUBE.nc allows.")
     ] = False,
+    compared_by: Annotated[list[str] | None, typer.Option(*ARGUMENTS, hidden=True)] = None,
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
+        if compared_by:
+            msg = (
+                f"{', '.join(ARGUMENTS)} are options of comparisons; give them to "
+                "'pounding-sweep compare CUBE.nc -o FOLDER', which draws the figures as well"
+            )
+            raise InputError(msg)
         from pounding_sweep.figures import FIGURES, SOURCES, plot
         from pounding_sweep.output.netcdf import open_cube
 
