@@ -1,0 +1,57 @@
+"""The judge of promises: what it counts as kept, missed and unknown."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from pounding_sweep.accuracy.promises import ACCURACIES, CASES, STEPS, Kept, judge, judged
+from pounding_sweep.outputs.differences import CHANGE
+from pounding_sweep.outputs.variables import Status
+
+PROMISED = 1e-3
+#: What each of seven scenarios is: right, off by two and by ten times what was promised, off and said so, diverged, off
+#: from what did not converge, right but sensitive.
+ERRORS = PROMISED * np.array([0.5, 2.0, 10.0, 50.0, 0.0, 50.0, 0.9])
+STATUS = np.array([Status.OK, Status.OK, Status.OK, Status.UNSETTLED, Status.DIVERGED, Status.OK, Status.OK])
+
+
+def tally():
+    right = {name: np.ones((7, 1, 1)) for name in ("displacement_max", "impact_force_max")}
+    found = {name: values.copy() for name, values in right.items()} | {"status": STATUS}
+    found["impact_force_max"][:, 0, 0] += ERRORS
+    change = np.full(7, 1e-6)
+    change[5] = 0.2 * PROMISED
+    amplification = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * PROMISED / CHANGE])
+    return judged(found, (right, change), list(right), PROMISED, amplification)
+
+
+def test_scenarios_that_miss_a_promise_are_counted():
+    found = tally()
+    assert (found.scenarios, found.unknown, found.unsettled, found.sensitive) == (4, 1, 1, 1)
+    assert (found.missed, found.far, found.outputs) == (2, 1, Counter({"impact_force_max": 2}))
+    np.testing.assert_allclose(found.worst, 10.0, rtol=0.02)
+
+
+def test_tallies_add_up():
+    total = tally()
+    total.add(Kept(scenarios=3, missed=1, worst=40.0, outputs=Counter({"impact_force_max": 1, "drift_max": 1})))
+    assert (total.scenarios, total.missed, total.far, total.worst) == (7, 3, 1, 40.0)
+    assert total.outputs == {"impact_force_max": 3, "drift_max": 1}
+
+
+@pytest.mark.parametrize("number", [2, 5])  # two buildings, and one between a wall and another
+@pytest.mark.usefixtures("stub_engine")
+def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
+    found = judge(number, 3, ["kelvin_voigt"], [], status=True)
+    kind = "with a wall" if number == 5 else "several storeys"
+    assert {tuple(of) for _, *of in found} == {("all", ""), ("row", kind), ("law", "kelvin_voigt")}
+    for (promise, *_), each in found.items():
+        assert each == found[promise, "all", ""]
+        assert 0.0 < each.worst < 1.0  # the error of these kernels shrinks with the step
+        assert (each.missed, each.unknown, each.unsettled) == (0, 0, 0)
+    assert all(found[f"accuracy {each:g}", "all", ""].scenarios == CASES for each in ACCURACIES)
+    assert found["ok, by rules, rk4", "all", ""].scenarios == CASES * len(STEPS)
+    assert 0 < found["ok, error_estimate, newmark", "all", ""].scenarios < CASES * len(STEPS)  # others are not ok
