@@ -323,6 +323,9 @@ def test_where_a_law_is_not_valid_nothing_is_measured():
     np.testing.assert_array_equal(missing, [[False, False], [False, True], [True, True]])
     np.testing.assert_array_equal(np.isnan(found.analytic), np.isnan(found.measured))
     assert found.measured.sel(law="kelvin_voigt_tension", restitution=0.0).max() < 1e-9
+
+
+def test_what_cannot_be_certified_is_refused():
     for values in ([], [0.5, 1.5], [np.nan]):
         with pytest.raises(InputError, match="give one or more in"):
             certify(values)
