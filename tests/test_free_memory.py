@@ -176,7 +176,7 @@ MANY = edited(
     "stiffness_factors = { start = 0.5, stop = 2.0, count = 5000 }",
 ).replace('["kelvin_voigt", "none"]', '["kelvin_voigt"]')
 REFUSED = (
-    r"planning 100,000,000 scenarios needs about 30 GB of memory, (\S+) (\S+) are free \({}\); "
+    r"planning 100,000,000 scenarios needs about 32 GB of memory, (\S+) (\S+) are free \({}\); "
     "take fewer values on an axis, make several"
 )
 

@@ -42,7 +42,7 @@ CHUNK_SECONDS = 1.0
 #: Largest size (bytes) of the results of one chunk.
 CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
-PLAN_BYTES = 300
+PLAN_BYTES = 320
 #: Scenarios whose largest steps are found at a time.
 LIMIT_BLOCK = 1 << 16
 #: Scenarios that must share a run without pounding for the extremes of its windows to be worth finding, and where
