@@ -259,21 +259,23 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, d0: Any, b: 
     def press(t: Any) -> Any:
         return law.pressing(k, c, polynomial(t, d0, b), polynomial(t, r0, rb) / h)
 
+    asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))
     # not the release itself, where E and B v both end
     end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
-    d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
-    # at its own event the sign of a force is one of rounding
-    p1, p0 = law.pressing(k, c, d, v), press(group.full(group.limit.just_after))
-    asks = asks & (c > 0.0)
-    ends = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
-    begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
-    sign = where(ends, -1.0, group.full(1.0))
-    inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
-    first = Cell(group.full(0.0))
-    with when_any(inside):
-        found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t))
-        first.now = where(inside, found, 0.0)
-    t = first.now
+    ends, begins, first = Cell(asks & ~asks), Cell(asks & ~asks), Cell(group.full(0.0))
+    with when_any(asks):
+        d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
+        p1 = law.pressing(k, c, d, v)
+        ends.now = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
+        begins.now = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
+        with when_any(ends.now | begins.now):
+            p0 = press(group.full(group.limit.just_after))  # at its own event the sign of a force is one of rounding
+            sign = where(ends.now, -1.0, group.full(1.0))
+            inside = (ends.now & (p0 > 0.0)) | (begins.now & (p0 <= 0.0))
+            with when_any(inside):
+                found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t))
+                first.now = where(inside, found, 0.0)
+    t, ends, begins = first.now, ends.now, begins.now
     sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
 
@@ -407,27 +409,28 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
         law, which = group.law_of(j), group.law_index(j)
         due = is_due(group, j, lands)
         switched.now = switched.now | due
-        mode, target = s["mode", j], s["next", j]
-        touches = due & (mode == OPEN) & (target > OPEN)
-        with when_any(touches):
-            v, mass = group.between("v", j), group.prop("reduced", j)
-            k, c = group.stiffness(j), s["c", j]
-            lasts = law.duration(k, v, mass)
-            s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
-            s["shortest", which] = where(touches, minimum(s["shortest", which], lasts), s["shortest", which])
-            if law.shape.per_speed:
-                c = c / maximum(v, RESTING_SPEED)
-            note_touch(group, j, touches, touches, v, h)
-            s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
+        with when_any(due):
+            mode, target = s["mode", j], s["next", j]
+            touches = due & (mode == OPEN) & (target > OPEN)
+            with when_any(touches):
+                v, mass = group.between("v", j), group.prop("reduced", j)
+                k, c = group.stiffness(j), s["c", j]
+                lasts = law.duration(k, v, mass)
+                s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
+                s["shortest", which] = where(touches, minimum(s["shortest", which], lasts), s["shortest", which])
+                if law.shape.per_speed:
+                    c = c / maximum(v, RESTING_SPEED)
+                note_touch(group, j, touches, touches, v, h)
+                s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
+                if law.shape.yields:
+                    yielding.begin(group, j, touches, k, c, v, mass)
+            k, c = s["kl", j], s["cl", j]
             if law.shape.yields:
-                yielding.begin(group, j, touches, k, c, v, mass)
-        k, c = s["kl", j], s["cl", j]
-        if law.shape.yields:
-            yielding.switch(group, j, due, mode, target)
-        else:
-            s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
-            s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
-        s["mode", j] = where(due, target, mode)
+                yielding.switch(group, j, due, mode, target)
+            else:
+                s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
+                s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
+            s["mode", j] = where(due, target, mode)
     return switched.now
 
 
