@@ -22,8 +22,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import yielding
-from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.kernel.group import BENDS, Group, LaneLaw
+from pounding_sweep.kernel.lanes import (
+    Cell,
+    fma,
+    maximum,
+    minimum,
+    real,
+    roughly_power,
+    size,
+    sqrt,
+    when_any,
+    where,
+    while_any,
+)
 from pounding_sweep.kernel.roots import (
     Powers,
     Series,
@@ -180,80 +192,115 @@ def measure(group: Group) -> Any:
     return look.now
 
 
-def contact_rate(group: Group, j: Any, deepest: Any) -> Any:
-    """Fastest rate (1/s) of contact j down to a penetration: of its spring or of its damper."""
-    s, law, mass = group.state, group.law_of(j), group.prop("reduced", j)
-    spring = sqrt(law.elastic_slope(s["ke", j], deepest) / mass)
-    return maximum(spring, law.damper(s["ce", j], deepest) / mass) if law.shape.damper else spring
+def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
+    """Fastest rate (1/s) of a contact down to a penetration: of its spring or of its damper."""
+    spring = sqrt(law.elastic_slope(k, deepest) / mass)
+    return maximum(spring, law.damper(c, deepest) / mass) if law.shape.damper else spring
 
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
-    s = group.state
+    s, law = group.state, group.laws[0]
     first, cap = Cell(group.full(1.0)), Cell(group.full(1.0))
+
+    def keep(j: Any, lanes: Any, when: Any, target: Any) -> None:
+        s["event", j], s["next", j] = where(lanes, when, s["event", j]), where(lanes, target, s["next", j])
+
     for j in group.each_contact():
-        _event(group, j, asks, cap)
-        event = s["event", j]
-        first.now = where(event < first.now, event, first.now)
+        keep(j, asks, NEVER, s["mode", j])
+    if len(group.laws) > 1 or law.shape.yields:
+        for j in group.each_contact():
+            with when_any(busy := asks & (s["asks", j] > 0.0)):
+                found = _event(group, j, group.law_of(j), busy, _trial(group, j), cap)
+                first.now = minimum(first.now, found[0])
+                keep(j, busy, *found)
+        return minimum(first.now, cap.now)
+    # a lane seldom asks for more than one contact: one of each lane is gone through at a time, whichever it is
+    left, number, picked = Cell(asks), Cell(group.full(0.0)), {k: Cell(0.0 * x) for k, x in _trial(group, 0).items()}
+    for _ in while_any(lambda: left.now, group.trace):
+        busy, more = Cell(asks & ~asks), Cell(asks & ~asks)
+        for j in group.each_contact():
+            with when_any(wants := left.now & (s["asks", j] > 0.0)):
+                mine, more.now = wants & ~busy.now, more.now | (wants & busy.now)
+                number.now = where(mine, real(j), number.now)
+                for name, x in _trial(group, j).items():
+                    picked[name].now = where(mine, x, picked[name].now)
+                busy.now, s["asks", j] = busy.now | mine, where(mine, 0.0, s["asks", j])
+        left.now = more.now
+        with when_any(busy.now):
+            at = {name: cell.now for name, cell in picked.items()}
+            when, target = _event(group, None, law, busy.now, at, cap)
+            first.now = minimum(first.now, when)
+            for j in group.each_contact():
+                with when_any(mine := busy.now & (number.now == real(j))):
+                    keep(j, mine, when, target)
     return minimum(first.now, cap.now)
 
 
-def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
-    """Find when contact j changes its mode in the trial, and to which."""
-    s, law, h = group.state, group.law_of(j), group.state["h"]
-    mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
-    s["event", j], s["next", j] = where(asks, NEVER, s["event", j]), where(asks, mode, s["next", j])
+def _trial(group: Group, j: Any) -> dict[str, Any]:
+    """Read what decides when contact j changes its mode in the trial."""
+    s, bends = group.state, BENDS if group.spec.staged else ()
+    found = {name: s[name, j] for name in ("mode", "d0", "d1", "w0", "w1", "ke", "ce", "kl", "cl")}
+    found |= {name: group.between(name, j) for name in ("a0", *bends)}
+    return found | {"reduced": group.full(group.prop("reduced", j))}
+
+
+def _event(group: Group, j: Any, law: LaneLaw, busy: Any, at: dict[str, Any], cap: Cell) -> tuple[Any, Any]:
+    """Find when a contact changes its mode in the trial, and to which; j: of a law that yields, of which contact."""
+    s, h = group.state, group.state["h"]
+    mode, d0, d1, v0, v1 = (at[name] for name in ("mode", "d0", "d1", "w0", "w1"))
     closed = mode > OPEN
     early, late = d0 + h * v0, d1 - h * v1
-    busy = asks & (s["asks", j] > 0.0)
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
-    with when_any(busy):
-        b = course(group, j)
-        sign = where(closed, -1.0, group.full(1.0))
-        start = where(closed, d0, minimum(d0, 0.0))
-        # else a closed contact has touched but for a rounding error, and goes on
-        crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
-        dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
-        turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
-        rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)  # the other way first: it may begin at its event
-        if group.spec.implicit:
-            rises = rises & closed
-        at_peak = where(rises, sign, -sign)
-        depth = Series((start, *b).__getitem__, len(b))
-        bends = busy & (turns | rises)
-        low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(busy & crosses)
-        with when_any(bends):
-            extreme = crossing(group, bends, 0.0, 1.0, depth.rate, at_peak)
-            there = polynomial(extreme, start, b)
-            event.now = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
-            low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-        when = where(event.now, crossing(group, event.now, low.now, high.now, depth, sign), NEVER)
-        nears, parting = SIDES[law.shape.rebound_only]
-        target = where(event.now, where(closed, OPEN, group.full(nears)), mode)
-        if law.shape.one_sided:
-            slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
-            toward = where(slows, -1.0, group.full(1.0))
-            t = crossing(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
-            sooner = busy & (slows | speeds) & (t < when)
-            when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
-        if law.shape.yields:
-            t = yielding.event(group, j, busy & closed, h, (d0, d1, v0, v1), b)
-            sooner = busy & closed & (t < when)
-            when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
-        if law.shape.clips:
-            when, target = _slack(group, j, busy, when, target, d0, b)
-        s["event", j], s["next", j] = where(busy, when, s["event", j]), where(busy, target, s["next", j])
-        if is_capped(group):
-            fast, most = h * contact_rate(group, j, maximum(d0, d1)), group.prop("cap")
-            deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
-            cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
+    b = _course(group, at)
+    sign = where(closed, -1.0, group.full(1.0))
+    start = where(closed, d0, minimum(d0, 0.0))
+    # else a closed contact has touched but for a rounding error, and goes on
+    crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
+    dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
+    turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
+    rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)  # the other way first: it may begin at its event
+    if group.spec.implicit:
+        rises = rises & closed
+    at_peak = where(rises, sign, -sign)
+    depth = Series((start, *b).__getitem__, len(b))
+    bends = busy & (turns | rises)
+    low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(busy & crosses)
+    with when_any(bends):
+        extreme = crossing(group, bends, 0.0, 1.0, depth.rate, at_peak)
+        there = polynomial(extreme, start, b)
+        event.now = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
+        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
+    when = where(event.now, crossing(group, event.now, low.now, high.now, depth, sign), NEVER)
+    nears, parting = SIDES[law.shape.rebound_only]
+    target = where(event.now, where(closed, OPEN, group.full(nears)), mode)
+    if law.shape.one_sided:
+        slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
+        toward = where(slows, -1.0, group.full(1.0))
+        t = crossing(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
+        sooner = busy & (slows | speeds) & (t < when)
+        when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
+    if law.shape.yields:
+        t = yielding.event(group, j, busy & closed, h, (d0, d1, v0, v1), b)
+        sooner = busy & closed & (t < when)
+        when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
+    if law.shape.clips:
+        when, target = _slack(group, law, busy, at, (when, target), b)
+    if is_capped(group):
+        rate_there = contact_rate(law, at["ke"], at["ce"], at["reduced"], maximum(d0, d1))
+        fast, most = h * rate_there, group.prop("cap")
+        deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
+        cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
+    return when, target
 
 
-def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, d0: Any, b: Any) -> tuple[Any, Any]:
+def _slack(
+    group: Group, law: LaneLaw, asks: Any, at: dict[str, Any], event: tuple[Any, Any], b: Powers
+) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
-    s, law, h = group.state, group.law_of(j), group.state["h"]
-    mode, k, c = s["mode", j], s["kl", j], s["cl", j]
+    h, (when, target) = group.state["h"], event
+    mode, d0, k, c = (at[name] for name in ("mode", "d0", "kl", "cl"))
     r0, rb = rate(b)
 
     def press(t: Any) -> Any:
@@ -300,7 +347,7 @@ def ends(group: Group, whole: Any) -> None:
         if group.spec.staged and not (group.looks("ends") or "penetration" in r):
             counts = looks & _may_exceed(group, j, (d0, d1, v0, v1))
         with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
-            b = course(group, j)
+            b = _course(group, _trial(group, j))
             if "penetration" in r:
                 s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
                 deepens = looks & (v0 > 0.0) & (v1 < 0.0)
@@ -323,13 +370,13 @@ def _may_exceed(group: Group, j: Any, at: tuple[Any, ...]) -> Any:
     return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
 
 
-def course(group: Group, j: Any) -> Powers:
-    """Penetration of contact j in the sub-step: what is added to it at the start."""
-    s, h = group.state, group.state["h"]
+def _course(group: Group, at: dict[str, Any]) -> Powers:
+    """Penetration of a contact in the sub-step: what is added to it at the start."""
+    h = group.state["h"]
     if group.spec.staged:  # without differences of the motion
         square = h * h
-        return h * s["w0", j], 0.5 * square * group.between("a0", j), *(square * group.between(x, j) for x in BENDS)
-    return coefficients(h, s["d0", j], s["d1", j], s["w0", j], s["w1", j], group.between("a0", j))
+        return h * at["w0"], 0.5 * square * at["a0"], *(square * at[name] for name in BENDS)
+    return coefficients(h, *(at[name] for name in ("d0", "d1", "w0", "w1", "a0")))
 
 
 def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:

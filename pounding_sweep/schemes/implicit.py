@@ -302,7 +302,9 @@ def soften(group: Group) -> None:
             if law.shape.yields:
                 yielding.stick(group, j, here)
             ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
-            hard.now = hard.now | (here & (h * contact_rate(group, j, ahead) > STIFF_RATE))
+            hard.now = hard.now | (
+                here & (h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE)
+            )
         stiff = hard.now
         s["stiff"] = where(stiff, 1.0, s["stiff"])
         soft = closed & ~stiff
