@@ -171,22 +171,25 @@ def measure(group: Group) -> Any:
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
-        parts = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
-        if law.shape.one_sided:
-            nears, parting = SIDES[law.shape.rebound_only]
-            parts = parts | ((mode == nears) & (v1 < 0.0)) | ((mode == parting) & (v1 > 0.0))
-        if law.shape.clips:
-            p = law.pressing(s["kl", j], s["cl", j], d1, v1)
-            parts = parts | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
-        if law.shape.yields:
-            parts = parts | yielding.may_change(group, j, mode, d1, early, late, v1)
-        if is_capped(group):
-            cap, mass, deep = group.prop("cap"), group.prop("reduced", j), maximum(d0, d1)
-            parts = parts | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
-            if law.shape.damper:
-                parts = parts | (h * law.damper(c, deep) > (2.0 * cap) * mass)
+        parts, closed = Cell(group.lanes_where(False)), mode > OPEN
+        with when_any(closed):
+            may = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
+            if law.shape.one_sided:
+                nears, parting = SIDES[law.shape.rebound_only]
+                may = may | ((mode == nears) & (v1 < 0.0)) | ((mode == parting) & (v1 > 0.0))
+            if law.shape.clips:
+                p = law.pressing(s["kl", j], s["cl", j], d1, v1)
+                may = may | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
+            if law.shape.yields:
+                may = may | yielding.may_change(group, j, mode, d1, early, late, v1)
+            if is_capped(group):
+                cap, mass, deep = group.prop("cap"), group.prop("reduced", j), maximum(d0, d1)
+                may = may | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
+                if law.shape.damper:
+                    may = may | (h * law.damper(c, deep) > (2.0 * cap) * mass)
+            parts.now = may
         meets = maximum(d1, minimum(early, late)) > 0.0
-        mine = where(mode == OPEN, meets, parts)
+        mine = where(closed, parts.now, meets)
         s["asks", j] = where(mine, 1.0, group.full(0.0))
         look.now = look.now | mine
     return look.now
