@@ -210,7 +210,7 @@ def first_event(group: Group, asks: Any) -> Any:
         s["event", j], s["next", j] = where(lanes, when, s["event", j]), where(lanes, target, s["next", j])
 
     for j in group.each_contact():
-        keep(j, asks, NEVER, s["mode", j])
+        s["event", j] = where(asks, NEVER, s["event", j])
     if len(group.laws) > 1 or law.shape.yields:
         for j in group.each_contact():
             with when_any(busy := asks & (s["asks", j] > 0.0)):
