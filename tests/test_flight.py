@@ -353,6 +353,23 @@ def test_equal_buildings_never_touch():
 BLOCKS = [name for name in EVERY if "energy" not in reducers_for([name])]
 
 
+@pytest.mark.parametrize(("windows", "outputs"), [(True, EVERY), (False, BLOCKS)])
+@pytest.mark.parametrize("ground", [[-200.0, 200.0], [100.0, -300.0]])
+def test_a_motion_that_comes_back_in_its_first_step_has_its_peaks(ground, windows, outputs):
+    """From rest, so that its rate changes no sign from one end of the step to the other."""
+    scene, record = pair(), ps.Record("two", 0.01, ground)
+    kernel = replace(kernel_of(scene, outputs), windows=windows)
+    one = {"scale": np.ones(1), "stiffness": np.full(1, 8e5), "restitution": np.ones(1)}
+    found = kernel.run(record, gaps=np.ones((1, 1)), **one, twin=True)
+    fine = np.interp(np.linspace(0.0, 1.0, 2001), [0.0, 1.0], ground)
+    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    moved = [modal_exact(b, fine, record.dt / 2000)[0] for b in alone]
+    drifted = [np.abs(np.diff(u, axis=1, prepend=0.0)) for u in moved]
+    for name, values, best in (("umax", moved, np.max), ("umin", moved, np.min), ("drift", drifted, np.max)):
+        want = best(np.concatenate(values, axis=1), axis=0)
+        np.testing.assert_allclose(found[name][0], want, rtol=1e-5, atol=1e-7 * np.abs(want).max(), err_msg=name)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_motions_known_by_blocks_are_those_of_windows(precision):

@@ -64,7 +64,7 @@ from pounding_sweep.kernel.lanes import (
     whole,
 )
 from pounding_sweep.kernel.modal_steps import MOVES
-from pounding_sweep.kernel.peaks import followed, septic_extreme
+from pounding_sweep.kernel.peaks import followed, leaving, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
@@ -653,7 +653,7 @@ class Flight:
     def _take_peaks(self, part: int, most: Any, least: Any) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
         w, sized = self.rows, self._vector(self.place_of("sized") + part * self.lanes) > 0.5
-        number, largest = self._numbers(part), maximum(size(most), size(least))
+        number, largest = self._numbers(part), maximum(most, -least)
         moves, high, low = ~(number < float(self._touches)), w["high", part], w["low", part]
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
         w["low", part] = where(moves, minimum(low, where(sized, -largest, least)), low)
@@ -933,6 +933,7 @@ class Flight:
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
+            s0 = leaving(s0, s1)
             turns = (s0 * s1 < 0.0) & steps
             (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
             inner = septic_extreme(self.group, turns, (x, s0, c0, j0), (x1, s1, c1, j1))

@@ -28,7 +28,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     whole,
 )
-from pounding_sweep.kernel.peaks import septic_extreme
+from pounding_sweep.kernel.peaks import leaving, septic_extreme
 
 
 class Tables:
@@ -242,6 +242,7 @@ class Tables:
             now = self._watched_at(t, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
             above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
+            s0 = leaving(s0, s1)
             turns = s0 * s1 < 0.0
             for _ in when(any_lane(turns)):
                 rise = narrow(self.trace, self._ground(t) - self._ground(k))

@@ -19,6 +19,8 @@ from pounding_sweep.kernel.row import add_forces, total_accelerations, transferr
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
+#: Rate that a motion at rest is given, over that at the end of its step: next to nothing.
+LEAVES = 2.0**-30
 
 
 def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
@@ -35,6 +37,11 @@ def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
     slope, bend = with_slope(t, [n * b for n, b in enumerate(coefficients[1:], 1)])
     nearer = t - slope / bend
     return horner(where((nearer > 0.0) & (nearer < 1.0), nearer, t), coefficients)
+
+
+def leaving(s0: Any, s1: Any) -> Any:
+    """Rate at the start of a step; at rest as if the motion turned, so that one is seen that goes and comes back."""
+    return where(s0 == 0.0, -LEAVES * s1, s0)
 
 
 def septic_extreme(group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any]) -> Any:
