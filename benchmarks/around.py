@@ -94,14 +94,14 @@ class Around:
 
     scenarios: int  # scenarios, none like another
     outside: float  # all but the kernels
-    library: float  # the netCDF library's, to write the same cube
+    netcdf: float  # the netCDF library's, to write the same cube
     kernel: float  # the real kernel's, at one step
     peak_bytes: int  # largest memory of this process so far
 
     def __str__(self) -> str:
         return (
             f"{self.scenarios} scenarios: {1e6 * self.outside:.2f} us each outside of kernels, "
-            f"{1e6 * self.library:.2f} us of them what the netCDF library takes to write the cube, "
+            f"{1e6 * self.netcdf:.2f} us of them what the netCDF library takes to write the cube, "
             f"{self.outside / self.kernel:.2f} of the kernel at one step; "
             f"at most {bytes_text(self.peak_bytes)} of memory"
         )
