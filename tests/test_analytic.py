@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact, sdof_exact
+from numpy.polynomial import Polynomial
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.special import factorial, gamma
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import quintic_extreme, septic_extreme
+from pounding_sweep.kernel.peaks import quintic_extreme, septic_extremes
 from pounding_sweep.kernel.roots import Series, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
@@ -450,7 +451,7 @@ def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
 
 def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():
     """Without acceleration at the start of the step, where Newton's first guess leads out of it."""
-    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(4, x))
+    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(4, x), lanes_where=lambda x: np.full(4, x))
     early = np.array([1e-3, 1e-2, 3e-2, 1e-1])  # rates there, times the step
     coefficients = (0.0 * early, early, 0.0 * early, -1.0 / 6.0 + 0.0 * early)
     found = np.sqrt(2.0 * early) * early * (2.0 / 3.0)  # at t = sqrt(2 * early)
@@ -459,9 +460,32 @@ def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():
         (course.value(t), course.rate.value(t), course.rate.rate.value(t), -1.0 + 0.0 * early) for t in (0.0, 1.0)
     )
     turns = np.full(4, True)
-    np.testing.assert_allclose(septic_extreme(lanes, turns, start, end), found, rtol=1e-4)
+    np.testing.assert_allclose(septic_extremes(lanes, turns, start, end)[0], found, rtol=1e-4)
     at = turn(lanes, turns, 3, course.rate.with_slope, (0.0, 1.0), (start[1], end[1]))
     np.testing.assert_allclose(at, np.sqrt(2.0 * early), rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_extremes_of_a_septic_are_those_of_its_finest_points(seed):
+    """However often it turns, in lanes that are asked for; those of others are their ends."""
+    rng, n = np.random.default_rng(seed), 64
+    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(n, x), lanes_where=lambda x: np.full(n, x))
+    course = [Polynomial.fromroots(roots).integ(k=rng.normal()) for roots in rng.uniform(-0.7, 1.7, (n, 6))]
+    start, end = ([np.array([each.deriv(k)(t) for each in course]) for k in range(4)] for t in (0.0, 1.0))
+    fine = np.array([each(np.linspace(0.0, 1.0, 4001)) for each in course])
+    most, least, asked = fine.max(axis=1), fine.min(axis=1), rng.random(n) < 0.7
+    room = 2e-3 * (most - least)
+    above, below = septic_extremes(lanes, asked, start, end)
+    np.testing.assert_array_less(
+        np.abs([above - most, below - least])[:, asked], np.broadcast_to(room, (2, n))[:, asked]
+    )
+    for found, ends in ((above, np.maximum(start[0], end[0])), (below, np.minimum(start[0], end[0]))):
+        np.testing.assert_array_equal(found[~asked], ends[~asked])
+    beyond = septic_extremes(lanes, asked, start, end, (most - room, least - 1.0))[0]
+    np.testing.assert_array_equal(beyond, above)
+    beyond = septic_extremes(lanes, asked, start, end, (most + 1.0, least + room))[1]
+    np.testing.assert_array_equal(beyond, below)
+    assert ((np.diff(np.sign(np.diff(fine))) != 0).sum(axis=1) > 1).sum() > 20
 
 
 def sine_rates(t, many):

@@ -64,7 +64,7 @@ from pounding_sweep.kernel.lanes import (
     whole,
 )
 from pounding_sweep.kernel.modal_steps import MOVES
-from pounding_sweep.kernel.peaks import followed, leaving, septic_extreme
+from pounding_sweep.kernel.peaks import followed, septic_extremes
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
@@ -933,13 +933,10 @@ class Flight:
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
-            s0 = leaving(s0, s1)
-            turns = (s0 * s1 < 0.0) & steps
             (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
-            inner = septic_extreme(self.group, turns, (x, s0, c0, j0), (x1, s1, c1, j1))
-            inner = where(turns, inner, x)
-            up = largest_lane(where(points, maximum(x, inner), -far))
-            down = -largest_lane(where(points, -minimum(x, inner), -far))
+            most, least = septic_extremes(self.group, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
+            up = largest_lane(where(steps, most, where(points, x, -far)))
+            down = -largest_lane(where(steps, -least, where(points, -x, -far)))
             sized = self.number(self.place_of("sized") + q) > 0.5
             for _ in when(sized):
                 most = where(-down > up, -down, up)

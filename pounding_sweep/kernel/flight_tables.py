@@ -12,7 +12,6 @@ from pounding_sweep.kernel.flight import ACCELERATION, HEAD, WIDE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
     Tracer,
-    any_lane,
     count_to,
     fma,
     load,
@@ -28,7 +27,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     whole,
 )
-from pounding_sweep.kernel.peaks import leaving, septic_extreme
+from pounding_sweep.kernel.peaks import septic_extremes
 
 
 class Tables:
@@ -241,18 +240,13 @@ class Tables:
             t = k + 1
             now = self._watched_at(t, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
-            above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
-            s0 = leaving(s0, s1)
-            turns = s0 * s1 < 0.0
-            for _ in when(any_lane(turns)):
-                rise = narrow(self.trace, self._ground(t) - self._ground(k))
-                c, j = (each * rise for each in pushed)
-                inner = septic_extreme(f.group, turns, (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j))
-                inner = where(turns, inner, x0)
-                above.now, below.now = maximum(above.now, inner), minimum(below.now, inner)
-            self._put("widest", k, part, above.now)
-            self._put("widest_least", k, part, below.now)
-            peak.now, trough.now = maximum(peak.now, above.now), minimum(trough.now, below.now)
+            rise = narrow(self.trace, self._ground(t) - self._ground(k))
+            c, j = (each * rise for each in pushed)
+            start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
+            above, below = septic_extremes(f.group, f.group.lanes_where(True), start, end)
+            self._put("widest", k, part, above)
+            self._put("widest_least", k, part, below)
+            peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)
             self._put("peak", t, part, peak.now)
             self._put("trough", t, part, trough.now)
             for cell, value in zip(before, now, strict=True):

@@ -9,16 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import (
+    Cell,
+    Lookup,
+    any_lane,
+    count_to,
+    fma,
+    maximum,
+    minimum,
+    size,
+    when,
+    when_any,
+    where,
+)
 from pounding_sweep.kernel.roots import horner, turn, with_slope
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
+#: Parts of a step that are looked at where a motion may turn more than once; a power of two.
+PARTS = 16
 #: Rate that a motion at rest is given, over that at the end of its step: next to nothing.
 LEAVES = 2.0**-30
 
@@ -44,8 +59,55 @@ def leaving(s0: Any, s1: Any) -> Any:
     return where(s0 == 0.0, -LEAVES * s1, s0)
 
 
-def septic_extreme(group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any]) -> Any:
-    """Extreme, in lanes that turn, of the polynomial with value and three rates (times powers of the step) at ends."""
+def septic_extremes(
+    group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any], known: tuple[Any, Any] | None = None
+) -> tuple[Any, Any]:
+    """Largest and least values, in lanes, of the polynomial with value and three rates (by powers of the step) at ends.
+
+    Where it may turn more than once, those beyond what is `known`, if it is given.
+    """
+    (x0, at_start, c0, j0), (x1, s1, c1, j1) = start, end
+    s0 = leaving(at_start, s1)
+    # what spans the hull that its rate keeps within, which changes its sign no more often than they do
+    spans = [s0, s0 + (1.0 / 6.0) * c0, s0 + (1.0 / 3.0) * c0 + (1.0 / 30.0) * j0]
+    spans += [s1 - (1.0 / 3.0) * c1 + (1.0 / 30.0) * j1, s1 - (1.0 / 6.0) * c1, s1]
+    spans.insert(3, 7.0 * (x1 - x0) - sum(spans[1:], spans[0]))
+    changed = back = group.lanes_where(False)
+    for each in spans[1:]:
+        back = back | (changed & (each * s0 >= 0.0))
+        changed = changed | (each * s0 < 0.0)
+    once, again = lanes & (s0 * s1 < 0.0), Cell(lanes & back)
+    above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
+    high, low = known or (None, None)
+    for _ in when(any_lane(again.now)) if known else ():
+        x, most, least = x0, above.now, below.now
+        for each in spans:
+            x = x + (1.0 / 7.0) * each
+            most, least = maximum(most, x), minimum(least, x)
+        again.now = again.now & ((most > high) | (least < low))
+
+    def take(mine: Any, x: Any) -> None:
+        above.now = where(mine, maximum(above.now, x), above.now)
+        below.now = where(mine, minimum(below.now, x), below.now)
+
+    for _ in when(any_lane(once | again.now)):
+        coefficients = _septic(start, end)
+        slope = partial(with_slope, coefficients=[n * b for n, b in enumerate(coefficients[1:], 1)])
+        take(once, horner(turn(group, once, 2, slope, (0.0, 1.0), (s0, s1)), coefficients))
+        for _ in when(any_lane(again.now)):
+            t, x, s = Cell(group.full(0.0)), Cell(x0), Cell((1.0 / PARTS) * at_start)
+            for _ in count_to(PARTS, group.trace):
+                t.now = t.now + 1.0 / PARTS
+                then, rate = with_slope(t.now, coefficients)
+                rate = (1.0 / PARTS) * rate
+                take(again.now, cubic_extreme(x.now, then, s.now, rate))
+                x.now, s.now = then, rate
+                take(again.now, then)
+    return above.now, below.now
+
+
+def _septic(start: Sequence[Any], end: Sequence[Any]) -> tuple[Any, ...]:
+    """Coefficients of the polynomial with value and three rates (times powers of the step) at its ends."""
     (x0, s0, c0, j0), (x1, s1, c1, j1) = start, end
     c, j = 0.5 * c0, (1.0 / 6.0) * j0
     r, r1, r2, r3 = x1 - x0 - s0 - c - j, s1 - s0 - c0 - 0.5 * j0, c1 - c0 - j0, j1 - j0
@@ -53,15 +115,7 @@ def septic_extreme(group: Group, lanes: Any, start: Sequence[Any], end: Sequence
     b5 = -84.0 * r + 39.0 * r1 - 7.0 * r2 + 0.5 * r3
     b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
     b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
-    coefficients = (s0, c, j, b4, b5, b6, b7)
-
-    def rate(t: Any) -> tuple[Any, Any]:
-        return (
-            horner(t, [(n + 1.0) * b for n, b in enumerate(coefficients)]),
-            horner(t, [(n + 1.0) * (n + 2.0) * b for n, b in enumerate(coefficients[1:])]),
-        )
-
-    return horner(turn(group, lanes, 2, rate, (0.0, 1.0), (s0, s1)), (x0, *coefficients))
+    return x0, s0, c, j, b4, b5, b6, b7
 
 
 @dataclass(frozen=True)
