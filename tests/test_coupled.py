@@ -152,11 +152,11 @@ def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
     """What is watched, forces of links too, and its excursion from a chord, of any free motion."""
     scene = replace(LINKED, row=[replace(A, dashpots=[0.0, dashpot]), B], links=[ps.Link("a-b", [2], 2e4, damping)])
     kernel = RowKernel(scene, LAWS["linear"], Numerics("exact", 1e-3), reducers_for(EVERY))
-    layout = Layout(make_group(kernel.shape, None, width("float64"), kernel.constants))
+    layout = Layout(make_group(kernel.shape, None, width("float64"), kernel.constants()))
     h = 10.0**log_turn / float(coupled_modes(variants_of(scene)).w.max())
     fixed, decays = fixed_tables(layout, variants_of(scene), np.zeros(3), h, "float64")
     table = flight_tables(layout, 3, fixed)
-    flight = Flight(make_group(kernel.shape, None, width("float64"), kernel.constants), table, 3)
+    flight = Flight(make_group(kernel.shape, None, width("float64"), kernel.constants()), table, 3)
     flight.base.now = layout.base(0, 3)
     flight.put_decays(None, decays, HEAD + 3)
     n, count = scene.n_dof, len(layout.watched)

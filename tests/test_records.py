@@ -106,6 +106,16 @@ def test_bad_record(arguments, message):
     assert isinstance(caught.value, InputError)
 
 
+def test_noise_is_rough_and_real_motions_are_not():
+    noise = np.random.default_rng(2).normal(size=500)
+    assert Record("noise", 0.01, noise).is_rough
+    assert Record("two points", 0.01, [1.0, -1.0]).is_rough
+    assert not Record("pulse", 0.01, np.sin(np.linspace(0.0, np.pi, 20))).is_rough
+    for given in (find_record("el_centro"), synthetic_record(3)):
+        assert not given.is_rough
+        assert not given.scaled(1e-3).is_rough
+
+
 def test_bad_scaling():
     record = Record("a", 0.1, [0.0, 1e300])
     with pytest.raises(RecordError, match="scale factor must be finite, not inf"):

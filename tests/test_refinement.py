@@ -99,7 +99,7 @@ def test_two_runs_by_series_are_not_one():
     assert linear.shape.series
     assert not hertz.shape.series
     assert linear.numerics.refinement < 1.0
-    coarse, fine = (kernel.constants for kernel in (linear, halved(linear, motions()[0])))
+    coarse, fine = (kernel.constants() for kernel in (linear, halved(linear, motions()[0])))
     changed = np.flatnonzero(coarse != fine)
     assert coarse[changed] == pytest.approx(SERIES_CAP)
     assert fine[changed] == pytest.approx(0.5 * SERIES_CAP)

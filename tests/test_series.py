@@ -245,7 +245,7 @@ def _taylor(rng, order, shape):
 def test_extremes_of_transfers_lie_where_powers_change_their_sign(seed):
     """Random forces and motions of a pair of two storeys: against the same products, sampled densely."""
     kernel = RowKernel(pair(), LAWS["kelvin_voigt"], Numerics("exact", 0.01), reducers_for(OUTPUTS))
-    group, rng = make_group(kernel.shape, None, LANES, kernel.constants), np.random.default_rng(seed)
+    group, rng = make_group(kernel.shape, None, LANES, kernel.constants()), np.random.default_rng(seed)
     s, order, n, nc = group.state, kernel.shape.series, 4, 2
     forces, rates = _taylor(rng, order, (nc, LANES)), _taylor(rng, order, (n, LANES))
     s["span"], s["fraction"] = np.full(LANES, 0.01), rng.uniform(0.5, 1.0, LANES)

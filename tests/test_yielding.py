@@ -213,7 +213,7 @@ def some_scenarios(n=70):
 def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
     """K u less what yielding has left is K (u - c), whatever yielded; watched motions have the value at c added."""
     kernel, rng = flying(TOWER), np.random.default_rng(5)
-    group = make_group(kernel.shape, None, 8, kernel.constants)
+    group = make_group(kernel.shape, None, 8, kernel.constants())
     n = TOWER.n_dof
     slip, u = (rng.standard_normal((n, 8)) * 0.01 for _ in range(2))
     hysteresis.begin(group)

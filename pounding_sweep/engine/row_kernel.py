@@ -173,7 +173,7 @@ def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
 
 @lru_cache(maxsize=64)
 def _constants(
-    shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None
+    shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None, rough: bool
 ) -> np.ndarray:
     """Scene constants in a kernel's layout: each chunk asks for them."""
     slots = property_slots(shape)
@@ -190,7 +190,7 @@ def _constants(
         put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
     put("cap", _contact_cap(shape, numerics))
     if shape.staged:
-        put("longest", longest_substep(variants_of(scene), numerics.dt)[0])
+        put("longest", longest_substep(variants_of(scene), numerics.dt, rough)[0])
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
@@ -199,7 +199,7 @@ def _constants(
 @lru_cache(maxsize=64)
 def _layout(shape: KernelSpec, scene: Scene) -> Layout:
     """Where a kernel's tables of flight lie, and what is watched, whatever the steps."""
-    constants = _constants(shape, scene, Numerics(shape.scheme, 1.0, precision=shape.precision), None)
+    constants = _constants(shape, scene, Numerics(shape.scheme, 1.0, precision=shape.precision), None, rough=False)
     return Layout(make_group(shape, None, width(shape.precision), constants))
 
 
@@ -245,10 +245,9 @@ class RowKernel:
         law = self.host or self.law
         return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
-    @cached_property
-    def constants(self) -> np.ndarray:
-        """Scene constants in the kernel's layout."""
-        return _constants(self.shape, self.scene, self.numerics, self.initial_velocity)
+    def constants(self, rough: bool = False) -> np.ndarray:
+        """Scene constants in the kernel's layout, under a ground motion that is rough or not."""
+        return _constants(self.shape, self.scene, self.numerics, self.initial_velocity, rough)
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
@@ -305,13 +304,15 @@ class RowKernel:
             )
             mine = slice(first * LANES, (first + groups_done) * LANES)
             part = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
+            lanes = self._lanes(
+                buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], rough=record.is_rough, **part
+            )
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
                 flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record),
                 flight_substeps,
-                self.constants,
+                self.constants(record.is_rough),
                 lanes.reshape(len(lanes), -1),
                 results[first : first + groups_done],
                 history,
@@ -373,6 +374,7 @@ class RowKernel:
         stiffness: np.ndarray,
         restitution: np.ndarray,
         row: Variants,
+        rough: bool,
     ) -> np.ndarray:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots, lanes)."""
         slots, n = input_slots(self.shape), len(scale)
@@ -406,10 +408,8 @@ class RowKernel:
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
                 if "p_longest" in slots.first:
-                    put(
-                        "p_longest",
-                        longest_substep(row, self.numerics.dt)[None, :] if self.shape.staged else np.zeros((1, 1)),
-                    )
+                    longest = longest_substep(row, self.numerics.dt, rough) if self.shape.staged else np.zeros(1)
+                    put("p_longest", longest[None, :])
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
 

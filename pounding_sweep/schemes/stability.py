@@ -11,7 +11,7 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Exact
 from pounding_sweep.schemes.rk4 import Rk4
 
-#: Longest sub-step of the stages of exact flight, in steps.
+#: Longest sub-step of the stages of exact flight, in steps, under a smooth ground motion.
 STRIDE = 2.0
 #: Least ratio of damping at which their damped radius holds.
 DAMPED = 1e-3
@@ -148,8 +148,8 @@ def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
     return kept
 
 
-def longest_substep(row: Variants, dt: float) -> np.ndarray:
-    """Longest sub-step (s) of the stages of exact flight, at a step `dt`, shape (n,)."""
+def longest_substep(row: Variants, dt: float, rough: bool) -> np.ndarray:
+    """Longest sub-step (s) of the stages of exact flight, at a step `dt`, under a ground motion, shape (n,)."""
     scene, dt = row.scene, dt * EVEN
     if not scene.has_own_modes:
         limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
@@ -158,4 +158,4 @@ def longest_substep(row: Variants, dt: float) -> np.ndarray:
         np.where((decays >= 2.0 * DAMPED * w).all(axis=1), Exact.damped_radius, Exact.undamped_radius) / w[:, -1]
         for w, decays in row.systems
     ]
-    return np.minimum(np.min(limits, axis=0), dt if any(scene.yields) else STRIDE * dt)
+    return np.minimum(np.min(limits, axis=0), dt if rough or any(scene.yields) else STRIDE * dt)
