@@ -11,8 +11,9 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Exact
 from pounding_sweep.schemes.rk4 import Rk4
 
-#: Longest sub-step of the stages of exact flight, in steps, under a smooth ground motion.
-STRIDE = 2.0
+#: Longest sub-step of the stages of exact flight, in steps: under a smooth ground motion, under a rough one, and there
+#: where accelerations are asked for, which are cubics between its ends.
+STRIDES = (2.0, 1.0, 0.5)
 #: Least ratio of damping at which their damped radius holds.
 DAMPED = 1e-3
 #: By how much it may be longer, for no rounding error to be left over.
@@ -148,14 +149,17 @@ def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
     return kept
 
 
-def longest_substep(row: Variants, dt: float, rough: bool) -> np.ndarray:
+def longest_substep(row: Variants, dt: float, rough: bool, accelerations: bool) -> np.ndarray:
     """Longest sub-step (s) of the stages of exact flight, at a step `dt`, under a ground motion, shape (n,)."""
-    scene, dt = row.scene, dt * EVEN
+    scene, stride = row.scene, STRIDES[1 + accelerations if rough else 0]
+    if any(scene.yields) or not scene.has_own_modes:
+        stride = min(stride, 1.0)
+    most = stride * dt * EVEN
     if not scene.has_own_modes:
         limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
-        return np.asarray(np.minimum(dt, Exact.undamped_radius / Rk4.undamped_radius * limit))
+        return np.asarray(np.minimum(most, Exact.undamped_radius / Rk4.undamped_radius * limit))
     limits = [
         np.where((decays >= 2.0 * DAMPED * w).all(axis=1), Exact.damped_radius, Exact.undamped_radius) / w[:, -1]
         for w, decays in row.systems
     ]
-    return np.minimum(np.min(limits, axis=0), dt if rough or any(scene.yields) else STRIDE * dt)
+    return np.minimum(np.min(limits, axis=0), most)
