@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact, sdof_exact
 from numpy.polynomial import Polynomial
@@ -16,7 +14,7 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.special import factorial, gamma
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import cubic_extremes, quintic_extreme, septic_extremes
+from pounding_sweep.kernel.peaks import quintic_extreme, septic_extremes
 from pounding_sweep.kernel.roots import Series, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
@@ -465,19 +463,6 @@ def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():
     np.testing.assert_allclose(septic_extremes(lanes, turns, start, end)[0], found, rtol=1e-4)
     at = turn(lanes, turns, 3, course.rate.with_slope, (0.0, 1.0), (start[1], end[1]))
     np.testing.assert_allclose(at, np.sqrt(2.0 * early), rtol=0, atol=1e-3)
-
-
-@given(st.tuples(*[st.floats(-2.0, 2.0)] * 4), st.booleans())
-def test_the_extremes_of_a_cubic_are_those_of_its_finest_points(coefficients, straight):
-    """Whether it turns once, twice or not at all inside the step."""
-    course = Polynomial([*coefficients[:3], 0.0 if straight else coefficients[3]])
-    start, end = ([each(t) for each in (course, course.deriv())] for t in (0.0, 1.0))
-    given = (np.array([each]) for each in (start[0], end[0], start[1], end[1]))
-    with np.errstate(all="ignore"):  # where a lane never turns
-        found = cubic_extremes(*given)
-    fine = course(np.linspace(0.0, 1.0, 4001))
-    np.testing.assert_allclose(max(*found, start[0], end[0]), fine.max(), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(min(*found, start[0], end[0]), fine.min(), rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -23,7 +23,6 @@ from pounding_sweep.kernel.lanes import (
     maximum,
     minimum,
     size,
-    sqrt,
     when,
     when_any,
     where,
@@ -44,17 +43,6 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
     b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
-
-
-def cubic_extremes(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
-    """Values of a cubic where it turns inside a step, or x0: values x and rates s (times the step) at its ends."""
-    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
-    root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
-    far = -(b + where(b < 0.0, -root, root))
-    return tuple(
-        x0 + t * (s0 + t * (b + t * a))
-        for t in (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
-    )
 
 
 def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
@@ -273,8 +261,8 @@ def largest_accelerations(group: Group, located: bool) -> None:
     h = s["h"]
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
-        p, q = cubic_extremes(early, late, h * s["rate0", i], h * s["rate1", i])
-        most = maximum(maximum(size(p), size(q)), maximum(size(early), size(late)))
+        p = cubic_extreme(early, late, h * s["rate0", i], h * s["rate1", i])
+        most = maximum(size(p), maximum(size(early), size(late)))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, most, 0.0))
 
