@@ -14,7 +14,7 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.special import factorial, gamma
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import quintic_extreme, septic_extremes
+from pounding_sweep.kernel.peaks import cubic_extremes, quintic_extreme, septic_extremes
 from pounding_sweep.kernel.roots import Series, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
@@ -447,6 +447,25 @@ def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
         rates = [PPoly.from_bernstein_basis(quintic)(0.0, n) for n in range(6)]
         powers = [rate * h**n / factorial(n) for n, rate in enumerate(rates)]
         assert abs(quintic_extreme(powers, h * np.cos(end)) - 1.0) < 8e-5 * h**6
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2])
+def test_the_extremes_of_a_cubic_are_those_of_its_finest_points(turns):
+    """Where it turns twice its rates at the ends have one sign, as those of an energy that contacts give and take."""
+    rng, n = np.random.default_rng(turns), 64
+    inside = np.sort(rng.uniform(0.05, 0.95, (n, 2)), axis=1)
+    beyond = rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1.1, 3.0, (n, 2))
+    roots = np.where(np.arange(2) < turns, inside, beyond)
+    course = [Polynomial.fromroots(each).integ(k=rng.normal()) * rng.choice([-1.0, 1.0]) for each in roots]
+    course += [Polynomial([0.0, s, -0.7 * s]) for s in (-1.0, 1.0)] * (turns == 1)  # a parabola
+    course += [Polynomial([1.0]), Polynomial([1.0, 2.0])] * (turns == 0)
+    x0, x1, s0, s1 = (np.array([each.deriv(k)(t) for each in course]) for k in (0, 1) for t in (0.0, 1.0))
+    fine = np.array([each(np.linspace(0.0, 1.0, 4001)) for each in course])
+    with np.errstate(all="ignore"):
+        found = np.array([x0, x1, *cubic_extremes(x0, x1, s0, s1)])
+    room = 1e-6 * np.ptp(fine, axis=1).max()
+    np.testing.assert_allclose(found.max(axis=0), fine.max(axis=1), rtol=0, atol=room)
+    np.testing.assert_allclose(found.min(axis=0), fine.min(axis=1), rtol=0, atol=room)
 
 
 def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():

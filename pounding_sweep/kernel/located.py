@@ -8,7 +8,7 @@ from typing import Any
 from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse
 from pounding_sweep.kernel.group import BENDS, Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
-from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
+from pounding_sweep.kernel.peaks import cubic_extremes, each_step, largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
 
 
@@ -150,14 +150,8 @@ def _transfers(group: Group, taken: Any) -> None:
         e0, e1 = s["now", b], transferred(group, b, floors)
         s["now", b] = where(taken, e1, e0)
         with when_any(closed):
-            p0, p1 = s["gained0", b], s["gained1", b]
-            t = p0 / (p0 - p1)
-            a = 2.0 * (e0 - e1) + h * (p0 + p1)
-            c = -3.0 * (e0 - e1) - h * (2.0 * p0 + p1)
-            x = e0 + t * (h * p0 + t * (c + t * a))
-            inside = p0 * p1 < 0.0
-            best, least = maximum(e0, e1), minimum(e0, e1)
-            best, least = where(inside, maximum(best, x), best), where(inside, minimum(least, x), least)
+            x, y = cubic_extremes(e0, e1, h * s["gained0", b], h * s["gained1", b])
+            best, least = maximum(maximum(e0, e1), maximum(x, y)), minimum(minimum(e0, e1), minimum(x, y))
             s["tmax", b] = where(closed, maximum(s["tmax", b], best), s["tmax", b])
             s["tmin", b] = where(closed, minimum(s["tmin", b], least), s["tmin", b])
 

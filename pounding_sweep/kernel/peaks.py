@@ -23,6 +23,7 @@ from pounding_sweep.kernel.lanes import (
     maximum,
     minimum,
     size,
+    sqrt,
     when,
     when_any,
     where,
@@ -43,6 +44,15 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
     b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
+
+
+def cubic_extremes(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
+    """Values of a cubic where it turns inside a step, or x0: values x and rates s (times the step) at its ends."""
+    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
+    far = -(b + where(b < 0.0, -root, root))
+    t, u = (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
+    return x0 + t * (s0 + t * (b + t * a)), x0 + u * (s0 + u * (b + u * a))
 
 
 def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
