@@ -394,6 +394,16 @@ def test_histories_obey_the_equation_of_motion():
     assert np.all(got.contact_force.values[got.penetration.values == 0] == 0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("e", [0.2, 0.6])
+def test_accelerations_where_rates_of_forces_are_huge_at_the_touch(e):
+    """A damper that goes with the root of the penetration: a cubic through such rates has turns that no motion has."""
+    law = "nonlinear_viscoelastic"
+    fine = shake(law, e=e, method="rk4", dt=1e-4).acceleration_max.fillna(0.0).values
+    for dt in (1e-2, 2e-3, 5e-4):
+        near(shake(law, e=e, method="exact", dt=dt).acceleration_max.fillna(0.0).values, fine, 3e-4)
+
+
 # -- symmetries --------------------------------------------------------------------------------------------------------
 
 
