@@ -404,6 +404,18 @@ def test_accelerations_where_rates_of_forces_are_huge_at_the_touch(e):
         near(shake(law, e=e, method="exact", dt=dt).acceleration_max.fillna(0.0).values, fine, 3e-4)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_transferred_energies_turn_twice_within_a_step(seed):
+    """Of a storey that turns while it presses a wall, by a law whose force dies away: 1e-3 and 3e-3 by one turn."""
+    scene, record = ps.Scene([ps.Building("a", [70.0], [1.9e5], 0.1), ps.Wall()], gaps=[0.002]), shaking(seed=seed)
+    fine, got = (
+        float(shake("gonthier", scene, record, e=0.3, method=method, dt=dt).energy_transfer_max.max())
+        for method, dt in (("rk4", 1e-4), ("exact", 1e-2))
+    )
+    assert got == pytest.approx(fine, rel=5e-4)
+
+
 # -- symmetries --------------------------------------------------------------------------------------------------------
 
 
