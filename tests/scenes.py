@@ -59,11 +59,11 @@ def yielding_pair(gap=0.003):
 
 
 def motions():
-    """A fading and a steady sine, of different steps and lengths."""
+    """A fading and a steady sine, of different steps and lengths; the same numbers, and so digests, by any processor."""
     t = np.arange(150) * 0.02
     return [
-        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
-        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
+        Record("one", 0.02, np.round(3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t), 9)),
+        Record("two", 0.01, np.round(2.0 * np.sin(5.5 * t), 9)),
     ]
 
 
