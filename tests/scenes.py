@@ -59,7 +59,7 @@ def yielding_pair(gap=0.003):
 
 
 def motions():
-    """A fading and a steady sine, of different steps and lengths; the same numbers, and so digests, by any processor."""
+    """A fading and a steady sine, of different steps and lengths, in numbers that all processors agree on."""
     t = np.arange(150) * 0.02
     return [
         Record("one", 0.02, np.round(3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t), 9)),

@@ -156,8 +156,7 @@ class TestRegistry:
     def test_reducers(self):
         assert reducers_for([]) == frozenset()
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
-        # the last two where storeys yield, and where neighbours are linked
-        assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer", "hysteretic", "links"}
+        assert reducers_for(["energy_transfer_max"]) == {"transfer"}
         assert reducers_for(VARIABLES) == set(REDUCERS)
 
     @pytest.mark.parametrize("law", ["linear", "stereomechanical"])

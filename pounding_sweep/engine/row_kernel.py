@@ -166,8 +166,8 @@ _shape = lru_cache(maxsize=64)(kernel_shape)
 
 def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     """Largest product of a sub-step and the rate of a contact."""
-    if not shape.series:  # between the ends, transferred energies are those of a cubic
-        return (STAGED_CAP if shape.staged and "transfer" not in shape.reducers else CONTACT_CAP) / numerics.refinement
+    if not shape.series:
+        return (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
     return SERIES_CAP / max(1.0, numerics.refinement)
 
 

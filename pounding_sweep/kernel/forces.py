@@ -382,6 +382,14 @@ def _course(group: Group, at: dict[str, Any]) -> Powers:
     return coefficients(h, *(at[name] for name in ("d0", "d1", "w0", "w1", "a0")))
 
 
+def force_at(group: Group, j: Any, t: Any) -> Any:
+    """Force of a contact at a part t of the sub-step just taken."""
+    s, b = group.state, _course(group, _trial(group, j))
+    r0, rb = rate(b)
+    d, v = polynomial(t, s["d0", j], b), polynomial(t, r0, rb) / s["h"]
+    return where(s["mode", j] > OPEN, group.law_of(j).pressing(s["ke", j], s["ce", j], d, v), 0.0)
+
+
 def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     s, law, r, h, limit = group.state, group.law_of(j), group.asked, group.state["h"], group.limit

@@ -213,7 +213,8 @@ class Group:
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
-            rows |= {"now": nb, "gained0": nb, "gained1": nb}
+            if "transfer" in self.asked:  # energy given so far, in the step, and powers
+                rows |= dict.fromkeys(("now", "gain", "given", "given0", "given1"), nb)
         for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
             rows |= {slot.name: slot.count(spec)}
         # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws
@@ -234,7 +235,7 @@ class Group:
             rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
             rows |= {"ruled_out": 2 * (nc + n)}
             if "transfer" in self.asked and self.touching:
-                rows |= dict.fromkeys(("gain", "swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
+                rows |= dict.fromkeys(("swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
         return rows
 
     def looks(self, what: str) -> bool:

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel import links
+from pounding_sweep.kernel import links, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, polynomial, rate, root
-from pounding_sweep.kernel.row import total_accelerations, transferred
+from pounding_sweep.kernel.row import total_accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Mass (t) of a wall, beside which those of floors vanish.
@@ -186,16 +186,13 @@ def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
             s[name, j] = where(lanes, 1.0, s[name, j])
 
 
-def _transfer_jumps(group: Group, lanes: Any) -> None:
-    """Largest and smallest transferred energies where velocities have jumped."""
-    s = group.state
-    if "transfer" not in group.asked:
-        return
-    for b, floors in group.each_building():
-        x = transferred(group, b, floors)
-        s["now", b] = where(lanes, x, s["now", b])
-        s["tmax", b] = where(lanes, maximum(s["tmax", b], x), s["tmax", b])
-        s["tmin", b] = where(lanes, minimum(s["tmin", b], x), s["tmin", b])
+def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
+    """Let the velocity of a floor jump; its building gives its contacts the kinetic energy that it loses."""
+    s, before = group.state, group.state["v", i]
+    s["v", i] = after = where(lanes, v, before)
+    if "transfer" in group.asked:
+        b = group.home_of(i)[2]
+        s["now", b] = s["now", b] + 0.5 * group.prop("m", i) * (before - after) * (before + after)
 
 
 def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
@@ -204,14 +201,15 @@ def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
     left, right, _ = group.sides(j)
     p = (1.0 + e) * m * v
     if not is_wall(left):
-        s["v", left] = where(lanes, s["v", left] - p * group.prop("im", left), s["v", left])
+        _set_speed(group, left, lanes, s["v", left] - p * group.prop("im", left))
     if not is_wall(right):
-        s["v", right] = where(lanes, s["v", right] + p * group.prop("im", right), s["v", right])
+        _set_speed(group, right, lanes, s["v", right] + p * group.prop("im", right))
     if "impulse" in r:
         s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
     if "work" in r:
         s["work", j] = s["work", j] + where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
-    _transfer_jumps(group, lanes)
+    if "transfer" in r:
+        transfers.jumped(group)
 
 
 def _collide(group: Group, lanes: Any, h: Any) -> None:
@@ -240,14 +238,15 @@ def _halt(group: Group, lanes: Any) -> None:
         stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
         s["ke", j] = where(lanes, where(stays, 1.0, group.full(0.0)), s["ke", j])
     speeds, taken = join(group, group.floors("v"), resting(group))
-    for i, x in enumerate(speeds):
-        s["v", i] = where(lanes, x, s["v", i])
+    for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
+        _set_speed(group, i, lanes, speeds[i])
     for j, p in enumerate(taken):
         if "impulse" in r:
             s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
         if "work" in r:
             s["work", j] = s["work", j] + where(lanes, 0.5 * p * s["w1", j], 0.0)
-    _transfer_jumps(group, lanes)
+    if "transfer" in r:
+        transfers.jumped(group)
 
 
 def _choose(group: Group, lanes: Any) -> None:

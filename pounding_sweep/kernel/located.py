@@ -5,11 +5,10 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse
-from pounding_sweep.kernel.group import BENDS, Group, part_of
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse, transfers
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
-from pounding_sweep.kernel.peaks import cubic_extremes, each_step, largest_accelerations, samples, turns
-from pounding_sweep.kernel.row import transferred
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 
 
 def kind_of(group: Group) -> ModuleType:
@@ -58,7 +57,7 @@ def refuse(group: Group, lanes: Any) -> None:
 
 def _cuts(group: Group) -> bool:
     """Whether a trial may end at its first event: sums over its stages know no part of it."""
-    sums = {"energy", "work", "impulse", "links"} & group.asked
+    sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
     return group.spec.staged and not (group.spec.yielding or sums)
 
 
@@ -114,7 +113,7 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
     s = group.state
     taken = s["taken"] > 0.0
     if "transfer" in group.asked and not group.spec.series:
-        _transfers(group, taken)
+        transfers.substep(group, taken)
     lands = taken & (s["land"] > 0.0)
     implicit = group.spec.implicit and not group.spec.impulsive
     switched = Cell(lands & ~lands)
@@ -132,28 +131,6 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
     if implicit:
         with when_any(switched.now):
             group.scheme.balance(group, switched.now)
-
-
-def _transfers(group: Group, taken: Any) -> None:
-    """Largest and smallest transferred energy of each building over the sub-step just taken."""
-    s, h = group.state, group.state["h"]
-    closed = taken & forces.is_closed(group)
-    with when_any(closed):
-        for b in group.each(group.spec.n_buildings):
-            s["gained0", b] = s["gained1", b] = 0.0
-        for j in group.each_contact():
-            for floor, side, share in group.ends(j):
-                b, sign = group.home_of(floor)[2], 1.0 if side == "-" else -1.0
-                s["gained0", b] = s["gained0", b] + part_of(sign * s["f0", j], share) * s["v0", floor]
-                s["gained1", b] = s["gained1", b] + part_of(sign * s["f1", j], share) * s["v", floor]
-    for b, floors in group.each_building():
-        e0, e1 = s["now", b], transferred(group, b, floors)
-        s["now", b] = where(taken, e1, e0)
-        with when_any(closed):
-            x, y = cubic_extremes(e0, e1, h * s["gained0", b], h * s["gained1", b])
-            best, least = maximum(maximum(e0, e1), maximum(x, y)), minimum(minimum(e0, e1), minimum(x, y))
-            s["tmax", b] = where(closed, maximum(s["tmax", b], best), s["tmax", b])
-            s["tmin", b] = where(closed, minimum(s["tmin", b], least), s["tmin", b])
 
 
 def substep(group: Group, h: Any) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, located
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, located, transfers
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     any_lane,
     count_to,
     flag,
+    fma,
     maximum,
     minimum,
     not_,
@@ -21,8 +22,8 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, transfers, turning, turns
-from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turning, turns
+from pounding_sweep.kernel.row import each_given, kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: A displacement (m) that only a diverged run reaches.
@@ -89,6 +90,8 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
     """Onsets and sampled peaks of contacts at the end of a step."""
     s, r = group.state, group.asked
     implicit = group.spec.implicit
+    for b in group.each(group.spec.n_buildings) if implicit and "transfer" in r else ():
+        s["gain", b] = 0.0
     for j in group.each_contact():
         law, which = group.law_of(j), group.law_index(j)
         d = forces.penetration(group, j)
@@ -123,8 +126,9 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             for reducer, value in (("impulse", last + force), ("work", last * before + force * v)):
                 if reducer in r:
                     s[reducer, j] = s[reducer, j] + 0.5 * h * value
-    if "transfer" in r:
-        transfers(group)
+            for force_at, v_at in ((last, "v0"), (force, "v")) if "transfer" in r else ():
+                for b, power in each_given(group, j, force_at, v_at):
+                    s["gain", b] = fma(0.5 * h, power, s["gain", b])
 
 
 def _always(x: Any) -> Callable[[], Any]:
@@ -211,5 +215,7 @@ class FixedSteps:
         plain_contacts(group, h, self.ground.time(number + 1))
         samples(group)
         add()
+        if "transfer" in group.asked:
+            transfers.plain(group)
         if "acceleration" in group.asked:
             largest_accelerations(group, located=False)

@@ -29,7 +29,7 @@ from pounding_sweep.kernel.lanes import (
     where,
 )
 from pounding_sweep.kernel.roots import horner, turn, with_slope
-from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
+from pounding_sweep.kernel.row import add_forces, total_accelerations
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
@@ -49,10 +49,17 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
 def cubic_extremes(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
     """Values of a cubic where it turns inside a step, or x0: values x and rates s (times the step) at its ends."""
     a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    t, u = cubic_turns(x0, x1, s0, s1)
+    return x0 + t * (s0 + t * (b + t * a)), x0 + u * (s0 + u * (b + u * a))
+
+
+def cubic_turns(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
+    """Where this cubic turns inside the step, as parts of it; else 0."""
+    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
     root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
     far = -(b + where(b < 0.0, -root, root))
     t, u = (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
-    return x0 + t * (s0 + t * (b + t * a)), x0 + u * (s0 + u * (b + u * a))
+    return t, u
 
 
 def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
@@ -275,12 +282,3 @@ def largest_accelerations(group: Group, located: bool) -> None:
         most = maximum(size(p), maximum(size(early), size(late)))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, most, 0.0))
-
-
-def transfers(group: Group) -> None:
-    """Take the transferred energies at the present state."""
-    s = group.state
-    for b, floors in group.each_building():
-        e = transferred(group, b, floors)
-        s["tmax", b] = maximum(s["tmax", b], e)
-        s["tmin", b] = minimum(s["tmin", b], e)

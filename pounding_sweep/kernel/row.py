@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pounding_sweep.kernel import foundation, hysteresis
@@ -147,13 +147,12 @@ def strain(group: Group, floors: Sequence[Any]) -> Any:
     return _sum(terms)
 
 
-def transferred(group: Group, b: Any, floors: Sequence[Any]) -> Any:
-    """Input - kinetic - damping - strain - yielding - links of building b since the start: what its contacts took."""
-    s = group.state
-    found = s["e_in", b] - s["e_damp", b] - (kinetic(group, floors) + strain(group, floors) - s["kinetic0", b])
-    found = found - s["e_link", b] if group.spec.links else found
-    yielding = [hysteresis.lost(group, i) for i in floors if group.yields(i)]
-    return found - _sum(yielding) if yielding else found
+def each_given(group: Group, j: Any, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
+    """Go through the buildings that a contact presses, and what each gives to it: power (kW) of a force (kN)."""
+    # `y` are the floors' velocities, or the name of their rows; a building may come up more than once
+    for floor, side, share in group.ends(j):
+        pushed = part_of(force, share)
+        yield group.home_of(floor)[2], (pushed if side == "-" else -pushed) * group.floor(y, floor)
 
 
 def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], rates: bool = False) -> list[Any]:

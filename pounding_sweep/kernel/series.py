@@ -466,7 +466,7 @@ def _course(group: Group, motion: Motion) -> Series:
 def _integrate(group: Group) -> None:
     """Add energies, work and impulse over the step (Gauss & Legendre)."""
     s, r, n = group.state, group.asked, group.spec.n_dof
-    if not r & {"energy", "work", "impulse", "links"}:
+    if not r & {"energy", "work", "impulse", "transfer", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
     table = Lookup(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
@@ -477,7 +477,7 @@ def _integrate(group: Group) -> None:
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
-        for i in group.each(n, straight=False) if r & {"energy", "links"} else ():
+        for i in group.each(n, straight=False) if r & {"energy", "transfer", "links"} else ():
             s["y", i] = _floor(group, i).rate.value(t) * per
         if "links" in r:
             for i in group.each(n, straight=False):

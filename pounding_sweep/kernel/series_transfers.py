@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel.forces import OPEN
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
@@ -28,6 +28,7 @@ from pounding_sweep.kernel.lanes import (
     where,
 )
 from pounding_sweep.kernel.roots import Series, newton
+from pounding_sweep.kernel.row import each_given
 
 #: Parts of a step, shorter beside its ends, at whose ends a power's sign is asked for.
 PARTS = 16
@@ -44,17 +45,10 @@ def begin(group: Group) -> None:
             group.state[name, b] = group.full(0.0)
 
 
-def _each_end(group: Group, j: Any, force: Any, rate: Callable[[Any], Any]) -> Any:
-    """Go through the buildings that a contact presses, with its powers on them."""
-    for floor, side, share in group.ends(j):
-        pushed = part_of(force, share)
-        yield group.home_of(floor)[2], (pushed if side == "-" else -pushed) * rate(floor)
-
-
 def add(group: Group, j: Any, force: Any, weight: Any) -> None:
     """Add the powers of a contact at a Gauss point, at which floors have the velocities ``y``."""
     s = group.state
-    for b, power in _each_end(group, j, force, lambda i: s["y", i]):
+    for b, power in each_given(group, j, force, "y"):
         s["gain", b] = fma(weight, power, s["gain", b])
         s["swing", b] = fma(weight, size(power), s["swing", b])
 
@@ -70,7 +64,7 @@ def conclude(group: Group, force_of: Callable[[Group, Any], Series]) -> None:
             series = force_of(group, j)
             for name, force, v in (("early", series.read(0), "v0"), ("late", series.value(s["fraction"]), "v")):
                 held = where(closed, force, 0.0)
-                for b, power in _each_end(group, j, held, lambda i, v=v: s[v, i]):  # type: ignore[misc]
+                for b, power in each_given(group, j, held, v):
                     s[name, b] = s[name, b] + power
     with when_any(any_closed.now):
         asks = Cell(group.lanes_where(False))
@@ -98,7 +92,7 @@ def _may_turn(group: Group, b: Any) -> Any:
 
 def _multiply(group: Group, force_of: Callable[[Group, Any], Series]) -> None:
     """Find the series of the powers on buildings, in energies per step."""
-    s, n, order = group.state, group.spec.n_dof, group.spec.series
+    s, order = group.state, group.spec.series
     many = 2 * order - 1
     for k in count_to(group.spec.n_buildings * many, group.trace):
         s["power", k] = group.full(0.0)
@@ -109,9 +103,19 @@ def _multiply(group: Group, force_of: Callable[[Group, Any], Series]) -> None:
             for k in count_to(order, group.trace):
                 force = where(closed, series.read(k), 0.0)
                 for m in count_to(order, group.trace):
-                    for b, power in _each_end(group, j, force, lambda i, m=m: s["jet", i + (m + 1) * n] * real(m + 1)):  # type: ignore[misc]
+                    for b, power in each_given(group, j, force, _Rate(group, m)):
                         at = b * many + (k + m)
                         s["power", at] = s["power", at] + power
+
+
+class _Rate:
+    """One coefficient of all floors' velocities, by the time of a step."""
+
+    def __init__(self, group: Group, k: Any) -> None:
+        self._state, self._begin, self._factor = group.state, (k + 1) * group.spec.n_dof, real(k + 1)
+
+    def __getitem__(self, i: Any) -> Any:
+        return self._state["jet", i + self._begin] * self._factor
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pounding_sweep.kernel.row import kinetic
 from pounding_sweep.outputs.declare import UNMEASURED, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import KernelResults, buildings
 
@@ -107,9 +106,10 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "largest energy transfer",
-        "Largest value over time of the transfer = input - kinetic - damping - strain - lost in yielding - given to "
-        "links: what the building has given to its contacts.",
-        needs("energy", "transfer", "hysteretic", "links"),
+        "Largest value over time of the transfer, what the building has given to its contacts: the integral of their "
+        "forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in yielding - "
+        "given to links.",
+        needs("transfer"),
         buildings("tmax"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -119,9 +119,10 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "smallest energy transfer",
-        "Smallest value over time of the transfer = input - kinetic - damping - strain - lost in yielding - given to "
-        "links; negative where the building has taken energy through its contacts.",
-        needs("energy", "transfer", "hysteretic", "links"),
+        "Smallest value over time of the transfer, what the building has given to its contacts: the integral of their "
+        "forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in yielding - "
+        "given to links; negative where the building has taken energy through its contacts.",
+        needs("transfer"),
         buildings("tmin"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -151,7 +152,6 @@ REDUCERS = (
         "transfer",
         (Slot("tmax", "building"), Slot("tmin", "building")),
         where="touch",
-        keeps=(Slot("kinetic0", "building", kinetic),),
         looks="ends",
     ),
 )

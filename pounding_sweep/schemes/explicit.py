@@ -14,7 +14,7 @@ from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
 from pounding_sweep.kernel.located import keep_start
 from pounding_sweep.kernel.peaks import add_powers
-from pounding_sweep.kernel.row import Part, accelerations, powers, pushes
+from pounding_sweep.kernel.row import Part, accelerations, each_given, powers, pushes
 from pounding_sweep.schemes.base import Scheme
 
 
@@ -27,6 +27,7 @@ class Step:
     a: list[list[Any]]
     powers: list[tuple[Any, Any]] = field(default_factory=list)
     work: list[Any] = field(default_factory=list)
+    given: dict[int, Any] = field(default_factory=dict)
     impulse: list[Any] = field(default_factory=list)
     travel: dict[int, Any] = field(default_factory=dict)
 
@@ -43,7 +44,7 @@ class Explicit(Scheme):
     undamped_radius: float
     damped_radius: float
     #: of each stage: the share of the step at which it takes the ground, and the weight of what acts there in the
-    #: integrals of work, impulse and energy, in sixths of the step
+    #: integrals of work, impulse and energies, in sixths of the step
     nodes: tuple[tuple[float, float], ...]
 
     @abstractmethod
@@ -107,6 +108,9 @@ class Explicit(Scheme):
                 speeds = [group.between(y, j) for j in range(len(held))]
                 weighted = [weight * force * w for force, w in zip(held, speeds, strict=True)]
                 found.work = [o + n for o, n in zip(found.work, weighted, strict=True)] if found.work else weighted
+            for j, force in enumerate(held) if "transfer" in asked else ():
+                for b, power in each_given(group, j, force, y):
+                    found.given[b] = fma(weight, power, found.given[b]) if b in found.given else weight * power
             if held and "impulse" in asked:
                 found.impulse = total(found.impulse, held)
             states = [self.after(number, u[i], v[i], x[i], [each[i] for each in a], h) for i in every]
@@ -123,16 +127,22 @@ class Explicit(Scheme):
         self, group: Group, h: Any, press: Callable[[Any], Any] | None, join: Callable[[str], None] | None
     ) -> None:
         """Step from ``u0`` and ``v0`` to ``u`` and ``v`` in a long row in contact, stage by stage."""
-        # `press` is a contact's force. The sums over the stages are left in `din`, `ddamp`, `dwork` and `dimpulse`;
-        # where floors rest on each other, `join` makes their accelerations in a row alike and leaves the forces in
-        # `force`.
+        # `press` is a contact's force. The sums over the stages are left in `din`, `ddamp`, `dwork`, `dimpulse` and
+        # `gain`; where floors rest on each other, `join` makes their accelerations in a row alike and leaves the
+        # forces in `force`.
         s, r, n, grounds = group.state, group.asked, group.spec.n_dof, self._grounds(group)
         for i in group.each(n):
             s["x", i], s["y", i] = s["u0", i], s["v0", i]
+        for b in group.each(group.spec.n_buildings) if "transfer" in r and group.touching else ():
+            s["gain", b] = 0.0
         for number, (place, weight) in enumerate(self.nodes, 1):
 
             def add(row: str, k: Any, value: Any, weight: float = weight, number: int = number) -> None:
                 s[row, k] = weight * value if number == 1 else s[row, k] + weight * value
+
+            def give(j: Any, force: Any, weight: float = weight) -> None:
+                for b, power in each_given(group, j, force, "y"):
+                    s["gain", b] = fma(weight, power, s["gain", b])
 
             for i in group.each(n):
                 s["push", i] = 0.0
@@ -146,6 +156,8 @@ class Explicit(Scheme):
                     add("dwork", j, force * group.between("y", j))
                 if "impulse" in r:
                     add("dimpulse", j, force)
+                if "transfer" in r:
+                    give(j, force)
             if group.spec.links:
                 links.push_rows(group, "push", "x", "y")
                 if "links" in r:
@@ -161,8 +173,11 @@ class Explicit(Scheme):
                     add("ddamp", b, lost)
             if join is not None:
                 join(f"s{number - 1}")
-                for j in group.each_contact() if "impulse" in r else ():
-                    add("dimpulse", j, s["force", j])
+                for j in group.each_contact() if r & {"impulse", "transfer"} else ():
+                    if "impulse" in r:
+                        add("dimpulse", j, s["force", j])
+                    if "transfer" in r:
+                        give(j, s["force", j])
             names = ("x", "y") if number < len(self.nodes) else ("u", "v")
             for i in group.each(n):
                 a = [s[f"s{k}", i] for k in range(number)]
@@ -287,6 +302,8 @@ def _record(group: Group, step: Step) -> Callable[[], None]:
             links.record(group, h6)
         for j, x in enumerate(step.impulse):
             s["impulse", j] = fma(h6, x, s["impulse", j])
+        for b, x in step.given.items():
+            s["gain", b] = h6 * x
         for i, x in step.travel.items():
             s["travel", i] = fma(h6, x, s["travel", i])
 
@@ -313,3 +330,5 @@ def _record_contacts(group: Group) -> None:
         if name in group.asked and not (name == "work" and group.spec.impulsive):
             for j in group.each(len(group.contacts)):
                 s[name, j] = fma(h6, s[f"d{name}", j], s[name, j])
+    for b in group.each(group.spec.n_buildings) if "transfer" in group.asked else ():
+        s["gain", b] = h6 * s["gain", b]
