@@ -395,13 +395,17 @@ def test_histories_obey_the_equation_of_motion():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("law", ["gonthier", "hertz", "hertz_damped", "hunt_crossley", "nonlinear_viscoelastic"])
 @pytest.mark.parametrize("e", [0.2, 0.6])
-def test_accelerations_where_rates_of_forces_are_huge_at_the_touch(e):
-    """A damper that goes with the root of the penetration: a cubic through such rates has turns that no motion has."""
-    law = "nonlinear_viscoelastic"
-    fine = shake(law, e=e, method="rk4", dt=1e-4).acceleration_max.fillna(0.0).values
-    for dt in (1e-2, 2e-3, 5e-4):
-        near(shake(law, e=e, method="exact", dt=dt).acceleration_max.fillna(0.0).values, fine, 3e-4)
+def test_accelerations_beside_contacts_whose_forces_are_roots(e, law):
+    """A cubic through accelerations and rates misses peaks by 1e-4 and more, and has turns that no motion has.
+
+    Rates are huge at the touch where a damper goes with the root of the penetration.
+    """
+    for scene in (PAIR, ps.Scene([ps.Building("a", [70.0], [1.9e5], 0.1), ps.Wall()], gaps=[0.002])):
+        fine = shake(law, scene, e=e, method="rk4", dt=1e-4).acceleration_max.fillna(0.0).values
+        for dt, allowed in ((1e-2, 2e-4), (2e-3, 2e-6), (5e-4, 1e-6)):
+            near(shake(law, scene, e=e, method="exact", dt=dt).acceleration_max.fillna(0.0).values, fine, allowed)
 
 
 @pytest.mark.slow

@@ -226,6 +226,7 @@ class Group:
         #: What no step leaves to the next follows, from this row on.
         self.passing = sum(rows.values())
         rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
+        rows |= {"peak": n, "there": n, "press": nc} if self.presses and "acceleration" in self.asked else {}
         if spec.series:
             order, laws = spec.series, spec.laws
             rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "pick": order + 1}
@@ -237,6 +238,13 @@ class Group:
             if "transfer" in self.asked and self.touching:
                 rows |= dict.fromkeys(("swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
         return rows
+
+    @property
+    def presses(self) -> bool:
+        """Whether forces of contacts, and accelerations beside them, follow from the motion between a step's ends."""
+        spec = self.spec
+        laws = spec.located and self.touching and not (spec.implicit or spec.impulsive or spec.series)
+        return laws and not (spec.smooth or spec.links or spec.foundations)
 
     def looks(self, what: str) -> bool:
         """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""

@@ -154,7 +154,7 @@ def substep(group: Group, h: Any) -> None:
         samples(group)  # a motion may turn in a velocity jump
     add()
     if "acceleration" in r:
-        largest_accelerations(group, located=True)
+        largest_accelerations(group, located=True, pressed=group.presses)
     each_step(group)
     close(group, kind, h)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, links
+from pounding_sweep.kernel import bouc_wen, dense, forces, links
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -35,6 +35,8 @@ from pounding_sweep.kernel.row import add_forces, total_accelerations
 REACH = 4.0 / 27.0
 #: Parts of a step that are looked at where a motion may turn more than once; a power of two.
 PARTS = 16
+#: Share of the largest acceleration so far from which on a cubic's peak beside a closed contact is looked at.
+NEARLY = 0.9
 #: Rate that a motion at rest is given, over that at the end of its step: next to nothing.
 LEAVES = 2.0**-30
 
@@ -240,8 +242,8 @@ def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
         s["e_damp", b] = fma(h6, lost, s["e_damp", b])
 
 
-def largest_accelerations(group: Group, located: bool) -> None:
-    """Take the total accelerations of all floors over the step just taken."""
+def largest_accelerations(group: Group, located: bool, pressed: bool = False) -> None:
+    """Take the total accelerations of all floors over the step just taken; `pressed`: contacts may be closed."""
     s = group.state
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
     for part, moving in group.each_part():
@@ -276,9 +278,52 @@ def largest_accelerations(group: Group, located: bool) -> None:
     for end, _, v, _ in ends if group.spec.links else ():
         links.accelerate(group, f"rate{end}", v, f"acc{end}")  # of which the ground's is the same on both sides
     h = s["h"]
+    closed = forces.is_closed(group) & (h > 0.0) if pressed else group.lanes_where(False)
+    again = Cell(group.lanes_where(False))
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
         p = cubic_extreme(early, late, h * s["rate0", i], h * s["rate1", i])
-        most = maximum(size(p), maximum(size(early), size(late)))
+        ends = maximum(size(early), size(late))
         # of a lane that waits, forces may be of another instant
-        s["acc", i] = maximum(s["acc", i], where(h > 0.0, most, 0.0))
+        s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(size(p), ends)), 0.0))
+        if pressed:
+            s["peak", i] = where(size(p) > ends, size(p), 0.0)
+            again.now = again.now | (closed & (s["peak", i] > NEARLY * s["acc", i]))
+    if pressed:
+        with when_any(again.now):
+            for i in group.each(group.spec.n_dof, straight=False):
+                mine = closed & (s["peak", i] > NEARLY * s["acc", i])
+                with when_any(mine):
+                    _take_acceleration(group, i, mine)
+
+
+def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
+    """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
+    s, h = group.state, group.state["h"]
+    x0, x1, s0, s1 = s["acc0", i], s["acc1", i], h * s["rate0", i], h * s["rate1", i]
+    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    at = Cell(where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0))
+    for _ in count_to(2, group.trace):  # once where the cubic turns, once nearer
+        t = at.now
+        _accelerate(group, t)
+        found, rest = s["there", i], t * (1.0 - t)
+        s["acc", i] = maximum(s["acc", i], where(lanes, size(found), 0.0))
+        miss = found - (x0 + t * (s0 + t * (b + t * a)))  # of the cubic; it grows as the square of `rest`
+        slope = s0 + t * (2.0 * b + 3.0 * t * a) + 2.0 * miss * (1.0 - 2.0 * t) / rest
+        bend = 2.0 * b + 6.0 * t * a + 2.0 * miss * (1.0 - 6.0 * rest) / (rest * rest)
+        nearer = t - slope / bend
+        at.now = where((nearer > 0.0) & (nearer < 1.0), nearer, t)
+
+
+def _accelerate(group: Group, t: Any) -> None:
+    """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
+    s = group.state
+    for part, moving in group.each_part():
+        x, y = ([of(group, i, t) for i in moving] for of in (dense.displacement, dense.velocity))
+        for i, a in zip(moving, total_accelerations(group, part, x, y), strict=True):
+            s["there", i] = a
+    for j in group.each_contact():
+        s["press", j] = 0.0
+        with when_any(s["mode", j] > forces.OPEN):
+            s["press", j] = forces.force_at(group, j, t)
+    add_forces(group, "there", "press")

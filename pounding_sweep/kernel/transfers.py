@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import forces
-from pounding_sweep.kernel.group import BENDS, Group
+from pounding_sweep.kernel.dense import Velocities
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import cubic_extremes, cubic_turns
-from pounding_sweep.kernel.roots import coefficients, polynomial, rate
 from pounding_sweep.kernel.row import each_given
 
 #: Gauss points between the start of a sub-step and an extreme.
@@ -86,7 +86,7 @@ def _given(group: Group, b: Any, t: Any) -> Any:
 
 def _power(group: Group, b: Any, t: Any) -> Any:
     """Power that a building gives at a part t of the sub-step."""
-    s, v = group.state, _Velocities(group, t)
+    s, v = group.state, Velocities(group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
     for j in group.each_contact():
@@ -94,18 +94,3 @@ def _power(group: Group, b: Any, t: Any) -> Any:
             for each, power in each_given(group, j, forces.force_at(group, j, t), v):
                 s["given", each] = s["given", each] + power
     return s["given", b]
-
-
-class _Velocities:
-    """Velocities of the floors at a part of the sub-step."""
-
-    def __init__(self, group: Group, t: Any) -> None:
-        self._group, self._t = group, t
-
-    def __getitem__(self, i: Any) -> Any:
-        s, t, h = self._group.state, self._t, self._group.state["h"]
-        if self._group.spec.staged:
-            first, bends = s["v0", i], (s["a0", i], *(n * s[name, i] for n, name in enumerate(BENDS, 3)))
-            return fma(h * t, polynomial(t, bends[0], bends[1:]), first)
-        r0, rb = rate(coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))
-        return polynomial(t, r0, rb) / h
