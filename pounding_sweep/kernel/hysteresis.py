@@ -186,8 +186,3 @@ def strain(group: Group, i: Any, drifted: Any) -> Any:
     """Strain energy of a storey at its drift."""
     (hard, soft), z = hardened(group, i), drifted - group.state["slip", i]
     return 0.5 * (hard * drifted * drifted + soft * z * z)
-
-
-def lost(group: Group, i: Any) -> Any:
-    """Energy that a storey has lost in yielding."""
-    return hardened(group, i)[1] * group.prop("yield_drift", i) * group.state["travel", i]

@@ -56,7 +56,7 @@ def _add(group: Group, closed: Any) -> None:
         for row, force, v in (("given0", "f0", "v0"), ("given1", "f1", "v")):
             for b, power in each_given(group, j, s[force, j], v):
                 s[row, b] = s[row, b] + power
-    for b in group.each(group.spec.n_buildings):
+    for b in group.each(group.spec.n_buildings, straight=False):
         early, late = h * s["given0", b], h * s["given1", b]
         gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
         e0 = s["now", b]

@@ -174,7 +174,8 @@ def load_text(file: Path, record: str) -> RecordText:
     try:
         status = file.stat()
     except FileNotFoundError:
-        msg = f"{file}: no such file; check the path, or name a folder of records in POUNDING_SWEEP_RECORDS"
+        about = "check the path; by name alone a sweep finds records in the folders of POUNDING_SWEEP_RECORDS"
+        msg = f"{file}: no such file; {about}"
         raise MissingRecordError(msg, record) from None
     except (OSError, ValueError) as error:
         fail(file, f"can't be read: {getattr(error, 'strerror', None) or error}")
