@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -406,6 +407,16 @@ def test_accelerations_beside_contacts_whose_forces_are_roots(e, law):
         fine = shake(law, scene, e=e, method="rk4", dt=1e-4).acceleration_max.fillna(0.0).values
         for dt, allowed in ((1e-2, 2e-4), (2e-3, 2e-6), (5e-4, 1e-6)):
             near(shake(law, scene, e=e, method="exact", dt=dt).acceleration_max.fillna(0.0).values, fine, allowed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["gonthier", "hertz", "hertz_damped", "hunt_crossley", "nonlinear_viscoelastic"])
+def test_accelerations_beside_contacts_of_floors_that_are_linked(law):
+    """Of cubics errors are a hundred times as large."""
+    scene = replace(PAIR, links=[ps.Link("a-b", [1], stiffness=3e4, damping=500.0)])
+    fine = shake(law, scene, method="rk4", dt=1e-4).acceleration_max.values
+    for dt, allowed in ((1e-2, 1e-5), (2e-3, 1e-8), (5e-4, 2e-10)):
+        near(shake(law, scene, method="exact", dt=dt).acceleration_max.values, fine, allowed)
 
 
 @pytest.mark.slow

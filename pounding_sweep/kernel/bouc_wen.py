@@ -18,7 +18,7 @@ from typing import Any
 from pounding_sweep.kernel.group import Group, power_of
 from pounding_sweep.kernel.hysteresis import drift, hardened
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
-from pounding_sweep.kernel.roots import along, coefficients, rate, root
+from pounding_sweep.kernel.roots import along, coefficients, horner, rate, root
 
 #: Share of its limit, over n, by which a drift may move in a sub-step.
 REACH = 0.5
@@ -172,6 +172,16 @@ def settle(group: Group) -> None:
     for i, _ in group.spec.smooth:
         group.state["kt", i] = group.full(group.prop("k", i))
         group.state["ct", i] = -hardened(group, i)[1] * group.state["slip", i]
+
+
+def part(group: Group, t: Any) -> None:
+    """Make shears those at a part t of the sub-step just taken, between whose ends plastic drifts are cubics."""
+    s, h = group.state, group.state["h"]
+    for i, below, n in each_storey(group):
+        p0, p1 = s["slip0", i], s["slip", i]
+        r0, r1 = (h * _share(group, i, n, z, v) * v for z, v in (_end(group, i, below, end) for end in ("0", "")))
+        slip = horner(t, (p0, r0, 3.0 * (p1 - p0) - 2.0 * r0 - r1, 2.0 * (p0 - p1) + r0 + r1))
+        s["kt", i], s["ct", i] = group.full(group.prop("k", i)), -hardened(group, i)[1] * slip
 
 
 def linearise(group: Group, floors: Sequence[int], end: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from pounding_sweep.kernel.group import BENDS, Group
@@ -27,11 +28,11 @@ def velocity(group: Group, i: Any, t: Any) -> Any:
     return polynomial(t, *rate(coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))) / h
 
 
-class Velocities:
-    """Velocities of floors at a part of the sub-step, each worked out where it is asked for."""
+class Between:
+    """Displacements or velocities of all floors at a part of the sub-step, each worked out where it is asked for."""
 
-    def __init__(self, group: Group, t: Any) -> None:
-        self._group, self._t = group, t
+    def __init__(self, of: Callable[[Group, Any, Any], Any], group: Group, t: Any) -> None:
+        self._of, self._group, self._t = of, group, t
 
     def __getitem__(self, i: Any) -> Any:
-        return velocity(self._group, i, self._t)
+        return self._of(self._group, i, self._t)

@@ -243,8 +243,7 @@ class Group:
     def presses(self) -> bool:
         """Whether forces of contacts, and accelerations beside them, follow from the motion between a step's ends."""
         spec = self.spec
-        laws = spec.located and self.touching and not (spec.implicit or spec.impulsive or spec.series)
-        return laws and not (spec.smooth or spec.links or spec.foundations)
+        return spec.located and self.touching and not (spec.implicit or spec.impulsive or spec.series)
 
     def looks(self, what: str) -> bool:
         """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""

@@ -54,8 +54,8 @@ def push_rows(group: Group, name: str, x: str, y: str) -> None:
         s[name, right] = s[name, right] + pull
 
 
-def accelerate(group: Group, name: str, x: str, y: str) -> None:
-    """Add what links do to accelerations, or to their rates where x and y are rates; names of rows."""
+def accelerate(group: Group, name: str, x: Any, y: Any) -> None:
+    """Add what links do to accelerations, or to their rates where x and y are rates."""
     s = group.state
     for j, (left, right) in group.each_link():
         pull = force(group, j, (left, right), x, y)

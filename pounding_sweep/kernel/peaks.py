@@ -317,13 +317,19 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
 
 def _accelerate(group: Group, t: Any) -> None:
     """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    s = group.state
+    s, (u, v) = group.state, (dense.Between(of, group, t) for of in (dense.displacement, dense.velocity))
+    if group.spec.smooth:
+        bouc_wen.part(group, t)
     for part, moving in group.each_part():
-        x, y = ([of(group, i, t) for i in moving] for of in (dense.displacement, dense.velocity))
+        x, y = ([motion[i] for i in moving] for motion in (u, v))
         for i, a in zip(moving, total_accelerations(group, part, x, y), strict=True):
             s["there", i] = a
+    if group.spec.smooth:
+        bouc_wen.settle(group)
     for j in group.each_contact():
         s["press", j] = 0.0
         with when_any(s["mode", j] > forces.OPEN):
             s["press", j] = forces.force_at(group, j, t)
     add_forces(group, "there", "press")
+    if group.spec.links:
+        links.accelerate(group, "there", u, v)

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces
-from pounding_sweep.kernel.dense import Velocities
+from pounding_sweep.kernel import dense, forces
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import cubic_extremes, cubic_turns
@@ -86,7 +85,7 @@ def _given(group: Group, b: Any, t: Any) -> Any:
 
 def _power(group: Group, b: Any, t: Any) -> Any:
     """Power that a building gives at a part t of the sub-step."""
-    s, v = group.state, Velocities(group, t)
+    s, v = group.state, dense.Between(dense.velocity, group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
     for j in group.each_contact():
