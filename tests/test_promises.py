@@ -7,7 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from pounding_sweep.accuracy.promises import ACCURACIES, CASES, STEPS, Kept, judge, judged
+from pounding_sweep.accuracy.drawn_rows import CASES
+from pounding_sweep.accuracy.promises import ACCURACIES, STEPS, Kept, judge, judged
 from pounding_sweep.outputs.differences import CHANGE
 from pounding_sweep.outputs.variables import Status
 

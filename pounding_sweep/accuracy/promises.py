@@ -14,85 +14,27 @@ import argparse
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.accuracy.calibrate import OUTPUTS, closing
+from pounding_sweep.accuracy.calibrate import OUTPUTS
+from pounding_sweep.accuracy.drawn_rows import CASES, SHAPES, draw, earthquakes
 from pounding_sweep.accuracy.extreme_scenes import PEAKS
-from pounding_sweep.model.laws import LAWS, get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
 from pounding_sweep.outputs.variables import OK_CLAIM, Status
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
 from pounding_sweep.run.execute import run_chunk
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import METHODS, SweepSpec
 
-#: Storeys of the buildings of a row; 0: a wall.
-SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))
-#: Scenarios of one row, law and record.
-CASES = 16
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
 #: First step of a converged run (s), how often it is halved, and which change by a halving is none.
 REFERENCE_STEP, REFERENCE_HALVINGS, CONVERGED = 1e-4, 4, 1e-5
-
-
-def earthquakes(files: Iterable[str | Path] = ()) -> list[Record]:
-    """Return El Centro, synthetic motions of 40 s, and the records in files."""
-    return [
-        resolve_record("el_centro"),
-        synthetic_record(101, duration=40.0, dt=0.01, pga=3.0),
-        synthetic_record(102, duration=40.0, dt=0.02, pga=3.0, ground_frequency=8.0),
-        *(read_record(name) for name in files),
-    ]
-
-
-def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record]) -> SweepSpec:
-    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
-    random = np.random.default_rng([seed, number])
-    storeys = SHAPES[number % len(SHAPES)]
-    law = get_law(laws[(number + number // len(SHAPES)) % len(laws)])
-    record = records[int(random.integers(len(records)))]
-
-    def log(low: float, high: float) -> float:
-        return float(np.exp(random.uniform(np.log(low), np.log(high))))
-
-    row: list[Building | Wall] = []
-    for i, n in enumerate(storeys):
-        if n == 0:
-            row.append(Wall())
-            continue
-        mass, period = log(50.0, 1000.0), n * log(0.07, 0.2) if n > 1 else log(0.1, 1.2)
-        masses, shape = (mass * random.uniform(0.7, 1.3, n)).tolist(), random.uniform(0.7, 1.3, n)
-        ratio = float(random.choice([0.01, 0.02, 0.05, 0.05, 0.1]))
-        plain = Building(f"b{i}", masses, (1e3 * mass * shape).tolist(), ratio)
-        stiffer = (plain.periods[0] / period) ** 2
-        row.append(Building(f"b{i}", masses, [stiffer * k for k in plain.stiffnesses], ratio))
-    pairs = len(row) - 1
-    scene = Scene(row, [0.0] * pairs)
-    scales = [log(0.05, 0.8) * 9.81 / record.pga for _ in range(CASES)]
-    far = closing(scene, record)
-    middle = 1e6 if law.exponent in (None, 1.0) else 1e7
-    cases = [
-        Case(
-            law=law.key,
-            gap=tuple(float(g) for g in scale * far * 10.0 ** random.uniform(-2.0, -0.01, pairs)),
-            stiffness=None if law.exponent is None else middle * log(0.1, 10.0),
-            restitution=float(random.uniform(0.2, 0.95)) if law.takes_restitution else None,
-            record=record.name,
-            scale=scale,
-        )
-        for scale in scales
-    ]
-    return build_spec(scene=scene, records=record, cases=cases, outputs=OUTPUTS, audit=0.0)
 
 
 def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
