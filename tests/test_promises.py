@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from pounding_sweep.accuracy.drawn_rows import CASES
+from pounding_sweep.accuracy.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
 from pounding_sweep.accuracy.promises import ACCURACIES, STEPS, Kept, judge, judged
 from pounding_sweep.outputs.differences import CHANGE
 from pounding_sweep.outputs.variables import Status
@@ -46,9 +47,10 @@ def test_tallies_add_up():
 @pytest.mark.parametrize("number", [2, 5])  # two buildings, and one between a wall and another
 @pytest.mark.usefixtures("stub_engine")
 def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
-    found = judge(number, 3, ["kelvin_voigt"], [], status=True)
-    kind = "with a wall" if number == 5 else "several storeys"
-    assert {tuple(of) for _, *of in found} == {("all", ""), ("row", kind), ("law", "kelvin_voigt")}
+    found = judge(number, 3, ["kelvin_voigt"], [], ["plain"], status=True)
+    shape = "with a wall" if number == 5 else "several storeys"
+    classes = {("all", ""), ("row", shape), ("kind", "plain"), ("law", "kelvin_voigt")}
+    assert {tuple(of) for _, *of in found} == classes
     for (promise, *_), each in found.items():
         assert each == found[promise, "all", ""]
         assert 0.0 < each.worst < 1.0  # the error of these kernels shrinks with the step
@@ -56,3 +58,25 @@ def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
     assert all(found[f"accuracy {each:g}", "all", ""].scenarios == CASES for each in ACCURACIES)
     assert found["ok, by rules, rk4", "all", ""].scenarios == CASES * len(STEPS)
     assert 0 < found["ok, error_estimate, newmark", "all", ""].scenarios < CASES * len(STEPS)  # others are not ok
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.usefixtures("stub_engine")
+def test_rows_of_all_kinds_can_be_drawn(kind):
+    laws, records = ["hertz_damped", "kelvin_voigt"], earthquakes()
+    for number, storeys in enumerate(SHAPES):
+        spec, plain = draw(1, number, laws, records, [kind]), draw(1, number, laws, records)
+        if kind == "columns":
+            assert spec.laws == ("kelvin_voigt",)
+            continue
+        assert spec.laws == plain.laws
+        assert [each.scale for each in spec.cases] == [each.scale for each in plain.cases]
+        alone = all(0 in both for both in pairwise(storeys))
+        same = kind in ("plain", "varied") or (kind == "links" and alone)
+        assert (spec.scene == plain.scene) == same
+        assert (spec.cases == plain.cases) == (kind != "varied")
+
+
+def test_a_kind_that_no_law_goes_with_is_plain():
+    assert kind_of(0, ["columns"], ["hertz"]) == "plain"
+    assert kind_of(0, ["columns"], ["hertz", "linear"]) == "columns"

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.accuracy.calibrate import OUTPUTS, closing
-from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.bumpers import Bumper
+from pounding_sweep.model.foundation import Foundation
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.links import Link
+from pounding_sweep.model.scene import BoucWen, Building, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
@@ -19,6 +26,105 @@ from pounding_sweep.spec.spec import SweepSpec
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))
 #: Scenarios of one row, law and record.
 CASES = 16
+Row = Sequence[Building | Wall]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What rows of a kind have beside elastic storeys on fixed ground."""
+
+    #: what becomes of a building of such a row
+    building: Callable[[Building, np.random.Generator], Building] = lambda building, random: building
+    #: further arguments of its scene
+    scene: Callable[[Row, np.random.Generator], dict[str, Any]] = lambda row, random: {}
+    #: further values of its cases
+    case: Callable[[Row, np.random.Generator], dict[str, Any]] = lambda row, random: {}
+    takes: Callable[[Law], bool] = lambda law: True  # whether it goes with a law
+
+
+def _log(random: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def _strengths(building: Building, random: np.random.Generator) -> dict[str, Any]:
+    """Yield at a twentieth to two fifths of the weight above, with hardening or without."""
+    above = 9.81 * np.cumsum(building.masses[::-1])[::-1]
+    return {
+        "yield_strengths": (_log(random, 0.05, 0.4) * above).tolist(),
+        "hardening": float(random.choice([0.0, 0.02, 0.1])),
+    }
+
+
+def _yields(building: Building, random: np.random.Generator) -> Building:
+    damping = str(random.choice(["initial", "tangent"]))
+    return replace(building, **_strengths(building, random), damping_stiffness=damping)
+
+
+def _leans(building: Building, random: np.random.Generator) -> Building:
+    return replace(building, **{**_strengths(building, random), "hardening": 0.1}, p_delta=True)
+
+
+def _smooth(building: Building, random: np.random.Generator) -> Building:
+    law = BoucWen(float(random.choice([1.0, 2.0, 5.0])))
+    return replace(building, **_strengths(building, random), bouc_wen=law)
+
+
+def _dashed(building: Building, random: np.random.Generator) -> Building:
+    return replace(building, dashpots=[k * _log(random, 1e-3, 1e-2) for k in building.stiffnesses])
+
+
+def _founded(building: Building, random: np.random.Generator) -> Building:
+    """On soil of two to twenty times the stiffness of the first storey."""
+    mass, k = float(np.mean(building.masses)), building.stiffnesses[0]
+    rocks = k * building.elevations[-1] ** 2
+    stiff, damped = ([_log(random, *range_) for _ in "ab"] for range_ in ((2.0, 20.0), (2e-3, 2e-2)))
+    springs = [k * stiff[0], rocks * stiff[1], k * damped[0], rocks * damped[1]]
+    return replace(building, foundation=Foundation(mass, 10.0 * mass, *springs))
+
+
+def _uneven(building: Building, random: np.random.Generator) -> Building:
+    return replace(building, storey_heights=random.uniform(2.8, 4.2, building.n_storeys).tolist())
+
+
+def _linked(row: Row, random: np.random.Generator) -> dict[str, Any]:
+    """Link the first floors of the first two buildings, of which rows with walls may have one only."""
+    pairs = [both for both in pairwise(row) if all(isinstance(each, Building) for each in both)]
+    if not pairs:
+        return {}
+    soft = min(each.stiffnesses[0] for each in pairs[0] if isinstance(each, Building))
+    parts = {"stiffness": soft * _log(random, 0.01, 0.3), "damping": soft * _log(random, 1e-4, 1e-2)}
+    return {"links": [Link("-".join(each.name for each in pairs[0]), [1], **parts)]}
+
+
+def _bumped(row: Row, random: np.random.Generator) -> dict[str, Any]:
+    law = str(random.choice(["kelvin_voigt", "hertz_damped", "gonthier"]))
+    pair = "-".join(each.name for each in row[:2])
+    return {"bumpers": [Bumper(pair, law, stiffness=_log(random, 1e4, 1e6), restitution=0.5, thickness=0.0)]}
+
+
+def _varied(row: Row, random: np.random.Generator) -> dict[str, Any]:
+    names = [each.name for each in row if isinstance(each, Building)]
+    factors = {what: {name: float(random.uniform(0.7, 1.4)) for name in names} for what in ("period", "mass")}
+    return {f"{what}_factors": each for what, each in factors.items()} | {"damping_ratio": _log(random, 0.01, 0.1)}
+
+
+#: Kinds of rows by name.
+KINDS = {
+    "plain": Kind(),
+    "yielding": Kind(_yields),
+    "links": Kind(scene=_linked),
+    "foundations": Kind(_founded),
+    "columns": Kind(
+        _uneven,
+        lambda row, random: {"contacts": "floors and columns"},
+        takes=lambda law: law.exponent == 1.0 and not law.impulsive and not law.yields,
+    ),
+    "smooth": Kind(_smooth),
+    "bumpers": Kind(scene=_bumped),
+    "p_delta": Kind(_leans),
+    "dashpots": Kind(_dashed),
+    "varied": Kind(case=_varied),
+}
 
 
 def earthquakes(files: Iterable[str | Path] = ()) -> list[Record]:
@@ -31,15 +137,23 @@ def earthquakes(files: Iterable[str | Path] = ()) -> list[Record]:
     ]
 
 
-def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record]) -> SweepSpec:
-    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
-    random = np.random.default_rng([seed, number])
-    storeys = SHAPES[number % len(SHAPES)]
-    law = get_law(laws[(number + number // len(SHAPES)) % len(laws)])
-    record = records[int(random.integers(len(records)))]
+def kind_of(number: int, kinds: Sequence[str], laws: Sequence[str]) -> str:
+    """Return the kind of a drawn row; plain where none of the laws goes with it."""
+    kind = kinds[(3 * number + number // len(SHAPES)) % len(kinds)]
+    return kind if any(KINDS[kind].takes(get_law(key)) for key in laws) else "plain"
 
-    def log(low: float, high: float) -> float:
-        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+def draw(
+    seed: int, number: int, laws: Sequence[str], records: Sequence[Record], kinds: Sequence[str] = ("plain",)
+) -> SweepSpec:
+    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
+    random, further = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
+    kind = KINDS[kind_of(number, kinds, laws)]
+    storeys = SHAPES[number % len(SHAPES)]
+    taken = [key for key in laws if kind.takes(get_law(key))]
+    law = get_law(taken[(number + number // len(SHAPES)) % len(taken)])
+    record = records[int(random.integers(len(records)))]
+    log = partial(_log, random)
 
     row: list[Building | Wall] = []
     for i, n in enumerate(storeys):
@@ -65,7 +179,10 @@ def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record])
             restitution=float(random.uniform(0.2, 0.95)) if law.takes_restitution else None,
             record=record.name,
             scale=scale,
+            **kind.case(row, further),
         )
         for scale in scales
     ]
+    row = [kind.building(each, further) if isinstance(each, Building) else each for each in row]
+    scene = Scene(row, scene.gaps, **kind.scene(row, further))
     return build_spec(scene=scene, records=record, cases=cases, outputs=OUTPUTS, audit=0.0)

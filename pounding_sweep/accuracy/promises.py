@@ -21,13 +21,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pounding_sweep.accuracy.calibrate import OUTPUTS
-from pounding_sweep.accuracy.drawn_rows import CASES, SHAPES, draw, earthquakes
+from pounding_sweep.accuracy.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
 from pounding_sweep.accuracy.extreme_scenes import PEAKS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
 from pounding_sweep.outputs.variables import OK_CLAIM, Status
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.run.execute import run_chunk
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import METHODS, SweepSpec
 
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
@@ -133,25 +134,26 @@ def judged(
 
 
 def judge(
-    number: int, seed: int, laws: Sequence[str], files: Sequence[str], status: bool
+    number: int, seed: int, laws: Sequence[str], files: Sequence[str], kinds: Sequence[str], status: bool
 ) -> dict[tuple[str, ...], Kept]:
     """Judge both promises on one drawn row; tallies by promise and class."""
-    spec = draw(seed, number, laws, earthquakes(files))
+    spec = draw(seed, number, laws, earthquakes(files), kinds)
     law = spec.laws[0]
     storeys = SHAPES[number % len(SHAPES)]
-    kind = "with a wall" if 0 in storeys else "one storey" if set(storeys) == {1} else "several storeys"
+    shape = "with a wall" if 0 in storeys else "one storey" if set(storeys) == {1} else "several storeys"
     converged = reference(spec)
     rough = run_cases(replace(spec, outputs=(*PEAKS, "amplification"), method="rk4", dt=1e-4, precision="float64"))
     found: dict[tuple[str, ...], Kept] = {}
 
     def count(promise: str, tally: Kept) -> None:
-        for of in (("all", ""), ("row", kind), ("law", law)):
+        for of in (("all", ""), ("row", shape), ("kind", kind_of(number, kinds, laws)), ("law", law)):
             found.setdefault((promise, *of), Kept()).add(tally)
 
     for accuracy in ACCURACIES:
         asked = run_cases(replace(spec, accuracy=accuracy, method=None, dt=None, precision=None))
         count(f"accuracy {accuracy:g}", judged(asked, converged, OUTPUTS, accuracy, rough["amplification"]))
-    for method in METHODS if status else ():
+    methods = [name for name in METHODS if SCHEMES[name].refuses(spec.scene, "float64") is None]
+    for method in methods if status else ():
         for step in STEPS:
             run = replace(spec, outputs=(*PEAKS, "error_estimate"), method=method, dt=step, precision="float64")
             told = run_cases(run)
@@ -169,6 +171,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="another seed draws others")
     keys = [key for key, law in LAWS.items() if law.has_contact]
     parser.add_argument("--laws", nargs="+", choices=keys, default=keys, help="contact laws; all by default")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of rows; all by default")
     parser.add_argument("--records", nargs="*", default=[], help="files of further records")
     parser.add_argument("--status", action="store_true", help="judge the status of fixed steps too")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), help="processes")
@@ -177,7 +180,8 @@ def main() -> None:
     total: dict[tuple[str, ...], Kept] = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
         waiting = [
-            pool.submit(judge, i, arguments.seed, arguments.laws, arguments.records, arguments.status) for i in numbers
+            pool.submit(judge, i, arguments.seed, arguments.laws, arguments.records, arguments.kinds, arguments.status)
+            for i in numbers
         ]
         for done, each in enumerate(waiting, 1):
             for key, tally in each.result().items():
