@@ -320,8 +320,9 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
         choice.offer(real(number), lanes, sign, series, target, leans)
 
     sign = where(closed, -1.0, group.full(1.0))
-    # one that has touched but for a rounding error goes on
-    leans = closed & ~(depth.read(0) > 0.0)
+    # one that has touched but for a rounding error goes on, and one that has parted so does not touch
+    inside = depth.read(0) > 0.0
+    leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
     offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
     if law.shape.approach_only:
         toward = where(pressing, -1.0, group.full(1.0))
