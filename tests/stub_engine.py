@@ -161,7 +161,8 @@ def _response(
     rate = np.sqrt(factor / (_of_buildings(mass, owner) * _of_buildings(1.0 / stiffness, owner)))  # rad/s, first mode
     ratio = 0.5 * (of("alpha") / rate + of("beta") * rate)
     fast = np.sqrt(stiffness / mass).max(axis=1, keepdims=True)
-    error = ERROR * (interval / steps * fast / (2 * np.pi)) ** shape.order
+    order = 8 if shape.series else shape.order  # of series, whose steps are those of flight
+    error = ERROR * (interval / steps * fast / (2 * np.pi)) ** order
     rows, which = np.unique(np.hstack([rate, ratio]), axis=0, return_inverse=True)
     peaks = np.array([_peaks(shape.contacts, owner, height, motion, interval, row) for row in rows])[which.ravel()]
     scale = _part(brought, "scale", given)

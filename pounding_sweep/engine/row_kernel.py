@@ -35,10 +35,13 @@ from pounding_sweep.schemes import SCHEMES, Scheme
 from pounding_sweep.schemes.stability import longest_substep
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
-#: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
+#: others: peaks are those of a septic between the ends, which errs by (w h)**8 / `SEPTIC` of what a mode adds.
 FLIGHT_STEP = (0.9, 2.0, 2.8)
+SEPTIC = 10321920.0
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
 FINEST_FLIGHT = 4.0
+#: Power of the refinement by which sub-steps by series fall: their errors then fall as those of other sub-steps do.
+SERIES_FALL = 0.5
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -164,11 +167,16 @@ def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
 _shape = lru_cache(maxsize=64)(kernel_shape)
 
 
+def flight_refinement(accuracy: float) -> float:
+    """Divisor of flight's steps with which their septics lose no more than `accuracy` of any mode."""
+    return float(FLIGHT_STEP[-1] / (SEPTIC * accuracy) ** 0.125)
+
+
 def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     """Largest product of a sub-step and the rate of a contact."""
     if not shape.series:
         return (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
-    return SERIES_CAP / max(1.0, numerics.refinement)
+    return SERIES_CAP / numerics.refinement**SERIES_FALL
 
 
 @lru_cache(maxsize=64)

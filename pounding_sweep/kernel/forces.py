@@ -59,6 +59,8 @@ SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
 AHEAD = 2.0
 #: Lengths of a contact beyond which its touch, or its release, is far; there powers to six figures suffice.
 LONG = 1000.0
+#: Product of a contact's rate and the step below which sub-steps by series get no longer.
+SOFTEST = 2.0
 #: How much longer than floors need to part, at the rate they have, the sub-step is in which they should.
 OVER = 1.05
 #: Most that penetration and its rate leave their ends by in a sub-step, by the sum of its rates there, with a margin:
@@ -124,6 +126,9 @@ def longest_substep(group: Group, h: Any) -> Any:
                     if group.spec.series:  # the size of the roots of x**2 + b x + w**2
                         b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                     fastest_here = maximum(fastest_here, b * b)
+                if group.spec.series:  # a run of another cap is not the same where contacts outlast steps
+                    soft = SOFTEST / h
+                    fastest_here = maximum(fastest_here, group.full(soft * soft))
                 fastest.now = maximum(fastest.now, where(closed, fastest_here, 0.0))
             most = h / lasts
             if group.spec.staged:

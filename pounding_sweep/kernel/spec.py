@@ -44,7 +44,7 @@ CONTACT_CAP = 0.25
 STAGED_CAP = 0.5
 
 #: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
-SERIES_CAP = 2.0
+SERIES_CAP = 1.2
 SERIES_ORDER = {"float64": 20, "float32": 12}
 #: The same where storeys yield: their events make steps short, and are told by the ends of a step.
 YIELDING_ORDER = 12

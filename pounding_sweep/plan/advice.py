@@ -21,7 +21,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_errors
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, distinct, variants_of
@@ -160,6 +160,9 @@ CONTACT_MARGIN = 1.25
 EXACT_STEPS = 4.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
+#: Relative error below which that of single precision may be one of rounding: penetrations of stiff contacts are small
+#: differences of displacements.
+ROUNDING = 2e-5
 #: Scenarios whose times are worked out at once.
 BLOCK = 2**16
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
@@ -345,9 +348,11 @@ def advise(
 
 def _formats(spec: SweepSpec) -> tuple[str, ...]:
     """Return the number formats to choose from: energies are small differences of large sums, and need the wide one."""
+    assert spec.accuracy is not None
     if spec.precision is not None:
         return (spec.precision,)
-    return ("float64",) if "energies" in classes_of(spec.outputs) else ("float64", "float32")
+    wide = "energies" in classes_of(spec.outputs) or spec.accuracy < ROUNDING
+    return ("float64",) if wide else ("float64", "float32")
 
 
 def _needed(
@@ -372,6 +377,9 @@ def _needed(
         begins = spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
         found = [(curve.needed(spec.accuracy), curve.needed(begins)) for curve in curves if curve is not None]
         most = max(begin if reached < math.inf else math.inf for reached, begin in found)
+        # steps by series hardly err: it is flight that decides
+        if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
+            most = max(most, 0.5 * flight_refinement(spec.accuracy))
         if law in laws:
             need[law.key] = max(most, beside) if law.has_contact else most
         else:

@@ -4,10 +4,10 @@ An accuracy is a promise about every scenario, and no rule that is known beforeh
 keeps it: a touch that only just happens, or a row of impacts that each magnify the
 last, multiplies the error of a step by whatever it likes. So each scenario is run at
 the step that was chosen for it and at half of it, and the latter is kept. Its error is
-taken for three times what the order of the scheme makes of their difference, that of a
-number of impacts for all of it. What errs by more than was asked is run at half the step
-again, in double precision where single precision gains no more, and so on. The last
-estimate is reported with the scenario.
+taken for three times what the order of the scheme makes of their difference, for twice
+all of it where that is one of rounding, and for all of it in a number of impacts. What
+errs by more than was asked is run at half the step again, in double precision where
+single precision gains no more, and so on. The last estimate is reported with the scenario.
 
 What is done with a scenario follows from its own results alone, so it does not depend
 on the chunk that it is in.
@@ -25,7 +25,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
-from pounding_sweep.plan.advice import ORDERLY
+from pounding_sweep.plan.advice import ORDERLY, ROUNDING
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
@@ -36,8 +36,8 @@ SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
 
-#: Relative error below which that of single precision may be one of rounding, which follows no order.
-ROUNDING = 2e-5
+#: What the difference of two runs is divided by where it is one of rounding: either errs as much as the other.
+ROUNDS = 0.5
 
 Values = dict[str, np.ndarray]
 
@@ -45,18 +45,16 @@ Values = dict[str, np.ndarray]
 def halved(kernel: RowKernel, record: Record) -> RowKernel:
     """Return the kernel at half of all its steps."""
     numerics = kernel.numerics
-    # steps by series have a longest length, which no divisor below one changes
-    refinement = max(1.0, numerics.refinement) if kernel.shape.series else numerics.refinement
-    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), refinement=2.0 * refinement)
+    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), refinement=2.0 * numerics.refinement)
     return replace(kernel, numerics=half)
 
 
 def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarray:
     """By what the difference to a run at twice the step is divided, where it follows from the scheme's order."""
     # steps by series differ by their rounding, velocities that jump by when they do
-    ordered = not kernel.shape.series and not kernel.law.impulsive and accuracy <= ORDERLY
-    known = (allowed >= ROUNDING) | (kernel.numerics.precision == "float64")
-    return np.where(ordered & known, kernel.numerics.scheme.leeway, 1.0)
+    ordered = not kernel.law.impulsive and accuracy <= ORDERLY
+    rounds = kernel.shape.series > 0 or ((allowed < ROUNDING) & (kernel.numerics.precision == "float32"))
+    return np.where(rounds, ROUNDS, kernel.numerics.scheme.leeway if ordered else 1.0)
 
 
 def in_double(kernel: RowKernel) -> RowKernel:
