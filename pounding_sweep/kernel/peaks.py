@@ -41,23 +41,28 @@ NEARLY = 0.9
 LEAVES = 2.0**-30
 
 
+def _powers(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
+    """Third and second coefficients of a cubic with values x and rates s (times the step) at its ends."""
+    return 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+
+
 def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     """Extreme inside a step of a cubic with values x and rates s (times the step) at its ends, about where s turns."""
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
-    b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)
-    return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
+    a, b = _powers(x0, x1, s0, s1)
+    return x0 + t * (s0 + t * (b + t * a))
 
 
 def cubic_extremes(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
     """Values of a cubic where it turns inside a step, or x0: values x and rates s (times the step) at its ends."""
-    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    a, b = _powers(x0, x1, s0, s1)
     t, u = cubic_turns(x0, x1, s0, s1)
     return x0 + t * (s0 + t * (b + t * a)), x0 + u * (s0 + u * (b + u * a))
 
 
 def cubic_turns(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
     """Where this cubic turns inside the step, as parts of it; else 0."""
-    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    a, b = _powers(x0, x1, s0, s1)
     root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
     far = -(b + where(b < 0.0, -root, root))
     t, u = (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
@@ -301,7 +306,7 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
     s, h = group.state, group.state["h"]
     x0, x1, s0, s1 = s["acc0", i], s["acc1", i], h * s["rate0", i], h * s["rate1", i]
-    a, b = 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
+    a, b = _powers(x0, x1, s0, s1)
     at = Cell(where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0))
     for _ in count_to(2, group.trace):  # once where the cubic turns, once nearer
         t = at.now
