@@ -37,10 +37,11 @@ from pounding_sweep.schemes.stability import longest_substep
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are those of a septic between the ends, which errs by (w h)**8 / `SEPTIC` of what a mode adds.
 FLIGHT_STEP = (0.9, 2.0, 2.8)
-SEPTIC = 10321920.0
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
 FINEST_FLIGHT = 4.0
-#: Power of the refinement by which sub-steps by series fall: their errors then fall as those of other sub-steps do.
+#: What the errors of these septics are divided by: 8! 2**8.
+SEPTIC = 10321920.0
+#: Power of the refinement by which sub-steps by series fall: so much that two runs differ by their rounding.
 SERIES_FALL = 0.5
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30

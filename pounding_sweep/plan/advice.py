@@ -347,7 +347,7 @@ def advise(
 
 
 def _formats(spec: SweepSpec) -> tuple[str, ...]:
-    """Return the number formats to choose from: energies are small differences of large sums, and need the wide one."""
+    """Return the number formats to choose from: small differences of large numbers need the wide one."""
     assert spec.accuracy is not None
     if spec.precision is not None:
         return (spec.precision,)
