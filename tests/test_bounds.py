@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -312,6 +313,7 @@ def test_doctor_tells_of_folders_that_are_not_known(monkeypatch, tmp_path):
 def test_a_working_folder_that_was_removed(tmp_path, monkeypatch):
     from pounding_sweep.run.diagnosis import diagnose
 
+    importlib.import_module("numba")  # it loads coverage, where that is installed, which looks for the folder
     gone = tmp_path / "gone"
     gone.mkdir()
     monkeypatch.chdir(gone)

@@ -26,16 +26,16 @@ MAX_FILE_BYTES = 64 * 2**20
 #: Deeper tables and arrays are refused, and longer dotted keys: those of sweep files have six parts at most.
 MAX_DEPTH = 20
 
-_PART = r"""(?:[A-Za-z0-9_-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+_PART = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
 #: What a file is made of: comments and strings, which may hold anything, words, and dotted keys that are too long.
 _TOKEN = re.compile(
-    r"#[^\n]*+"
-    r'|"{3}(?:\\.|[^"\\]|"(?!""))*+(?:"{3,5}|\Z)'
-    r"|'{3}(?:[^']|'(?!''))*+(?:'{3,5}|\Z)"
-    rf"|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_DEPTH}}}+)"
-    r'|"(?:\\.|[^"\\\n])*+(?:"|(?=\n)|\Z)'
-    r"|'[^'\n]*+(?:'|(?=\n)|\Z)"
-    r"|[A-Za-z0-9_-]++",
+    r"#[^\n]*"
+    r'|"{3}(?:\\.|[^"\\]|"(?!""))*(?:"{3,5}|\Z)'
+    r"|'{3}(?:[^']|'(?!''))*(?:'{3,5}|\Z)"
+    rf"|(?P<key>{_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}})"
+    r'|"(?:\\.|[^"\\\n])*(?:"|(?=\n)|\Z)'
+    r"|'[^'\n]*(?:'|(?=\n)|\Z)"
+    r"|[A-Za-z0-9_-]+",
     re.DOTALL,
 )
 
