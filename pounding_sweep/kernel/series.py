@@ -97,22 +97,33 @@ def _expand(group: Group) -> None:
 
 def _expand_row(group: Group, contacts: int) -> None:
     """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
-    s, n = group.state, group.spec.n_dof
+    s = group.state
     if group.long:
         _expand_in_rounds(group)
     else:
-        x, y, ground = group.floors("u0"), group.floors("v0"), [s["g0"], s["g1"] - s["g0"]]
-        row = list(enumerate(group.building_floors))
-        for k in range(group.spec.series):
-            held = [_press(group, j, k, x, y, 1.0 if k == 0 else 0.0) for j in range(contacts)]
-            push = pushes(group, held)
-            if group.spec.links:
-                push = links.pushes(group, links.forces(group, x, y), push)
-            a = accelerations(group, row, x, y, ground[k] if k < 2 else group.full(0.0), push, k == 0)
-            per = s["h"] * (1.0 / (k + 1.0))
-            x, y = [each * per for each in y], [each * per for each in a]
-            for i in range(n):
-                s["jet", (k + 1) * n + i] = x[i]
+        inverse = Lookup(group.trace, [1.0 / (k + 1.0) for k in range(group.spec.series)])
+        ground = Cell(s["g1"] - s["g0"])
+        _expand_by_one(group, contacts, 0, s["g0"], inverse)
+        for q in count_to(group.spec.series - 1, group.trace):  # written out for each, it would not fit into caches
+            _expand_by_one(group, contacts, q + 1, ground.now, inverse)
+            ground.now = group.full(0.0)
+
+
+def _expand_by_one(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
+    """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
+    s, n, first = group.state, group.spec.n_dof, isinstance(k, int) and k == 0
+    x, y = _Term(group, k), "v0" if first else "y"
+    push = pushes(group, [_press(group, j, k, x, y, 1.0 if first else 0.0) for j in range(contacts)])
+    if group.spec.links:
+        push = links.pushes(group, links.forces(group, x, y), push)
+    per = s["h"] * inverse[k]
+    for b, floors in enumerate(group.building_floors):  # numbers are read where they are used: there is room for few
+        moved, sped = [x[i] for i in floors], [s[y, i] for i in floors]
+        pushed = [push[i] for i in floors] if push else ()
+        a = accelerations(group, [(b, floors)], moved, sped, ground, pushed, first)
+        for i, yi, ai in zip(floors, sped, a, strict=True):
+            s["jet", i + (k + 1) * n] = yi * per
+            s["y", i] = ai * per
 
 
 class _Term:
