@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
-from pounding_sweep.engine import cache
+from pounding_sweep.engine import cache, kernel
+from pounding_sweep.engine.kernel import width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel import spec
+from pounding_sweep.kernel import lanes, spec
 
 pytestmark = pytest.mark.slow
 MACHINES = {
@@ -40,10 +41,17 @@ def results(law, method, precision="float64", storeys=(2, 3, 2), walls=False):
     reducers = frozenset(
         {"displacement", "drift", "acceleration", "closing", "energy", "force", "count", "work", "impulse", "transfer"}
     )
-    kernel = RowKernel(row, ps.get_law(law), Numerics(method, 5e-3, precision=precision), reducers)
+    found = RowKernel(row, ps.get_law(law), Numerics(method, 5e-3, precision=precision), reducers)
     scale = np.linspace(0.5, 2.0, 16)
     gaps = np.full((16, len(row.pair_names)), 0.005) * scale[::-1, None]
-    return kernel.run(record, scale=scale, gaps=gaps, stiffness=1e5 * scale, restitution=np.full(16, 0.6))
+    return found.run(record, scale=scale, gaps=gaps, stiffness=1e5 * scale, restitution=np.full(16, 0.6))
+
+
+def another_machine(monkeypatch, name):
+    """Keep kernels that are compiled from now on apart."""
+    surroundings = cache._surroundings() + name
+    monkeypatch.setattr(cache, "_surroundings", lambda: surroundings)
+    cache.get_kernel.cache_clear()
 
 
 def _printed(machine, folder):
@@ -65,15 +73,38 @@ def test_bits_are_those_of_any_machine(tmp_path):
         assert _printed(machine, tmp_path) == here, name
 
 
+@pytest.mark.parametrize(
+    ("law", "method", "precision"),
+    [
+        ("hertz_damped", "rk4", "float64"),
+        ("linear", "newmark", "float32"),
+        ("linear", "exact", "float64"),
+        ("linear", "exact", "float32"),
+        ("hertz_damped", "exact", "float32"),
+        ("stereomechanical", "exact", "float64"),
+    ],
+)
+def test_bits_are_those_of_registers_of_another_width(law, method, precision, monkeypatch):
+    here, before = results(law, method, precision), width(precision)
+    wide = not lanes.has_wide_registers()
+    for module in (lanes, kernel):
+        monkeypatch.setattr(module, "has_wide_registers", lambda: wide)
+    another_machine(monkeypatch, "registers of another width")
+    assert width(precision) != before
+    there = results(law, method, precision)
+    cache.get_kernel.cache_clear()
+    assert here["count"].sum() > 100
+    for name, values in here.items():
+        np.testing.assert_array_equal(there[name], values, err_msg=name)
+
+
 @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
 @pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
 def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, method, monkeypatch):
     scene = {"storeys": (2, 3, 2, 1), "walls": True}
     straight = results(law, method, **scene)
     monkeypatch.setattr(spec, "FUSED_DOF", 0)
-    surroundings = cache._surroundings() + "rows in loops"
-    monkeypatch.setattr(cache, "_surroundings", lambda: surroundings)
-    cache.get_kernel.cache_clear()
+    another_machine(monkeypatch, "rows in loops")
     looped = results(law, method, **scene)
     cache.get_kernel.cache_clear()
     assert straight["count"].sum() > 100

@@ -13,12 +13,12 @@ from scenes import EVERY, pair
 from test_kernels import row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
-from pounding_sweep.engine.kernel import emit, emit_flight
+from pounding_sweep.engine.kernel import emit, emit_flight, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
 from pounding_sweep.kernel.precision import TOLERANCES
-from pounding_sweep.kernel.spec import LANES, PARAMETERS
+from pounding_sweep.kernel.spec import PARAMETERS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES
@@ -56,17 +56,17 @@ def test_lanes_compute_nothing_in_double(method, monkeypatch):
     scene = ps.Scene([ps.Building("a", [100.0], [1e5]), ps.Building("b", [50.0], [2e5])], gaps=[0.005])
     numerics = Numerics(method, 1e-3, precision="float32")
     lines = llvm(RowKernel(scene, LAWS["hertz_damped"], numerics, frozenset(REDUCERS))).splitlines()
-    lanes = rf"<{LANES} x double>"
+    lanes = r"<\d+ x double>"
     doubles = [x for x in lines if re.search(rf"= (fadd|fsub|fmul|fdiv) {lanes}|call {lanes}", x)]
     # the only ones: times of events, which are counted in double
     assert {x.split(" = ")[1].split()[0] for x in doubles} <= {"fadd", "fmul"}
     assert len(doubles) <= 4
-    assert sum(f"<{LANES} x float>" in x for x in lines) > 1000
+    assert sum(f"<{width('float32')} x float>" in x for x in lines) > 1000
 
 
 def test_numbers_beyond_single_precision_stay_finite_and_not_zero():
     block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-    number = Tracer(ir.IRBuilder(block), "float32", LANES).number
+    number = Tracer(ir.IRBuilder(block), "float32", width("float32")).number
     assert 1e37 < number(1e300).constant < np.inf
     assert -1e-36 < number(-1e-300).constant < 0
     assert [number(x).constant for x in (0.0, 0.5)] == [0.0, 0.5]

@@ -14,7 +14,19 @@ from pounding_sweep.kernel.flight_blocks import Blocks
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Count, Ledger, Real, Rows, Tracer, count_to, first_lane, flag, rounded, when
+from pounding_sweep.kernel.lanes import (
+    Count,
+    Ledger,
+    Real,
+    Rows,
+    Tracer,
+    count_to,
+    first_lane,
+    flag,
+    has_wide_registers,
+    rounded,
+    when,
+)
 from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
@@ -75,8 +87,8 @@ class Ground:
 
 
 def width(precision: str) -> int:
-    """Scenarios side by side in one vector."""
-    return 8 if precision == "float64" else LANES
+    """Scenarios side by side in one vector: as many as a register of the processor holds."""
+    return (64 if has_wide_registers() else 32) // (8 if precision == "float64" else 4)
 
 
 def make_group(spec: KernelSpec, trace: Tracer | None, lanes: int, constants: Any, memory: Any = None) -> Group:
@@ -88,8 +100,13 @@ def state_size(spec: KernelSpec) -> int:
     """Numbers of the memory that the kernel's state takes."""
     lanes = width(spec.precision)
     rows = make_group(spec, None, lanes, None)
-    own = sum(scratch(Layout(rows)).values()) if spec.flies_exactly else 0
-    return (rows.state.size + own) * lanes
+    return rows.state.size * lanes + (_own_size(rows) if spec.flies_exactly else 0)
+
+
+def _own_size(group: Group) -> int:
+    """Numbers of flight's own rows."""
+    layout = Layout(group)
+    return sum(scratch(layout).values()) * layout.lanes
 
 
 def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
@@ -179,7 +196,7 @@ def make_flights(
     trace = group.trace
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])
-    wide = None if trace is None else Tracer(trace.builder, "float64", trace.lanes)
+    wide = None if trace is None else Tracer(trace.builder, "float64", flight.lanes)
     own = flight, arrays["decays"], wide, MARGIN[group.spec.precision]
     course = Course(group, ledger.cell)
     fill: Callable[[], None]
@@ -270,8 +287,7 @@ def _flying_group(spec: KernelSpec, trace: Tracer, arrays: dict[str, Any]) -> tu
     """Return the lanes of a kernel that flies, the ground, and flight's own rows, before those of the state."""
     state = arrays["state"][0]
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0])
-    own = sum(scratch(Layout(group)).values())
-    group.state.pointer = trace.builder.gep(state, [ir.Constant(_I64, own * trace.lanes)], inbounds=True)
+    group.state.pointer = trace.builder.gep(state, [ir.Constant(_I64, _own_size(group))], inbounds=True)
     ground = Ground(trace, arrays, *(arrays[name] for name in ("length", "steps", "substeps")))
     return group, ground, state
 

@@ -66,7 +66,7 @@ from pounding_sweep.kernel.lanes import (
 from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extremes
 from pounding_sweep.kernel.row import kinetic, strain
-from pounding_sweep.kernel.spec import property_slots
+from pounding_sweep.kernel.spec import LANES, property_slots
 
 #: Steps of the grid in a wide window.
 WIDE = 60
@@ -141,6 +141,11 @@ def watched(group: Group) -> list[Watched]:
     return found
 
 
+def instants(precision: str) -> int:
+    """How many instants of a scenario are looked at at once: as many on every processor, for the same results."""
+    return LANES // 2 if precision == "float64" else LANES
+
+
 class Layout:
     """Where the numbers of flight's tables lie, under one record."""
 
@@ -149,7 +154,7 @@ class Layout:
     # these stand for points.
 
     def __init__(self, group: Group) -> None:
-        spec, lanes = group.spec, group.lanes
+        spec, lanes = group.spec, instants(group.spec.precision)
         self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
         self.modes = n = spec.n_dof
 
@@ -269,9 +274,11 @@ class Flight:
     # memory: where flight's own rows lie
 
     def __init__(self, group: Group, tables: Any, points: Any, memory: Any = None) -> None:
-        self.group, self.trace, self.lanes = group, group.trace, group.lanes
+        self.group, self.layout = group, (layout := Layout(group))
+        #: Instants of the scenario that flies, side by side.
+        self.times = group.in_lanes(layout.lanes)
+        self.trace, self.lanes = self.times.trace, layout.lanes
         self.tables, self.points, self.last = tables, points, points - 1
-        self.layout = layout = Layout(group)
         self.rows = Rows(self.trace, list(scratch(layout).items()), self.lanes, memory)
         #: Where the tables of the scenario that flies begin, and the record's scale.
         self.base, self.scale = Cell(points), Cell(one(self.trace, 1.0))
@@ -393,7 +400,7 @@ class Flight:
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
         s, w, n = self.group.state, self.rows, self.layout.modes
-        scale, coupled = self.group.full(self.scale.now), self.layout.coupled
+        scale, coupled = self.times.full(self.scale.now), self.layout.coupled
         tables = TO_FLOORS if coupled else ("floors", "", "", "floors")
         for name in ("q", "p") if coupled else ():
             for part in self._mode_parts:
@@ -417,7 +424,7 @@ class Flight:
         """Sum up what two functions read, weighted by rows of two tables ("": of none)."""
         wide, mine = self.layout.wide_modes, [each for each in ((first, x), (second, y)) if each[0]]
         places = [self.place_of(name) for name, _ in mine]
-        sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
+        sums = [Cell(self.times.full(0.0)) for _ in self._mode_parts]
         for i in self.each(self.layout.modes, len(sums) * len(mine)):
             for at, (_, read) in zip(places, mine, strict=True):
                 value = read(i)
@@ -583,11 +590,11 @@ class Flight:
         if self.blocks is not None:
             swell = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
             own = swell if own is None else swell * own
-        return size(self.group.full(self.scale.now)) * own
+        return size(self.times.full(self.scale.now)) * own
 
     def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "", t: Any = None) -> None:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's `own` at a point t."""
-        w, wide, zero = self.rows, self.layout.wide_watched, self.group.full(0.0)
+        w, wide, zero = self.rows, self.layout.wide_watched, self.times.full(0.0)
         # all that follows waits for these sums: their parts do not wait for each other
         sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self._watched_parts]
         places = [self.place_of(table) for table, _ in tables]
@@ -612,7 +619,7 @@ class Flight:
 
     def _undisturbed(self) -> Any:
         """Whether nothing but the record moves the row."""
-        w, most = self.rows, Cell(self.group.full(0.0))
+        w, most = self.rows, Cell(self.times.full(0.0))
         for part in self._mode_parts:
             most.now = maximum(most.now, w["amplitude", part])
         return not_(any_lane(most.now > 0.0))
@@ -624,7 +631,7 @@ class Flight:
         parts = range(-(-touches // self.lanes))
 
         def touched(t: Any) -> Any:
-            met = self.group.lanes_where(False)
+            met = self.times.lanes_where(False)
             for part in parts:
                 number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
                 most, least = self._extremes(t, "peak", "trough", part)
@@ -671,7 +678,7 @@ class Flight:
 
     def _near(self, t: Any, most: str, least: str) -> Any:
         """Whether a gap or a peak may be reached in a window from point t on; which of them, in ``asks``."""
-        w, found = self.rows, Cell(self.group.lanes_where(False))
+        w, found = self.rows, Cell(self.times.lanes_where(False))
         for part in self._watched_parts:
             above, below = self._extremes(t, most, least, part)
             reach = w["reach", part]
@@ -679,7 +686,7 @@ class Flight:
                 above, below = above + w["shift", part], below + w["shift", part]
             asks = (above + reach >= w["high", part]) | (below - reach <= w["low", part])
             if most == "most":
-                w["asks", part] = where(asks, 1.0, self.group.full(0.0))
+                w["asks", part] = where(asks, 1.0, self.times.full(0.0))
             found.now = found.now | asks
         return any_lane(found.now)
 
@@ -693,7 +700,7 @@ class Flight:
             yield from when(self._near(t, "most", "least"))
             return
         for part in self._watched_parts:
-            self.rows["asks", part] = self.group.full(1.0)
+            self.rows["asks", part] = self.times.full(1.0)
         yield
 
     def _pass_windows(self) -> None:
@@ -732,12 +739,12 @@ class Flight:
         """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
         w, far, touches = self.rows, self.group.limit.far, self._touches
         for part in self._watched_parts:
-            w["crest", part], w["trough", part] = self.group.full(-far), self.group.full(far)
+            w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
-        slack = 2.0 * size(self.group.full(self.scale.now))  # bounds reach beyond single points by one
+        slack = 2.0 * size(self.times.full(self.scale.now))  # bounds reach beyond single points by one
         for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
             extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
-            met = self.group.lanes_where(False)
+            met = self.times.lanes_where(False)
             for part in range(-(-touches // self.lanes)):
                 met = met | ((extremes[part][0] >= w["high", part]) & (self._numbers(part) < float(touches)))
             free.now = not_(any_lane(met))
@@ -836,7 +843,7 @@ class Flight:
 
     def _asking(self, kind: int) -> Any:
         """Lanes of what is watched of a kind that may reach something."""
-        found = self.group.lanes_where(False)
+        found = self.times.lanes_where(False)
         for _, asks in self._asking_parts(kind):
             found = found | asks
         return found
@@ -846,7 +853,7 @@ class Flight:
         lows, counts = self._ranges
         low, many = lows[q], counts if isinstance(counts, int) else counts[q]
         shape = self.place_of("shape") + q * self.layout.modes + low
-        total, coupled = Cell(self.group.full(0.0)), self.layout.coupled
+        total, coupled = Cell(self.times.full(0.0)), self.layout.coupled
         rates = self.place_of("shape_rate") + q * self.layout.modes + low if coupled else None
         for k in self.each(many) if isinstance(many, int) else count_to(many, self.trace):
             if row:
@@ -934,7 +941,7 @@ class Flight:
             s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
             (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
-            most, least = septic_extremes(self.group, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
+            most, least = septic_extremes(self.times, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
             up = largest_lane(where(steps, most, where(points, x, -far)))
             down = -largest_lane(where(steps, -least, where(points, -x, -far)))
             sized = self.number(self.place_of("sized") + q) > 0.5

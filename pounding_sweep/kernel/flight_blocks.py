@@ -115,7 +115,7 @@ class Blocks:
         self.known.now = whole(self.trace, -1)
         for name in ("above", "below", "swell"):
             for q in count_to(self.layout.wide_watched, self.trace):
-                f.rows[name, q] = f.group.full(0.0)
+                f.rows[name, q] = f.times.full(0.0)
         for group in count_to(self.groups, self.trace):
             self._prepare(group)
         for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE, self.trace):
@@ -249,7 +249,7 @@ class Blocks:
         push = narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
         at = self._state(group, block, m)
         q, p = Cell(self._wide(at)), Cell(self._wide(at + self.lanes))
-        zero = f.group.full(0.0)
+        zero = f.times.full(0.0)
         bends, reach, shook = Cell(zero), Cell(zero), Cell(zero)
         row, start = m * SPAN, block * self.length
 
@@ -289,13 +289,13 @@ class Blocks:
         low = self.lows[q]
         shape = [load_one(self.trace, f.tables, f.place_of("shape") + q * n + low + k) for k in range(many)]
         track, most = "shook" if shaken else "track", n if shaken else 0
-        above, below = Cell(f.group.full(-f.group.limit.far)), Cell(f.group.full(f.group.limit.far))
+        above, below = Cell(f.times.full(-f.group.limit.far)), Cell(f.times.full(f.group.limit.far))
         for k in count_to(steps + 1, self.trace):
-            x = f.group.full(0.0)
+            x = f.times.full(0.0)
             for j, weight in enumerate(shape):
                 x = fma(weight, f.rows[track, (low + j) * SPAN + k], x)
             above.now, below.now = maximum(above.now, x), minimum(below.now, x)
-        bends, reach = f.group.full(0.0), f.group.full(0.0)
+        bends, reach = f.times.full(0.0), f.times.full(0.0)
         for j, weight in enumerate(shape):
             bends = fma(size(weight), f.rows["bends", low + most + j], bends)
             reach = fma(size(weight), f.rows["reaches", low + most + j], reach)

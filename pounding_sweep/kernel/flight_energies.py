@@ -82,8 +82,8 @@ def gather(flight: Any, lane: Any, t: Any, steps: Any) -> None:
         w["y", m], w["rate", m] = flight.moved(m, t, 0), flight.moved(m, t, 2)
     early = flight.scale.now * flight.ground(t)
     late = after(early)
-    gained = [Cell(group.full(0.0)) for _ in range(spec.n_buildings)]
-    given, lost = ([Cell(group.full(0.0)) for _ in range(n)] for n in (spec.n_buildings, len(spec.links)))
+    gained = [Cell(flight.times.full(0.0)) for _ in range(spec.n_buildings)]
+    given, lost = ([Cell(flight.times.full(0.0)) for _ in range(n)] for n in (spec.n_buildings, len(spec.links)))
     energies, linked = (name in group.asked for name in ("energy", "links"))
     for k in count_to(count, trace):
         share, weight = table[k], table[k + count]
@@ -133,7 +133,7 @@ def gather(flight: Any, lane: Any, t: Any, steps: Any) -> None:
 def _sum(flight: Any, i: int, power: Power) -> Any:
     """Return a linear function of the state at a node."""
     n, (low, many) = flight.layout.modes, power.modes
-    at, total = flight.place_of("powers") + (2 * n * i + low), Cell(flight.group.full(0.0))
+    at, total = flight.place_of("powers") + (2 * n * i + low), Cell(flight.times.full(0.0))
     for m in flight.each(many, 2):
         total.now = fma(flight.number(at + m), flight.rows["node_q", low + m], total.now)
         total.now = fma(flight.number(at + (m + n)), flight.rows["node_p", low + m], total.now)

@@ -146,7 +146,7 @@ class Tables:
         f, wide = self.flight, self.layout.wide_watched
         h = load_one(self.trace, f.tables, f.place_of("step"))
         for name, tables, share in (("bulge0", self.layout.bounds, 8.0), ("missed0", self.layout.bulges, 48.0)):
-            total = Cell(f.group.full(0.0))
+            total = Cell(f.times.full(0.0))
             for table, factor in tables:
                 at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
                 for m in count_to(self.layout.modes, self.trace):
@@ -170,7 +170,7 @@ class Tables:
         of = {name: f.place_of(name) for name in names}
         h, per = (load_one(self.trace, f.tables, of[name]) for name in ("step", "inverse"))
         ground = narrow(self.trace, self._ground(t))
-        sums = [Cell(f.group.full(0.0)) for _ in range(4)]
+        sums = [Cell(f.times.full(0.0)) for _ in range(4)]
         shakes = any(each.kind == ACCELERATION for each in self._mine(part))
         moves = any(each.kind != ACCELERATION for each in self._mine(part))
         shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
@@ -196,7 +196,7 @@ class Tables:
                 fourth = -(stiff * second + damped * third)
                 shake = [each * per for each in (total, third, fourth, -(stiff * third + damped * fourth))]
                 values = (
-                    [where(shaken, a, f.group.full(b)) for a, b in zip(shake, values, strict=True)] if moves else shake
+                    [where(shaken, a, f.times.full(b)) for a, b in zip(shake, values, strict=True)] if moves else shake
                 )
             weight = load(self.trace, f.tables, of["across"] + place, self.lanes)
             for value, cell in zip(values, sums, strict=True):
@@ -205,7 +205,7 @@ class Tables:
 
     def _pushed(self, part: int) -> list[Any]:
         """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
-        f, sums = self.flight, [Cell(self.flight.group.full(0.0)) for _ in range(2)]
+        f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(2)]
         per, across = load_one(self.trace, f.tables, f.place_of("inverse")), f.place_of("across") + part * self.lanes
         shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
         rates = f.place_of("across_rate") + part * self.lanes if self.layout.coupled else None
@@ -221,7 +221,7 @@ class Tables:
                 continue
             lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
             for value, other, cell in ((lift, 0.0, sums[0]), (lift5, push, sums[1])):
-                cell.now = fma(weight, where(shaken, f.group.full(value), f.group.full(other)), cell.now)
+                cell.now = fma(weight, where(shaken, f.times.full(value), f.times.full(other)), cell.now)
         return [cell.now for cell in sums]
 
     def _mine(self, part: int) -> list[Any]:
@@ -230,7 +230,7 @@ class Tables:
     def _follow(self, part: int) -> None:
         """Extremes of what is watched in each step of the grid, and up to each point."""
         f = self.flight
-        zero, none = f.group.full(0.0), whole(self.trace, 0)
+        zero, none = f.times.full(0.0), whole(self.trace, 0)
         x, *rates = self._watched_at(none, part)
         before, pushed = [Cell(value) for value in (x, *rates)], self._pushed(part)
         peak, trough = Cell(x), Cell(x)
@@ -243,7 +243,7 @@ class Tables:
             rise = narrow(self.trace, self._ground(t) - self._ground(k))
             c, j = (each * rise for each in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
-            above, below = septic_extremes(f.group, f.group.lanes_where(True), start, end)
+            above, below = septic_extremes(f.times, f.times.lanes_where(True), start, end)
             self._put("widest", k, part, above)
             self._put("widest_least", k, part, below)
             peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)

@@ -49,13 +49,13 @@ def shift(flight: Any, lane: Any) -> None:
     """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
     layout, group, rows = flight.layout, flight.group, flight.rows
     s, lanes = group.state, flight.lanes
-    sums = [Cell(group.full(0.0)) for _ in range(layout.wide_watched // lanes)]
+    sums = [Cell(flight.times.full(0.0)) for _ in range(layout.wide_watched // lanes)]
     tables = (("modal", "across"), ("modal_pu", "across_rate"))
     for to_modes, to_watched in tables if layout.coupled else tables[:1]:
         at, unit = flight.place_of(to_modes), 1.0
         if to_watched == "across_rate":  # of rates times the step
             unit = flight.number(flight.place_of("step"))
-        modes = [Cell(group.full(0.0)) for _ in range(layout.wide_modes // lanes)]
+        modes = [Cell(flight.times.full(0.0)) for _ in range(layout.wide_modes // lanes)]
         for i in flight.each(layout.modes, len(modes)):
             x = s.lane(s.first["set"] + i, lane)
             for part, total in enumerate(modes):

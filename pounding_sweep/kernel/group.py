@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from functools import cached_property
 from itertools import groupby
 from types import SimpleNamespace
@@ -238,6 +239,14 @@ class Group:
             if "transfer" in self.asked and self.touching:
                 rows |= dict.fromkeys(("swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
         return rows
+
+    def in_lanes(self, lanes: int) -> Group:
+        """Return the same for so many lanes, of whatever they are; its state is that of the scenarios."""
+        found = copy(self)
+        found.lanes = lanes
+        if self.trace is not None:
+            found.trace = Tracer(self.trace.builder, self.spec.precision, lanes)
+        return found
 
     @property
     def presses(self) -> bool:

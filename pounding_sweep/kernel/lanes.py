@@ -15,15 +15,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
+from llvmlite.binding import get_host_cpu_features
 from llvmlite.ir.instructions import LoadInstr
 
 _I1, _I32, _I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 #: Root of a half in single precision, as a whole number.
 _ROOT_HALF = int(np.float32(0.5**0.5).view(np.int32))
+
+
+@cache
+def has_wide_registers() -> bool:
+    """Whether code is compiled for a processor with registers of 64 bytes, and some for masks (AVX-512)."""
+    from numba.core import config
+
+    given = config.CPU_FEATURES  # type: ignore[attr-defined]
+    return "+avx512f" in (given if given is not None else get_host_cpu_features().flatten()).split(",")
 
 
 class Tracer:
@@ -37,7 +48,9 @@ class Tracer:
         self.builder, self.lanes, self.module = builder, lanes, builder.module
         self.real = ir.DoubleType() if precision == "float64" else ir.FloatType()
         self.size = 8 if precision == "float64" else 4
-        self.vector, self.mask, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
+        self.vector, self.truths, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
+        #: A mask: of processors that keep masks in vectors, as wide as numbers, all bits of a lane alike.
+        self.mask = self.truths if has_wide_registers() else ir.VectorType(ir.IntType(8 * self.size), lanes)
 
     def number(self, x: float) -> Any:
         """Return a constant, narrowed to what the number format holds."""
@@ -105,12 +118,29 @@ class Flag(Value):
 class Mask(Value):
     """One truth per lane."""
 
+    def __init__(self, trace: Tracer, value: Any, truths: Any = None) -> None:
+        super().__init__(trace, value)
+        self._truths = value if trace.mask is trace.truths else truths
+
+    @classmethod
+    def compared(cls, trace: Tracer, truths: Any) -> Mask:
+        """Return what a comparison found."""
+        if trace.mask is trace.truths:
+            return cls(trace, truths)
+        # LLVM would pack truths that are combined into bytes, and unpack them again: it must not see that they are some
+        wide = trace.builder.bitcast(trace.builder.sext(truths, trace.mask), trace.vector)
+        return cls(trace, trace.builder.bitcast(trace.call("arithmetic.fence", wide), trace.mask), truths)
+
+    @property
+    def truths(self) -> Any:
+        """LLVM's truths."""
+        if self._truths is None:
+            none = ir.Constant(self.value.type, [0] * self.trace.lanes)
+            return self.trace.builder.icmp_signed("<", self.value, none)
+        return self._truths
+
     def _of(self, other: Any) -> Any:
-        return (
-            other.value
-            if isinstance(other, Mask)
-            else ir.Constant(self.trace.mask, [int(bool(other))] * self.trace.lanes)
-        )
+        return other.value if isinstance(other, Mask) else _mask(self.trace, bool(other))
 
     def __and__(self, other: Any) -> Mask:
         return Mask(self.trace, self.trace.builder.and_(self.value, self._of(other)))
@@ -120,6 +150,11 @@ class Mask(Value):
 
     def __invert__(self) -> Mask:
         return Mask(self.trace, self.trace.builder.not_(self.value))
+
+
+def _mask(trace: Tracer, x: bool) -> Any:
+    """Return one truth in all lanes, as LLVM's mask."""
+    return ir.Constant(trace.mask, [-int(x)] * trace.lanes)
 
 
 class Count(Value):
@@ -182,7 +217,7 @@ class Counts(Value):
         return Counts(self.trace, self.trace.builder.mul(self.value, self._of(other)))
 
     def _compare(self, sign: str, other: Any) -> Mask:
-        return Mask(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
+        return Mask.compared(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
 
     def __eq__(self, other: Any) -> Mask:  # type: ignore[override]
         return self._compare("==", other)
@@ -228,7 +263,7 @@ def _lanes(trace: Tracer, x: Any) -> Any:
 def _define(name: str, operation: str) -> None:
     def forward(self: Any, other: Any) -> Any:
         if isinstance(self, Real) and isinstance(other, Vector):
-            return getattr(Vector(self.trace, _lanes(self.trace, self)), f"__{name}__")(other)
+            return getattr(Vector(other.trace, _lanes(other.trace, self)), f"__{name}__")(other)
         return type(self)(self.trace, getattr(self.trace.builder, operation)(self.value, self._of(other)))
 
     def backward(self: Any, other: Any) -> Any:
@@ -242,8 +277,8 @@ def _define(name: str, operation: str) -> None:
 def _define_comparison(name: str, sign: str) -> None:
     def compare(self: Any, other: Any) -> Any:
         if isinstance(self, Real) and isinstance(other, Vector):
-            self = Vector(self.trace, _lanes(self.trace, self))
-        kind = Flag if isinstance(self, Real) else Mask
+            self = Vector(other.trace, _lanes(other.trace, self))
+        kind: Any = Flag if isinstance(self, Real) else Mask.compared
         return kind(self.trace, self.trace.builder.fcmp_ordered(sign, self.value, self._of(other)))
 
     for kind in (Real, Vector):
@@ -257,7 +292,9 @@ for _name, _sign in _COMPARISONS.items():
 
 
 def _trace_of(*given: Any) -> Tracer | None:
-    return next((x.trace for x in given if isinstance(x, Value)), None)
+    traced = [x for x in given if isinstance(x, Value)]
+    side_by_side = (x for x in traced if isinstance(x, Vector | Mask | Counts))
+    return next((x.trace for x in (*side_by_side, *traced)), None)
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:
@@ -361,13 +398,13 @@ def _where(condition: Any, a: Any, b: Any, fenced: bool) -> Any:
         return kind(trace, select(condition.value, a.value, a._of(b)))
     if isinstance(a, Mask | Counts) or isinstance(b, Mask | Counts):
         known: Any = a if isinstance(a, Mask | Counts) else b
-        return type(known)(trace, select(condition.value, known._of(a), known._of(b)))
+        return type(known)(trace, select(condition.truths, known._of(a), known._of(b)))
     both = [_lanes(trace, x) for x in (a, b)]
     if fenced:
         # what is chosen and written where one of both was read would become a masked store: tens of cycles on many
         # processors without AVX-512, and it hands its value to no load before the cache has it
         both = [trace.call("arithmetic.fence", x) if isinstance(x, LoadInstr) else x for x in both]
-    return Vector(trace, select(condition.value, *both))
+    return Vector(trace, select(condition.truths, *both))
 
 
 def maximum(a: Any, b: Any) -> Any:
@@ -386,7 +423,7 @@ def any_lane(mask: Any) -> Any:
     if trace is None:
         return bool(np.any(mask))
     whole = ir.IntType(trace.lanes)
-    bits = trace.builder.bitcast(mask.value, whole)
+    bits = trace.builder.bitcast(mask.truths, whole)
     return Flag(trace, trace.builder.icmp_unsigned("!=", bits, ir.Constant(whole, 0)))
 
 
@@ -750,7 +787,7 @@ def lane_of(x: Any, lane: Any) -> Any:
 def _bits(mask: Mask) -> Any:
     """Truths of all lanes as the bits of a whole number."""
     t = mask.trace
-    return t.builder.zext(t.builder.bitcast(mask.value, ir.IntType(t.lanes)), _I64)
+    return t.builder.zext(t.builder.bitcast(mask.truths, ir.IntType(t.lanes)), _I64)
 
 
 def first_true(mask: Any) -> Any:
@@ -900,7 +937,7 @@ def counts(trace: Tracer | None, x: int, lanes: int) -> Any:
 
 def mask(trace: Tracer, x: bool) -> Mask:
     """Return a truth in all lanes."""
-    return Mask(trace, ir.Constant(trace.mask, [int(x)] * trace.lanes))
+    return Mask(trace, _mask(trace, x))
 
 
 def flag(trace: Tracer | None, x: bool) -> Any:

@@ -1,8 +1,8 @@
 """What a kernel is compiled for, and where its numbers lie.
 
-A kernel advances `LANES` scenarios of one scene shape, one law, one scheme and
-one set of reducers side by side. Their numbers lie in slots of `LANES` numbers each;
-`Slots` says where.
+A kernel is given groups of `LANES` scenarios of one scene shape, one law, one scheme
+and one set of reducers. Their numbers lie in slots of `LANES` numbers each; `Slots` says
+where. It advances as many of them side by side as a vector register holds.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-#: Scenarios side by side in one kernel call. A compile-time constant: with no
-#: remainder loop every lane runs the same instructions whatever its neighbours.
+#: Scenarios of a group, whose numbers lie side by side; the largest register holds as many in single precision.
 LANES = 16
 
 
