@@ -343,6 +343,7 @@ def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
     slow, slower = (Curve((1.0, steps, 1e6), (1e-1, 1e-2, 1e-7)) for steps in (10.0, 30.0))
     known = measured(rk4_hunt_crossley=slow, rk4_gonthier=slower)
     monkeypatch.setattr(advice, "load_measured", lambda: known)
+    monkeypatch.setattr(advice, "EARLY", 1.0)
     own = Law(key="mine", exponent=2.0, reference_stiffness=1e7)
     given = {"scene": pair(), "records": motions()[0], "gaps": [0.001], "accuracy": 1e-2, "method": "rk4"}
     plan = Sweep(laws=["linear", own, "none"], **given).plan()

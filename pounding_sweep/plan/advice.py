@@ -160,6 +160,8 @@ CONTACT_MARGIN = 1.25
 EXACT_STEPS = 4.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
+#: Part of what is allowed within which a scenario begins: to begin finer costs less than to be refined.
+EARLY = 0.6
 #: Relative error below which that of single precision may be one of rounding: penetrations of stiff contacts are small
 #: differences of displacements.
 ROUNDING = 2e-5
@@ -313,10 +315,9 @@ def advise(
         if spec.method in (None, m) and p in _formats(spec) and SCHEMES[m].refuses(spec.scene, p) is None
     ]
     if not schemes:
-        msg = (
-            f"accuracy: no errors of {spec.method} were measured; give dt instead, or measure them: "
-            "python -m pounding_sweep.accuracy.calibrate"
-        )
+        may_be = spec.method is None or SCHEMES[spec.method].ladder
+        how = ", or measure them: python -m pounding_sweep.accuracy.calibrate" if may_be else ""
+        msg = f"accuracy: no errors of {spec.method} were measured; give dt instead{how}"
         raise SweepError(msg)
     for scheme in schemes:
         need, error = _needed(known, spec, scheme, laws)
@@ -374,9 +375,9 @@ def _needed(
             raise SweepError(msg)
         # the run that is kept has half the step
         ordered = not law.impulsive and spec.accuracy <= ORDERLY
-        begins = spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
+        begins = EARLY * spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
         found = [(curve.needed(spec.accuracy), curve.needed(begins)) for curve in curves if curve is not None]
-        most = max(begin if reached < math.inf else math.inf for reached, begin in found)
+        most = max(reached if math.inf in (reached, begin) else begin for reached, begin in found)
         # steps by series hardly err: it is flight that decides
         if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
             most = max(most, 0.5 * flight_refinement(spec.accuracy))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
@@ -34,9 +35,9 @@ class Scheme(ABC):
     min_steps_sampled = 16.0
     step_cost: float  # cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only
     #: steps per 0.01 s (of exact flight: its `refinement`) at which errors are measured for ``accuracy``, and the last
-    #: of them that is of use in single precision
-    ladder: tuple[float, ...]
-    finest_float32: float
+    #: of them that is of use in single precision; none: they are not measured, and ``accuracy`` never takes the scheme
+    ladder: tuple[float, ...] = ()
+    finest_float32 = math.inf
 
     @property
     def leeway(self) -> float:

@@ -32,8 +32,6 @@ class CentralDifference(Explicit):
     follows_ground = False
     min_steps_located = 1.5
     step_cost = 1.6
-    ladder = (1, 2, 4, 8, 16, 32, 64, 128, 256)
-    finest_float32 = 128
     undamped_radius = 2.0
     damped_radius = math.sqrt(3.0)
     nodes = ((0.0, 3.0), (1.0, 3.0))
