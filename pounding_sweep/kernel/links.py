@@ -45,7 +45,7 @@ def pushes(group: Group, found: Sequence[Any], push: list[list[tuple[str, Any]]]
     return push
 
 
-def push_rows(group: Group, name: str, x: str, y: str) -> None:
+def push_rows(group: Group, name: str, x: Any, y: Any) -> None:
     """Add the forces of links on each floor to rows."""
     s = group.state
     for j, (left, right) in group.each_link():

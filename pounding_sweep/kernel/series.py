@@ -97,33 +97,49 @@ def _expand(group: Group) -> None:
 
 def _expand_row(group: Group, contacts: int) -> None:
     """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
-    s = group.state
-    if group.long:
-        _expand_in_rounds(group)
-    else:
-        inverse = Lookup(group.trace, [1.0 / (k + 1.0) for k in range(group.spec.series)])
-        ground = Cell(s["g1"] - s["g0"])
-        _expand_by_one(group, contacts, 0, s["g0"], inverse)
-        for q in count_to(group.spec.series - 1, group.trace):  # written out for each, it would not fit into caches
-            _expand_by_one(group, contacts, q + 1, ground.now, inverse)
-            ground.now = group.full(0.0)
+    s, expand = group.state, _expand_in_rounds if group.long else _expand_by_one
+    inverse = Lookup(group.trace, [1.0 / (k + 1.0) for k in range(group.spec.series)])
+    ground = Cell(s["g1"] - s["g0"])
+    expand(group, contacts, 0, s["g0"], inverse)
+    for q in count_to(group.spec.series - 1, group.trace):  # written out for each, it would not fit into caches
+        expand(group, contacts, q + 1, ground.now, inverse)
+        ground.now = group.full(0.0)
 
 
 def _expand_by_one(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
-    s, n, first = group.state, group.spec.n_dof, isinstance(k, int) and k == 0
-    x, y = _Term(group, k), "v0" if first else "y"
-    push = pushes(group, [_press(group, j, k, x, y, 1.0 if first else 0.0) for j in range(contacts)])
+    x = _Term(group, k)
+    push = pushes(group, [_press(group, j, k, x) for j in range(contacts)])
     if group.spec.links:
-        push = links.pushes(group, links.forces(group, x, y), push)
-    per = s["h"] * inverse[k]
-    for b, floors in enumerate(group.building_floors):  # numbers are read where they are used: there is room for few
-        moved, sped = [x[i] for i in floors], [s[y, i] for i in floors]
-        pushed = [push[i] for i in floors] if push else ()
-        a = accelerations(group, [(b, floors)], moved, sped, ground, pushed, first)
-        for i, yi, ai in zip(floors, sped, a, strict=True):
-            s["jet", i + (k + 1) * n] = yi * per
-            s["y", i] = ai * per
+        push = links.pushes(group, links.forces(group, x, x.rates), push)
+    for b, floors in enumerate(group.building_floors):
+        _move_on(group, b, floors, k, x, ground, [push[i] for i in floors] if push else (), inverse)
+
+
+def _expand_in_rounds(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
+    """Do the same, buildings and contacts of a long row at run time."""
+    s, x = group.state, _Term(group, k)
+    for i in group.each(group.spec.n_dof):
+        s["push", i] = 0.0
+    for j in group.each_contact() if contacts else ():
+        force = _press(group, j, k, x)
+        for floor, sign, share in group.ends(j):
+            before, part = s["push", floor], part_of(force, share)
+            s["push", floor] = before - part if sign == "-" else before + part
+    if group.spec.links:
+        links.push_rows(group, "push", x, x.rates)
+    for b, floors in group.each_building():
+        _move_on(group, b, floors, k, x, ground, [[("+", s["push", i])] for i in floors], inverse)
+
+
+def _move_on(group: Group, b: Any, floors: Any, k: Any, x: _Term, ground: Any, pushed: Any, inverse: Lookup) -> None:
+    """Find the next coefficients of a building's floors; numbers are read here: there is room for few."""
+    s, n, per = group.state, group.spec.n_dof, group.state["h"] * inverse[k]
+    moved, sped = [x[i] for i in floors], [s[x.rates, i] for i in floors]
+    a = accelerations(group, [(b, floors)], moved, sped, ground, pushed, x.constant)
+    for i, yi, ai in zip(floors, sped, a, strict=True):
+        s["jet", i + (k + 1) * n] = yi * per
+        s["y", i] = ai * per
 
 
 class _Term:
@@ -133,17 +149,19 @@ class _Term:
         self._state, self._begin = group.state, k * group.spec.n_dof
         #: Whether what follows from it has the constants that rates are without.
         self.constant = isinstance(k, int) and k == 0
+        #: Rows of the same coefficient of velocities, while coefficients are found.
+        self.rates = "v0" if self.constant else "y"
 
     def __getitem__(self, i: Any) -> Any:
         return self._state["jet", i + self._begin]
 
 
-def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
-    """Coefficient k of a contact's force; `x` and `y` are those of the floors' motion, `gaps` times gaps are taken."""
+def _press(group: Group, j: Any, k: Any, x: _Term) -> Any:
+    """Coefficient k of a contact's force, of the floors' motion `x`."""
     s, nc = group.state, len(group.contacts)
-    d, w = group.between(x, j), group.between(y, j)
-    if not isinstance(gaps, float) or gaps:
-        d = d - gaps * group.gap(j)
+    d, w = group.between(x, j), group.between(x.rates, j)
+    if x.constant:
+        d = d - group.gap(j)
     s["dj", j + k * nc] = d
     if not group.law_of(j).shape.damper:
         return s["ke", j] * d
@@ -157,33 +175,6 @@ def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
         f = fma(s["ke", j], d, s["ce", j] * total.now)
     s["fj", j + k * nc] = f
     return f
-
-
-def _expand_in_rounds(group: Group) -> None:
-    """Find coefficient after coefficient at run time, of a long row."""
-    s, n = group.state, group.spec.n_dof
-    for i in group.each(n):
-        s["x", i], s["y", i] = s["u0", i], s["v0", i]
-    now, later, gaps = Cell(s["g0"]), Cell(s["g1"] - s["g0"]), Cell(group.full(1.0))
-    for k in count_to(group.spec.series, group.trace):
-        for i in group.each(n):
-            s["push", i] = 0.0
-        for j in group.each_contact():
-            force = _press(group, j, k, "x", "y", gaps.now)
-            for floor, sign, share in group.ends(j):
-                before, part = s["push", floor], part_of(force, share)
-                s["push", floor] = before - part if sign == "-" else before + part
-        if group.spec.links:
-            links.push_rows(group, "push", "x", "y")
-        per = s["h"] * (1.0 / real(k + 1))
-        for b, floors in group.each_building():
-            x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
-            push = [[("+", s["push", i])] for i in floors]
-            a = accelerations(group, [(b, floors)], x, y, now.now, push, gaps.now)
-            for i, yi, ai in zip(floors, y, a, strict=True):
-                s["jet", i + (k + 1) * n] = s["x", i] = yi * per
-                s["y", i] = ai * per
-        now.now, later.now, gaps.now = later.now, group.full(0.0), group.full(0.0)
 
 
 def _floor(group: Group, i: Any) -> Series:
