@@ -13,7 +13,7 @@ from pounding_sweep.kernel.lanes import fma
 Part = Sequence[tuple[Any, Sequence[Any]]]
 
 
-def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], constant: Any = True) -> list[Any]:
+def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], constant: bool = True) -> list[Any]:
     """Storey forces f = k (w_i - w_(i-1)), w = x + beta y; all values floor by floor of the part."""
     forces, at = [], 0
     for b, floors in part:
@@ -42,17 +42,14 @@ def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
     return x[p] if p == first else x[p] - x[p - 1]
 
 
-def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: Any = True) -> Any:
+def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
     """Force of a storey of a building in which some may yield, or have dashpots, its dampers included."""
-    # Of rates it is without its constant, which a number (1 or 0) may say at run time.
+    # Of rates it is without its `constant`.
     if not group.own_damper(i):
         return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
     s = group.state
     if group.yields(i):
-        if isinstance(constant, bool):
-            elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
-        else:
-            elastic = fma(s["kt", i], drift, constant * s["ct", i])
+        elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
     else:
         elastic = group.prop("k", i) * drift
     coefficient = group.prop("beta", b) * damper_stiffness(group, i)
@@ -71,7 +68,7 @@ def accelerations(
     y: Sequence[Any],
     ground: Any,
     push: Sequence[Sequence[tuple[str, Any]]],
-    constant: Any = True,
+    constant: bool = True,
 ) -> list[Any]:
     """Accelerations relative to the ground, of displacements x and velocities y, under forces `push` on each floor."""
     found: list[Any] = []
