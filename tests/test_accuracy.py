@@ -339,6 +339,21 @@ def test_a_law_that_was_not_measured(monkeypatch):
         advised(monkeypatch, known, accuracy=1e-4)
 
 
+def test_scenarios_begin_finer_than_is_allowed_as_far_as_errors_are_known(monkeypatch):
+    def begins(accuracy):
+        sweep = Sweep(pair(), motions()[0], ["hunt_crossley"], gaps=[0.001], accuracy=accuracy, method="rk4")
+        return float(re.search(r"hunt_crossley ([\d.]+)", sweep.plan().choice)[1])
+
+    known = measured(rk4_hunt_crossley=Curve((1.0, 10.0, 100.0), (1e-1, 1e-2, 1e-3)))
+    monkeypatch.setattr(advice, "load_measured", lambda: known)
+    assert begins(1e-2) == pytest.approx(10.0 / advice.EARLY, rel=5e-3)
+    assert begins(5e-3) == pytest.approx(20.0 / advice.EARLY, rel=5e-3)
+    known = measured(rk4_hunt_crossley=Curve((1.0, 10.0, 100.0), (1e-1, 1e-2, 4.9e-3)))
+    assert 10.0 < begins(5e-3) <= 100.0  # what it reaches is enough, and less is not known
+    with pytest.raises(SweepError, match="was not reached when errors were measured"):
+        begins(4.8e-3)
+
+
 def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
     slow, slower = (Curve((1.0, steps, 1e6), (1e-1, 1e-2, 1e-7)) for steps in (10.0, 30.0))
     known = measured(rk4_hunt_crossley=slow, rk4_gonthier=slower)
