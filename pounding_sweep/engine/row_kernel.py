@@ -173,6 +173,12 @@ def flight_refinement(accuracy: float) -> float:
     return float(FLIGHT_STEP[-1] / (SEPTIC * accuracy) ** 0.125)
 
 
+def _flight_rate(w: np.ndarray) -> Any:
+    """Least inverse (1/s) of an exact flight step, by natural frequencies of buildings, rising along the last axis."""
+    first = w[..., : len(FLIGHT_STEP)]
+    return np.maximum((first / FLIGHT_STEP[: first.shape[-1]]).max(axis=-1), w[..., -1] / FLIGHT_STEP[-1])
+
+
 def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     """Largest product of a sub-step and the rate of a contact."""
     if not shape.series:
@@ -267,15 +273,13 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        refinement, need = min(self.numerics.refinement, FINEST_FLIGHT), np.zeros(len(row))
         if self.shape.coupled:
             w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
-            every = [w[:, low:high] for low, high in pairwise(at)]
+            need = np.max([_flight_rate(w[:, low:high]) for low, high in pairwise(at)], axis=0)
         else:
-            every = [row.frequencies(index) for index in range(len(self.scene.buildings))]
-        for frequencies in every:
-            for w, cap in (*zip(frequencies.T[:2], FLIGHT_STEP, strict=False), (frequencies[:, -1], FLIGHT_STEP[-1])):
-                need = np.maximum(need, record.dt * w / cap * refinement)
+            own = [_flight_rate(building.frequencies) for building in self.scene.buildings]
+            need = (own / row.period_factor).max(axis=1)
+        need *= record.dt * min(self.numerics.refinement, FINEST_FLIGHT)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 

@@ -168,7 +168,7 @@ class Layout:
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
         #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
         self.bounds, self.bulges, self.misses = [("bound", "")], [("bound", "bend")], [("bound", "missed")]
-        self.fixed = dict.fromkeys(("slowness", "square", "damping"), m) | {"missed0": wide}
+        self.fixed = dict.fromkeys(("slowness", "square", "damping"), m) | dict.fromkeys(("bulge0", "missed0"), wide)
         by_modes = {"push": m, "shape": max(1, q) * n, "floors": n * m, "modal": n * m, "bound": n * wide}
         if spec.windows or spec.yielding:
             by_modes["across"] = n * wide
@@ -186,8 +186,6 @@ class Layout:
                     [*each, ("bound_shaken", name)]
                     for each, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
                 )
-        if not spec.blocks:
-            self.fixed["bulge0"] = wide
         #: Motions whose powers are added up between the points of the grid, where modes are coupled.
         self.powers: list[flight_energies.Power] = []
         if self.coupled:
@@ -213,7 +211,7 @@ class Layout:
         self.strides: list[str] = []
         self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
         if spec.blocks:
-            self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
+            self.timed, self.series = dict.fromkeys(("most", "least"), wide), {}
             self.decays, self.strides = list(MOVES), ["w", "c", *MOVES, "square", "slowness", "heft", "new"]
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
@@ -580,20 +578,12 @@ class Flight:
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
 
-    def _own(self, name: str, t: Any, part: int) -> Any:
-        """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) from point t on, without pounding."""
-        own = (
-            None
-            if self.blocks is not None and name == "bulge0"
-            else self._vector(self.place_of(name) + part * self.lanes)
-        )
-        if self.blocks is not None:
-            swell = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
-            own = swell if own is None else swell * own
-        return size(self.times.full(self.scale.now)) * own
+    def _own(self, name: str, part: int) -> Any:
+        """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) without pounding."""
+        return size(self.times.full(self.scale.now)) * self._vector(self.place_of(name) + part * self.lanes)
 
-    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "", t: Any = None) -> None:
-        """Sum of the amplitudes, weighted for all that is watched; with the motion's `own` at a point t."""
+    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "") -> None:
+        """Sum of the amplitudes, weighted for all that is watched; with the motion's `own`."""
         w, wide, zero = self.rows, self.layout.wide_watched, self.times.full(0.0)
         # all that follows waits for these sums: their parts do not wait for each other
         sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self._watched_parts]
@@ -609,7 +599,7 @@ class Flight:
                     total = chains[m % CHAINS if isinstance(m, int) else 0]
                     total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
         for part, chains in enumerate(sums):
-            first = self._own(own, t, part) if own else zero
+            first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
     @property
@@ -741,7 +731,6 @@ class Flight:
         for part in self._watched_parts:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
-        slack = 2.0 * size(self.times.full(self.scale.now))  # bounds reach beyond single points by one
         for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
             extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
             met = self.times.lanes_where(False)
@@ -750,14 +739,13 @@ class Flight:
             free.now = not_(any_lane(met))
             for _ in when(free.now):
                 for part, (above, below) in enumerate(extremes):
-                    less = slack * self._then("swell", block.now, part)
-                    w["crest", part] = maximum(w["crest", part], above - less)
-                    w["trough", part] = minimum(w["trough", part], below + less)
+                    w["crest", part] = maximum(w["crest", part], above)
+                    w["trough", part] = minimum(w["trough", part], below)
                 block.now = block.now + 1
         for _ in when(block.now > 0):
             for part in self._watched_parts:
-                crest, trough = w["crest", part], w["trough", part]
-                self._take_peaks(part, crest, trough)
+                less = self._own("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds reach so far beyond points
+                self._take_peaks(part, w["crest", part] - less, w["trough", part] + less)
 
     # looking -------------------------------------------------------------------------------------------------------
 
@@ -769,7 +757,7 @@ class Flight:
         self.rated.now = self.weighed.now = flag(self.trace, False)
         if self.layout.coupled:
             self._bend(t, shakes=False)
-        self._weigh(self.layout.bulges, "bulge", "bulge0", t)
+        self._weigh(self.layout.bulges, "bulge", "bulge0")
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             self._stop(kind, t)
@@ -874,7 +862,7 @@ class Flight:
         for q in self._reaching(kind, onset):
             for _ in when(not_(self.weighed.now)):
                 self._know_rates(t)
-                self._weigh(self.layout.misses, "missed", "missed0", t)
+                self._weigh(self.layout.misses, "missed", "missed0")
                 self.weighed.now = flag(self.trace, True)
             self._end_before(q, onset)
 

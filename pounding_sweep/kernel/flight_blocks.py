@@ -245,8 +245,11 @@ class Blocks:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
         f, n = self.flight, self.layout.modes
         c = {name: self._wide(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")}
-        square, damping, slowness = (narrow(self.trace, c[name]) for name in ("square", "c", "slowness"))
-        push = narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
+        slowness = narrow(self.trace, c["slowness"])
+        pull, damp = (-narrow(self.trace, c[name]) for name in ("square", "c"))
+        push = -narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
+        rising = push * narrow(self.trace, self.per_stride)
+        slow_pull, slow_damp, slow_rising = (x * slowness for x in (pull, damp, rising))
         at = self._state(group, block, m)
         q, p = Cell(self._wide(at)), Cell(self._wide(at + self.lanes))
         zero = f.times.full(0.0)
@@ -255,7 +258,7 @@ class Blocks:
 
         def keep(k: Any) -> tuple[Any, Any, Any]:
             x, rate = narrow(self.trace, q.now), narrow(self.trace, p.now)
-            total = -fma(square, x, damping * rate)
+            total = fma(pull, x, damp * rate)
             f.rows["track", row + k] = x
             reach.now = maximum(reach.now, size(x))
             if self.shakes:
@@ -267,9 +270,8 @@ class Blocks:
             here = start + k * self.stride
             g0, g1 = self._ground(here), self._ground(here + self.stride)
             _, rate, total = keep(k)
-            second = total - push * narrow(self.trace, g0)
-            slope = narrow(self.trace, (g1 - g0) * self.per_stride)
-            third = (-fma(square, rate, damping * second) - push * slope) * slowness
+            second = fma(push, narrow(self.trace, g0), total)
+            third = fma(slow_pull, rate, fma(slow_damp, second, slow_rising * narrow(self.trace, g1 - g0)))
             bends.now = maximum(bends.now, fma(second, second, third * third))
             q0, p0 = q.now, p.now
             q.now = fma(c["qq"], q0, fma(c["qp"], p0, fma(c["q0"], g0, c["q1"] * g1)))
@@ -305,16 +307,26 @@ class Blocks:
 
     def _hand_out(self, block: Any) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
-        f, lanes = self.flight, self.lanes
+        f, lanes, size = self.flight, self.lanes, self.layout.size(self.blocks)
         for part in range(self.layout.wide_watched // lanes):
-            found = {
-                name: transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
-                for name, row in (("most", "above"), ("least", "below"), ("swell", "swell"))
-            }
-            for name, those in found.items():
+            for name, row in (("most", "above"), ("least", "below")):
+                those = transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
                 at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
                 for lane in range(lanes):
-                    store(self.trace, f.tables, at + self.layout.size(self.blocks) * lane, those[lane])
+                    store(self.trace, f.tables, at + size * lane, those[lane])
+            # the most of all blocks so far lies there by what is watched, in the end by rows of buildings
+            at, missed = (f.place_of(name) + part * lanes for name in ("bulge0", "missed0"))
+            most = [f.rows["swell", part * lanes + q] for q in range(lanes)]
+            for q in range(lanes):
+                before = load(self.trace, f.tables, at + size * q, lanes)
+                most[q] = maximum(most[q], where(block == 0, f.times.full(0.0), before))
+                store(self.trace, f.tables, at + size * q, most[q])
+            for _ in when(block + 1 == self.blocks):
+                for lane, swell in enumerate(transposed(most)):
+                    bulge = swell * self.per_square
+                    share = load(self.trace, f.tables, missed + size * lane, lanes)
+                    store(self.trace, f.tables, at + size * lane, bulge)
+                    store(self.trace, f.tables, missed + size * lane, share * bulge)
 
     # one of them -----------------------------------------------------------------------------------------------
 
