@@ -240,6 +240,48 @@ def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
     assert float(one.contact_work.min()) > 0.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "within"), [("rk4", 1e-3), ("exact", 1e-4)])
+def test_accelerations_of_floors_that_rest_on_each_other_are_those_of_one(method, within):
+    """A free mass that a constant push g keeps on a building: together they move by g (1 - cos(w t)) at most 2 g."""
+    row = [ps.Building("a", [60.0], [FREE], damping_ratio=0.0), ps.Building("b", [40.0], [1.0e4], damping_ratio=0.0)]
+    w, g, found = np.sqrt(1.0e4 / 100.0), 2.0, []
+    for turn in (0.35, 0.175):  # in a step: none ends at half a period, the last before they part
+        push = ps.Record("push", turn / w, np.full(int(2.0 * np.pi / turn), -g))
+        how = {"law": "stereomechanical", "restitution": 0.0, "method": method, "dt": push.dt}
+        one = ps.simulate(ps.Scene(row, [0.0]), push, **how)
+        assert int(one.status) == Status.OK
+        found.append(abs(one.acceleration_max.values / (2.0 * g) - 1.0).max())
+    assert found[0] < within
+    assert found[1] < 0.1 * found[0]
+
+
+@pytest.mark.slow
+def test_small_motions_bounce_as_often_in_single_precision():
+    """Hops of less than a micrometre are told from rounding by how far floors are."""
+    row = [ps.Building("a", [200.0] * 2, [4e5, 3.5e5], 0.02), ps.Building("b", [230.0], [2.8e5], 0.02)]
+    cubes = [
+        ps.Sweep(
+            ps.Scene(row, gaps=[0.0]),
+            "el_centro",
+            "stereomechanical",
+            gaps=np.geomspace(2e-5, 2e-4, 8),
+            restitutions=[0.6, 0.9],
+            scales=[0.02, 0.05],
+            method="exact",
+            dt=1e-3,
+            precision=precision,
+            outputs=["displacement_max", "impact_count", "impulse"],
+        ).run()
+        for precision in ("float64", "float32")
+    ]
+    double, single = (cube.sel(storey=1, pair="a-b") for cube in cubes)
+    assert double.impact_count.max() > 100
+    np.testing.assert_array_equal(single.impact_count, double.impact_count)
+    for name in ("displacement_max", "impulse"):
+        np.testing.assert_allclose(single[name], double[name], rtol=1e-4, err_msg=name)
+
+
 def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(stub_engine, tmp_path):
     """Missing where floors touched, 0 where they did not: by their own run, or by that without pounding."""
     files, cubes = [], []

@@ -13,7 +13,7 @@ from typing import Any
 from pounding_sweep.kernel import links, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, polynomial, rate, root
 from pounding_sweep.kernel.row import total_accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
@@ -131,9 +131,18 @@ def measure(group: Group) -> Any:
     return look.now
 
 
+def _how_far(group: Group, j: Any) -> Any:
+    """Sum of the sizes of what a penetration at either end of the trial is the difference of."""
+    s, far = group.state, size(group.gap(j))
+    for i in group.sides(j)[:2]:
+        if not is_wall(i):
+            far = far + size(s["u0", i]) + size(s["u", i])
+    return far
+
+
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
-    s, h, clear = group.state, group.state["h"], group.limit.clear
+    s, h = group.state, group.state["h"]
     first = Cell(group.full(1.0))
     for j in group.each_contact():
         mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
@@ -143,6 +152,7 @@ def first_event(group: Group, asks: Any) -> Any:
         share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
         s["event", j] = where(asks, where(pulls, share, NEVER), s["event", j])
         s["next", j] = where(asks, where(pulls, OPEN, mode), s["next", j])
+        clear = group.limit.clear * _how_far(group, j)
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
         with when_any(busy):
@@ -164,13 +174,17 @@ def ends(group: Group, whole: Any) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
     del whole
     s, r, h = group.state, group.asked, group.state["h"]
-    for j in group.each_contact():
-        f0, f1 = s["f0", j], s["f1", j]
-        if group.spec.implicit and "impulse" in r:
-            s["impulse", j] = s["impulse", j] + 0.5 * h * (f0 + f1)
-        if group.looks("ends"):
-            mean = (f1 - f0) / maximum(h, group.limit.tiny)
-            s["q0", j], s["q1", j] = mean, mean
+    for j in group.each_contact() if group.spec.implicit and "impulse" in r else ():
+        s["impulse", j] = s["impulse", j] + 0.5 * h * (s["f0", j] + s["f1", j])
+
+
+def hold(group: Group, end: str) -> None:
+    """Rates of the forces of resting floors at an end of the sub-step, from those of accelerations without them."""
+    s = group.state
+    slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
+    _, taken = join(group, [x - slope for x in group.floors(f"rate{end}")], resting(group))
+    for j, x in enumerate(taken):
+        s[f"q{end}", j] = x
 
 
 def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:

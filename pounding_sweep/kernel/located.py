@@ -154,7 +154,8 @@ def substep(group: Group, h: Any) -> None:
         samples(group)  # a motion may turn in a velocity jump
     add()
     if "acceleration" in r:
-        largest_accelerations(group, located=True, pressed=group.presses)
+        hold = impulse.hold if group.spec.impulsive else None
+        largest_accelerations(group, located=True, pressed=group.presses, hold=hold)
     each_step(group)
     close(group, kind, h)
 

@@ -247,8 +247,11 @@ def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
         s["e_damp", b] = fma(h6, lost, s["e_damp", b])
 
 
-def largest_accelerations(group: Group, located: bool, pressed: bool = False) -> None:
+def largest_accelerations(
+    group: Group, located: bool, pressed: bool = False, hold: Callable[[Group, str], None] | None = None
+) -> None:
     """Take the total accelerations of all floors over the step just taken; `pressed`: contacts may be closed."""
+    # `hold`: finds the rates of forces that hold floors together, at an end, from those of accelerations without them
     s = group.state
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
     for part, moving in group.each_part():
@@ -279,6 +282,8 @@ def largest_accelerations(group: Group, located: bool, pressed: bool = False) ->
         bouc_wen.settle(group)
     if group.touching:
         for end, *_ in ends:
+            if hold is not None:
+                hold(group, end)
             add_forces(group, f"rate{end}", f"q{end}")
     for end, _, v, _ in ends if group.spec.links else ():
         links.accelerate(group, f"rate{end}", v, f"acc{end}")  # of which the ground's is the same on both sides
