@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pounding_sweep.accuracy.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
-from pounding_sweep.accuracy.promises import ACCURACIES, STEPS, Kept, judge, judged
+from pounding_sweep.accuracy.promises import ACCURACIES, ASKED, STEPS, Kept, judge, judged
 from pounding_sweep.outputs.differences import CHANGE
 from pounding_sweep.outputs.variables import Status
 
@@ -55,7 +55,8 @@ def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
         assert each == found[promise, "all", ""]
         assert 0.0 < each.worst < 1.0  # the error of these kernels shrinks with the step
         assert (each.missed, each.unknown, each.unsettled) == (0, 0, 0)
-    assert all(found[f"accuracy {each:g}", "all", ""].scenarios == CASES for each in ACCURACIES)
+    promises = [f"accuracy {each:g}{of}" for each in ACCURACIES for of in ASKED]
+    assert all(found[promise, "all", ""].scenarios == CASES for promise in promises)
     assert found["ok, by rules, rk4", "all", ""].scenarios == CASES * len(STEPS)
     assert 0 < found["ok, error_estimate, newmark", "all", ""].scenarios < CASES * len(STEPS)  # others are not ok
 
