@@ -165,6 +165,8 @@ EARLY = 0.6
 #: Relative error below which that of single precision may be one of rounding: penetrations of stiff contacts are small
 #: differences of displacements.
 ROUNDING = 2e-5
+#: The same of schemes that step all along: what is rounded in each step adds up.
+ROUNDING_OF_STEPS = 2e-4
 #: Scenarios whose times are worked out at once.
 BLOCK = 2**16
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
@@ -312,7 +314,7 @@ def advise(
     schemes = [
         (m, p)
         for m, p in known.cost
-        if spec.method in (None, m) and p in _formats(spec) and SCHEMES[m].refuses(spec.scene, p) is None
+        if spec.method in (None, m) and _holds(spec, m, p) and SCHEMES[m].refuses(spec.scene, p) is None
     ]
     if not schemes:
         may_be = spec.method is None or SCHEMES[spec.method].ladder
@@ -347,13 +349,18 @@ def advise(
     )
 
 
-def _formats(spec: SweepSpec) -> tuple[str, ...]:
-    """Return the number formats to choose from: small differences of large numbers need the wide one."""
+def rounding(method: str) -> float:
+    """Relative error below which that of a scheme in single precision may be one of rounding."""
+    return ROUNDING if SCHEMES[method].flies_exactly else ROUNDING_OF_STEPS
+
+
+def _holds(spec: SweepSpec, method: str, precision: str) -> bool:
+    """Whether a number format may be chosen: small differences of large numbers need the wide one."""
     assert spec.accuracy is not None
     if spec.precision is not None:
-        return (spec.precision,)
-    wide = "energies" in classes_of(spec.outputs) or spec.accuracy < ROUNDING
-    return ("float64",) if wide else ("float64", "float32")
+        return precision == spec.precision
+    wide = "energies" in classes_of(spec.outputs) or spec.accuracy < rounding(method)
+    return precision == "float64" or not wide
 
 
 def _needed(

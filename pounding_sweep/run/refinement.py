@@ -25,7 +25,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
-from pounding_sweep.plan.advice import ORDERLY, ROUNDING
+from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
@@ -53,7 +53,8 @@ def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarra
     """By what the difference to a run at twice the step is divided, where it follows from the scheme's order."""
     # steps by series differ by their rounding, velocities that jump by when they do
     ordered = not kernel.law.impulsive and accuracy <= ORDERLY
-    rounds = kernel.shape.series > 0 or ((allowed < ROUNDING) & (kernel.numerics.precision == "float32"))
+    single = kernel.numerics.precision == "float32"
+    rounds = kernel.shape.series > 0 or (single & (allowed < rounding(kernel.numerics.method)))
     return np.where(rounds, ROUNDS, kernel.numerics.scheme.leeway if ordered else 1.0)
 
 
