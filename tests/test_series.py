@@ -7,6 +7,8 @@ import math
 import naive
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from kernels_used import EVERY
 from scenes import motions, pair
 from test_columns import twins
@@ -18,7 +20,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import series
 from pounding_sweep.kernel.forces import OPEN, PRESSING
 from pounding_sweep.kernel.lanes import roughly_power
-from pounding_sweep.kernel.roots import cubic_turn, with_slope
+from pounding_sweep.kernel.roots import Series, cubic_turn, with_slope
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, Scene
@@ -209,6 +211,24 @@ def test_a_cubic_turns_where_its_rate_is_zero():
     rate = s0 + 2.0 * (3.0 * rise - 2.0 * s0 - s1) * t + 3.0 * (s0 + s1 - 2.0 * rise) * t**2
     assert np.all((t > 0.0) & (t < 1.0))
     np.testing.assert_allclose(rate, 0.0, atol=1e-9)
+
+
+@given(st.integers(0, 10_000), st.floats(0.5, 2.8))
+def test_a_motion_leaves_the_cubic_of_its_ends_by_no_more_than_its_bulge(seed, turn):
+    """Of three modes, of which the fastest turns by so much in a step."""
+    rng = np.random.default_rng(seed)
+    w, phase, size = rng.uniform(0.1, 1.0, 3) * turn, rng.uniform(0.0, 2.0 * np.pi, 3), rng.normal(size=3)
+    w[0] = turn
+    terms = [
+        sum(size * w**n * np.cos(phase + n * np.pi / 2.0)) / math.factorial(n) for n in range(13)
+    ]  # of size cos(w t + phase)
+    motion = Series(lambda n: terms[n], 12)
+    t = np.linspace(0.0, 1.0, 501)
+    x = np.cos(np.outer(t, w) + phase) @ size
+    r0, r1 = (-(size * w) @ np.sin(w * end + phase) for end in (0.0, 1.0))
+    cubic = x[0] * (1 - t) ** 2 * (1 + 2 * t) + x[-1] * t * t * (3 - 2 * t)
+    cubic += r0 * t * (1 - t) ** 2 - r1 * t * t * (1 - t)
+    assert abs(x - cubic).max() <= motion.bulge(1.0) + 1e-4 * abs(size).sum() * (turn / 2.8) ** 13
 
 
 @pytest.mark.slow

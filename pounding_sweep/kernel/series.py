@@ -39,7 +39,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
-from pounding_sweep.kernel.roots import Series, newton, turn
+from pounding_sweep.kernel.roots import Series, newton, tangents, turn
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
 #: Largest last term of a series beside its first ones, in both number formats.
@@ -224,8 +224,13 @@ def _meet(group: Group) -> None:
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
     for _ in while_any(lambda: going.now, group.trace, at_most=4 * events):
-        going.now = found = _choose(group, going.now)
-        with when_any(found):
+        choice = _choose(group, going.now)
+        doubt = choice.doubt.now
+        found = choice.found.now & ~doubt
+        going.now = found | doubt
+        with when_any(going.now):
+            if group.spec.yielding:
+                s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
             _locate(group, found)
             if group.spec.yielding:
                 series_yielding.place(group)
@@ -264,20 +269,26 @@ class _Choice:
     def __init__(self, group: Group) -> None:
         self.group, nobody = group, group.lanes_where(False)
         self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
+        #: Lanes in which the step is too long to tell.
+        self.doubt = Cell(nobody)
         group.state["bends"] = 0.0
 
     def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
-        """How far it may go between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
+        """How far it goes between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
         return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
 
     def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
-        s, end = self.group.state, self.group.state["fraction"]
+        group, s, end = self.group, self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
         crosses = e1 > 0.0
         if leans is not None:
             crosses = crosses & (~leans | (r1 >= 0.0))
-        hops = ~crosses & (r0 > 0.0) & (r1 < 0.0) & (self._reach(e0 + end * r0, e1 - end * r1, e0, e1) > 0.0)
+        turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
+        reach = Cell(group.full(-1.0))
+        with when_any(turns):
+            reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
+        hops = turns & (reach.now > 0.0)
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
         lanes = lanes & (crosses | hops)
         with when_any(lanes):
@@ -287,27 +298,27 @@ class _Choice:
             self.found.now = self.found.now | lanes
             better = lanes & (guess < self.soonest.now)
             self.soonest.now = where(better, guess, self.soonest.now)
-            for k in range(self.group.spec.series + 1):
+            for k in range(group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
                 s["pick", k] = where(better, term, s["pick", k])
             s["picked"], s["aim"] = where(better, number, s["picked"]), where(better, target, s["aim"])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
-def _choose(group: Group, asks: Any) -> Any:
-    """Find the lanes in which something may change before ``fraction``."""
+def _choose(group: Group, asks: Any) -> _Choice:
+    """Find what may change first before ``fraction``, in lanes that ask."""
     s, choice = group.state, _Choice(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for j in group.each_contact():
         if not group.spec.yielding:
             _offer_contact(group, choice, j, asks, per)
             continue
-        mine = asks & ((s["mode", j] > OPEN) | series_yielding.may_touch(group, j))
+        mine = asks & ((s["mode", j] > OPEN) | series_yielding.may_touch(group, j, _depth(group, j)))
         with when_any(mine):
             _offer_contact(group, choice, j, mine, per)
     if group.spec.yielding:
         series_yielding.offer(group, asks, choice)
-    return choice.found.now
+    return choice
 
 
 def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
@@ -423,9 +434,7 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
 
 def _turns_twice(group: Group, series: Series) -> Any:
     """Lanes in which a series may turn twice in the step, beside other contacts: by tangents of its rate at thirds."""
-    t, rate = group.state["fraction"], series.rate
-    r0, (r1, b1), third = rate.read(0), rate.with_slope(t), (1.0 / 3.0) * t
-    early, late = fma(third, rate.read(1), r0), fma(-third, b1, r1)
+    r0, early, late, r1 = tangents(series.rate, group.state["fraction"])
     return (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
 
 

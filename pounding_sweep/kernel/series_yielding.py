@@ -15,10 +15,12 @@ from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, power, real, size, when_any, where
-from pounding_sweep.kernel.roots import Series
+from pounding_sweep.kernel.roots import Series, tangents
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-11, "float32": 2e-7}
+#: Share of a storey's range within which it stays that keeps within it as a cubic.
+NEAR = 0.6
 
 
 def begin(group: Group) -> None:
@@ -73,16 +75,17 @@ def place(group: Group) -> None:
         s["u", i], s["v", i] = x, where(moves, rate * per, s["v0", i])
 
 
-def _reach(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
+def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     """Bounds of a motion up to ``fraction``, as far as it is a cubic: those of the hull of its ends and tangents."""
     third = (1.0 / 3.0) * (group.state["span"] * group.state["fraction"])
     early, late = fma(third, v0, x0), fma(-third, v1, x1)
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def may_touch(group: Group, j: Any) -> Any:
+def may_touch(group: Group, j: Any, depth: Series) -> Any:
     """Lanes in which an open contact may close."""
-    return _reach(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))[0] > group.gap(j)
+    most, _ = _hull(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))
+    return most + depth.bulge(group.state["fraction"]) > group.gap(j)
 
 
 def offer(group: Group, asks: Any, choice: Any) -> None:
@@ -93,24 +96,36 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
         # that of an event that ends the step as it is
         then = where(s["turn", i] > s["fraction"], phase, s["then", i])
         sides = [group.change(first + i, kind) for kind in range(2)]
-        margin = dy * group.limit.same_time + group.limit.exact
+        floors = [i] if below is None else [i, below]
+        far = sum((size(s[name, k]) for name in ("u0", "u") for k in floors), start=size(p))
+        margin = fma(dy, group.limit.same_time, far * group.limit.exact)
         v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
         z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
-        most, least = _reach(group, z0, z1, v0, v1)
         elastic = phase == 0.0
-        leaves = asks & elastic & (maximum(most, -least) > dy + margin)
-        with when_any(leaves):
-            toward = where(v0 > 0.0, 1.0, group.full(-1.0))
-            # it leaves its range on the side to which it moves first, and comes back, or stays beyond
-            turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
-            ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
-            hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
-            side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
-            start = side * z0 - dy
-            start = where(start > -margin, start - margin, start)
-            lanes = leaves & (hops | (size(z1) > dy + margin)) & ~(then == side)
-            number = where(side > 0.0, *(group.full(real(each)) for each in sides))
-            choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
+        most, least = _hull(group, z0, z1, v0, v1)
+        near = asks & elastic & (maximum(most, -least) > NEAR * dy)
+        with when_any(near):
+            bulge = _drift(group, i, below, z0, 1.0).bulge(s["fraction"])
+            most, least = most + bulge, least - bulge
+            leaves, beyond = near & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
+            # where it may turn twice, it may be beyond and back: half the step tells
+            unseen = leaves & (then == 0.0) & (v0 * v1 >= 0.0) & ~beyond
+            with when_any(unseen):
+                _, early, late, last = tangents(_drift(group, i, below, z0, 1.0).rate, s["fraction"])
+                twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
+                choice.doubt.now = choice.doubt.now | (unseen & twice)
+            with when_any(leaves):
+                toward = where(v0 > 0.0, 1.0, group.full(-1.0))
+                # it leaves its range on the side to which it moves first, and comes back, or stays beyond
+                turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
+                ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
+                hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
+                side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+                start = side * z0 - dy
+                start = where(start > -margin, start - margin, start)
+                lanes = leaves & (hops | beyond) & ~(then == side)
+                number = where(side > 0.0, *(group.full(real(each)) for each in sides))
+                choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
         yields = asks & ~elastic & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
             rate = _drift(group, i, below, z0, 1.0).rate
