@@ -307,26 +307,26 @@ class Blocks:
 
     def _hand_out(self, block: Any) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
-        f, lanes, size = self.flight, self.lanes, self.layout.size(self.blocks)
+        f, lanes, apart = self.flight, self.lanes, self.layout.size(self.blocks)
         for part in range(self.layout.wide_watched // lanes):
             for name, row in (("most", "above"), ("least", "below")):
                 those = transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
                 at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
                 for lane in range(lanes):
-                    store(self.trace, f.tables, at + size * lane, those[lane])
+                    store(self.trace, f.tables, at + apart * lane, those[lane])
             # the most of all blocks so far lies there by what is watched, in the end by rows of buildings
             at, missed = (f.place_of(name) + part * lanes for name in ("bulge0", "missed0"))
             most = [f.rows["swell", part * lanes + q] for q in range(lanes)]
             for q in range(lanes):
-                before = load(self.trace, f.tables, at + size * q, lanes)
+                before = load(self.trace, f.tables, at + apart * q, lanes)
                 most[q] = maximum(most[q], where(block == 0, f.times.full(0.0), before))
-                store(self.trace, f.tables, at + size * q, most[q])
+                store(self.trace, f.tables, at + apart * q, most[q])
             for _ in when(block + 1 == self.blocks):
                 for lane, swell in enumerate(transposed(most)):
                     bulge = swell * self.per_square
-                    share = load(self.trace, f.tables, missed + size * lane, lanes)
-                    store(self.trace, f.tables, at + size * lane, bulge)
-                    store(self.trace, f.tables, missed + size * lane, share * bulge)
+                    share = load(self.trace, f.tables, missed + apart * lane, lanes)
+                    store(self.trace, f.tables, at + apart * lane, bulge)
+                    store(self.trace, f.tables, missed + apart * lane, share * bulge)
 
     # one of them -----------------------------------------------------------------------------------------------
 

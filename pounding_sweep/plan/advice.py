@@ -319,7 +319,8 @@ def advise(
     if not schemes:
         may_be = spec.method is None or SCHEMES[spec.method].ladder
         how = ", or measure them: python -m pounding_sweep.accuracy.calibrate" if may_be else ""
-        msg = f"accuracy: no errors of {spec.method} were measured; give dt instead{how}"
+        whose = spec.method or "any scheme that runs this row"
+        msg = f"accuracy: no errors of {whose} were measured; give dt instead{how}"
         raise SweepError(msg)
     for scheme in schemes:
         need, error = _needed(known, spec, scheme, laws)
