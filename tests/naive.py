@@ -20,8 +20,8 @@ Conventions where a choice had to be made:
   instant are taken pair by pair from the left and floor by floor from the bottom, until no floors approach; those of
   one contact are one onset. A rebound slower than ``REST`` is none. Floors that neither approach nor part, and are
   pressed together, stick: their accelerations are equal, by the force that follows (it counts in ``impulse``), until it
-  would pull. Floors that stick again at a rate of less than ``SAME`` have no new onset, nor have floors that stick when
-  struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
+  would pull. Floors that stick again at a rate of less than ``COUNTED`` have no new onset, nor have floors that stick
+  when struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 * A storey with a yield strength Vy has the shear ``V = k drift - (1 - hardening) k p``; its plastic drift p stands
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
 * With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
@@ -51,6 +51,7 @@ SAMPLES = 13  # points per integrator step at which events and peaks are looked 
 MAX_EVENTS_PER_INTERVAL = 1000
 REST = 1e-3  # m/s, rebound speed below which there is no rebound
 SAME = 1e-6  # m/s, rate at which they neither approach nor part
+COUNTED = 1e-5  # m/s, approach speed of the slowest touch that counts where velocities jump
 
 OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
 
@@ -732,7 +733,7 @@ class _Solver:
         row, rested, counted = self.row, self.state == CLOSED, np.zeros(self.row.np, dtype=bool)
 
         def onset(p, v):
-            if not counted[p] and (v > SAME or not self.count[p]):
+            if not counted[p] and (v > COUNTED or not self.count[p]):
                 self.count[p] += 1
             counted[p] = True
             self.approach[p] = max(self.approach[p], v)

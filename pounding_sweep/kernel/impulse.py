@@ -22,6 +22,8 @@ from pounding_sweep.model.laws import RESTING_SPEED
 WALL_MASS = 1.0e30
 #: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
 PARTED = 1.0e-3
+#: Approach, in the same units, below which a touch does not count: single precision can't tell when it is.
+COUNTED = 1.0e-2
 #: Shortest sub-step to the release of floors at rest, in trial sub-steps.
 LEAST_SHARE = 1.0e-3
 
@@ -190,7 +192,7 @@ def hold(group: Group, end: str) -> None:
 def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
     """Tell of an impact at the rate v; mark what is told."""
     s, r = group.state, group.asked
-    fast = v > PARTED * RESTING_SPEED
+    fast = v > COUNTED * RESTING_SPEED
     if "count" in r:
         fast = fast | (s["count", j] == 0.0)
     note_touch(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, h)
