@@ -51,7 +51,7 @@ SAMPLES = 13  # points per integrator step at which events and peaks are looked 
 MAX_EVENTS_PER_INTERVAL = 1000
 REST = 1e-3  # m/s, rebound speed below which there is no rebound
 SAME = 1e-6  # m/s, rate at which they neither approach nor part
-COUNTED = 1e-5  # m/s, approach speed of the slowest touch that counts where velocities jump
+COUNTED = 1e-4  # m/s, approach speed of the slowest touch that counts where velocities jump
 
 OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
 

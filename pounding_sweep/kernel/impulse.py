@@ -22,8 +22,8 @@ from pounding_sweep.model.laws import RESTING_SPEED
 WALL_MASS = 1.0e30
 #: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
 PARTED = 1.0e-3
-#: Approach, in the same units, below which a touch does not count: single precision can't tell when it is.
-COUNTED = 1.0e-2
+#: Approach, in the same units, below which a touch does not count: single precision tells no slower ones apart.
+COUNTED = 1.0e-1
 #: Shortest sub-step to the release of floors at rest, in trial sub-steps.
 LEAST_SHARE = 1.0e-3
 
