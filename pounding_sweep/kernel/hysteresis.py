@@ -65,16 +65,27 @@ def hardened(group: Group, i: Any) -> tuple[Any, Any]:
     return share * k, (1.0 - share) * k
 
 
-def _limits(group: Group, i: Any) -> tuple[Any, Any]:
+def far(group: Group, i: Any, below: Any) -> Any:
+    """How far a storey's floors are at both ends of a step, and its plastic drift: what its drift is rounded by."""
+    found, base = size(group.state["slip", i]), group.base(i)
+    for name in ("u0", "u"):
+        for k in (i,) if below is None else (i, below):
+            found = found + size(group.floor(name, k))
+        if base is not None:
+            found = found + size(group.prop("height", i) * group.floor(name, base[1]))
+    return found
+
+
+def _limits(group: Group, i: Any, below: Any) -> tuple[Any, Any]:
     """Yield drift, and with a margin for rounding."""
     dy = group.prop("yield_drift", i)
-    return dy, dy + (dy * group.limit.at_release + group.limit.exact)
+    return dy, dy + (dy * group.limit.at_release + far(group, i, below) * group.limit.exact)
 
 
 def _may_change(group: Group, i: Any, below: Any, h: Any) -> Any:
     """Lanes in which a storey may begin to yield, or turn, in the step just taken."""
     s = group.state
-    p, phase, top = s["slip", i], s["phase", i], _limits(group, i)[1]
+    p, phase, top = s["slip", i], s["phase", i], _limits(group, i, below)[1]
     z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
     v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
     early, late = z0 + h * v0, z1 - h * v1
@@ -107,7 +118,7 @@ def first_event(group: Group, asks: Any) -> Any:
 def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     """Find when a storey changes its phase in the trial, and to which."""
     s, h = group.state, group.state["h"]
-    p, phase, (dy, top) = s["slip", i], s["phase", i], _limits(group, i)
+    p, phase, (dy, top) = s["slip", i], s["phase", i], _limits(group, i, below)
     z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
     v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
     b = coefficients(h, z0, z1, v0, v1, drift(group, i, below, "a0"))

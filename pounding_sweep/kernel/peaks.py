@@ -292,12 +292,12 @@ def largest_accelerations(
     again = Cell(group.lanes_where(False))
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
-        p = cubic_extreme(early, late, h * s["rate0", i], h * s["rate1", i])
+        p = _acceleration_turn(group, early, late, h * s["rate0", i], h * s["rate1", i])[1]
         ends = maximum(size(early), size(late))
         # of a lane that waits, forces may be of another instant
-        s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(size(p), ends)), 0.0))
+        s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(p, ends)), 0.0))
         if pressed:
-            s["peak", i] = where(size(p) > ends, size(p), 0.0)
+            s["peak", i] = where(p > ends, p, 0.0)
             again.now = again.now | (closed & (s["peak", i] > NEARLY * s["acc", i]))
     if pressed:
         with when_any(again.now):
@@ -307,12 +307,21 @@ def largest_accelerations(
                     _take_acceleration(group, i, mine)
 
 
+def _acceleration_turn(group: Group, x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
+    """Where an acceleration is largest inside a sub-step, by the cubic through its ends, and its size there."""
+    if not group.spec.staged:  # by whose rates it may turn where it does not: those of forces may be means
+        return where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0), size(cubic_extreme(x0, x1, s0, s1))
+    (t, u), (p, q) = (of(x0, x1, s0, s1) for of in (cubic_turns, cubic_extremes))
+    p, q = size(p), size(q)
+    return where(p > q, t, u), maximum(p, q)
+
+
 def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
     s, h = group.state, group.state["h"]
     x0, x1, s0, s1 = s["acc0", i], s["acc1", i], h * s["rate0", i], h * s["rate1", i]
     a, b = _powers(x0, x1, s0, s1)
-    at = Cell(where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0))
+    at = Cell(_acceleration_turn(group, x0, x1, s0, s1)[0])
     for _ in count_to(2, group.trace):  # once where the cubic turns, once nearer
         t = at.now
         _accelerate(group, t)

@@ -96,9 +96,7 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
         # that of an event that ends the step as it is
         then = where(s["turn", i] > s["fraction"], phase, s["then", i])
         sides = [group.change(first + i, kind) for kind in range(2)]
-        floors = [i] if below is None else [i, below]
-        far = sum((size(s[name, k]) for name in ("u0", "u") for k in floors), start=size(p))
-        margin = fma(dy, group.limit.same_time, far * group.limit.exact)
+        margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
         v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
         z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
         elastic = phase == 0.0
