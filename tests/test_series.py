@@ -77,6 +77,21 @@ def test_no_event_hides_another():
         assert np.abs(whole[name] - parts[name]).max() < bound * np.abs(parts[name]).max(), name
 
 
+@pytest.mark.parametrize(("stiffer", "seed"), [(0.7, 1), (0.7, 2), (1.3, 2)])
+def test_a_contact_that_turns_twice_in_a_step_hides_no_touch(stiffer, seed):
+    """Floors that part and meet again, or meet, part and near each other again, within the longest steps there are."""
+    record, gaps = ps.synthetic_record(seed, duration=20.0, dt=0.02, pga=3.0), np.geomspace(1e-4, 6e-3, 400)
+    buildings = [Building(b.name, b.masses, [stiffer * k for k in b.stiffnesses]) for b in pair().buildings]
+
+    def counts(dt, refinement):
+        numerics = Numerics("exact", dt, refinement=refinement)
+        kernel = RowKernel(Scene(buildings, [0.0], pair().contact), LAWS["kelvin_voigt"], numerics, reducers_for(EVERY))
+        given = {"scale": np.ones(400), "stiffness": np.full(400, 2e6), "restitution": np.full(400, 0.6)}
+        return kernel.run(record, gaps=gaps[:, None], **given)["count"]
+
+    np.testing.assert_array_equal(counts(0.02, 0.35), counts(0.0025, 8.0))
+
+
 @pytest.mark.parametrize(
     "law",
     [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL],

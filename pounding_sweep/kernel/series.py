@@ -52,6 +52,9 @@ BULGE = 0.2
 TURNS = {"float64": 3, "float32": 2}
 #: Parts of a step in which extremes of motions are looked for.
 PARTS = 4
+#: Most halvings of a step in which an event may hide, and its part after which none is sought.
+HALVINGS = 6
+HALVED = 0.5**HALVINGS
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
 
@@ -223,14 +226,13 @@ def _meet(group: Group) -> None:
     events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
-    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events):
+    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events + HALVINGS):
         choice = _choose(group, going.now)
         doubt = choice.doubt.now
         found = choice.found.now & ~doubt
         going.now = found | doubt
         with when_any(going.now):
-            if group.spec.yielding:
-                s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
+            s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
             _locate(group, found)
             if group.spec.yielding:
                 series_yielding.place(group)
@@ -289,6 +291,13 @@ class _Choice:
         with when_any(turns):
             reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
         hops = turns & (reach.now > 0.0)
+        # one that turns twice may have been positive before: half the step tells
+        above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
+        below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
+        unseen = lanes & (above | below) & (end > HALVED)
+        with when_any(unseen):
+            bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
+            self.doubt.now = self.doubt.now | (unseen & (bends | _turns_twice(group, series)))
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
         lanes = lanes & (crosses | hops)
         with when_any(lanes):
