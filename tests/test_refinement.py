@@ -16,7 +16,7 @@ from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, Status
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement
-from pounding_sweep.run.refinement import differences, halved, in_double, leeway
+from pounding_sweep.run.refinement import APART, apart, differences, halved, in_double, leeway
 from pounding_sweep.schemes import SCHEMES
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
@@ -60,7 +60,7 @@ def test_a_table_that_lies_costs_time_and_no_truth(monkeypatch, accuracy):
 
 @pytest.mark.slow
 def test_the_estimate_is_a_fifth_of_the_difference_of_the_last_two_steps():
-    cube = make(accuracy=1e-3, dt=None, method="rk4").run(scheduler="synchronous")
+    cube = make(accuracy=1e-3, dt=None, method="rk4", precision="float64").run(scheduler="synchronous")
     found = flat(cube)
     for i in np.flatnonzero(~np.isnan(found["steps_per_contact"]))[:6]:
         where = {
@@ -108,6 +108,17 @@ def test_two_runs_by_series_are_not_one():
     single = replace(hertz, numerics=replace(hertz.numerics, precision="float32"))
     np.testing.assert_allclose(leeway(single, 1e-3, allowed), [2.2, 0.5])  # rounding follows no order
     np.testing.assert_array_equal(leeway(single, 1e-2, allowed), [1.0, 0.5])  # nor do long steps
+
+
+def test_two_runs_in_single_precision_do_not_round_alike():
+    plan = make(accuracy=1e-2, dt=None, method="exact", laws=["linear"], precision="float32").plan()
+    kernel, table = plan.kernel(0, record=0, steps=4), plan.unique[[0, 1]]
+    far = np.array([[[0.05, -0.02]], [[np.nan, 0.01]]])
+    moved = apart(kernel, table, {"displacement_max": far, "displacement_min": -2.0 * far})
+    np.testing.assert_allclose(moved.gaps[:, 0] - table.gaps[:, 0], APART * (table.gaps[:, 0] + [0.1, 0.02]), rtol=1e-6)
+    np.testing.assert_allclose(moved.scale / table.scale - 1.0, -APART, rtol=1e-6)
+    np.testing.assert_allclose(moved.stiffness / table.stiffness - 1.0, APART, rtol=1e-6)
+    assert apart(in_double(kernel), table, {}) is table
 
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):

@@ -274,13 +274,13 @@ def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     return _Asked(_combine([_factors(record), _factors(law), *inner]), variants, whole.__getitem__)
 
 
-def changed(table: Scenarios) -> Scenarios:
-    """Return scenarios with every input changed by `CHANGE` of itself."""
+def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
+    """Return scenarios with every input changed by `change` of itself."""
     return replace(
         table,
-        scale=table.scale * (1.0 - CHANGE),
-        stiffness=table.stiffness * (1.0 + CHANGE),
-        gaps=table.gaps * (1.0 + CHANGE),
+        scale=table.scale * (1.0 - change),
+        stiffness=table.stiffness * (1.0 + change),
+        gaps=table.gaps * (1.0 + change),
     )
 
 

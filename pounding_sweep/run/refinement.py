@@ -6,8 +6,12 @@ last, multiplies the error of a step by whatever it likes. So each scenario is r
 the step that was chosen for it and at half of it, and the latter is kept. Its error is
 taken for three times what the order of the scheme makes of their difference, for twice
 all of it where that is one of rounding, and for all of it in a number of impacts. What
-errs by more than was asked is run at half the step again, in double precision where
-single precision gains no more, and so on. The last estimate is reported with the scenario.
+errs by more than was asked is run at half the step again, in double precision, and so on.
+The last estimate is reported with the scenario.
+
+Two runs in single precision round the same inputs alike, and where steps are exact all else
+too. So one of them is run with its inputs, and its floors' distance, changed by as much as
+that: what is magnified until it tells shows in their difference.
 
 What is done with a scenario follows from its own results alone, so it does not depend
 on the chunk that it is in.
@@ -31,7 +35,10 @@ from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
-SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
+SINGLE_HALVINGS, MOST_HALVINGS = 1, 6
+#: Relative change of inputs between two runs in single precision, and of their gaps beside how far floors go: a few
+#: units of its last place.
+APART = 5e-7
 #: Impacts of one floor beyond which a scenario is held to less than what was asked, in proportion: the more often
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
@@ -56,6 +63,18 @@ def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarra
     single = kernel.numerics.precision == "float32"
     rounds = kernel.shape.series > 0 or (single & (allowed < rounding(kernel.numerics.method)))
     return np.where(rounds, ROUNDS, kernel.numerics.scheme.leeway if ordered else 1.0)
+
+
+def apart(kernel: RowKernel, table: Scenarios, found: Values) -> Scenarios:
+    """Return scenarios as the run has them by which what was `found` is judged."""
+    if kernel.numerics.precision != "float32":
+        return table
+    far = np.zeros(len(table))
+    for name in ("displacement_max", "displacement_min"):
+        if name in found:
+            far = np.fmax(far, np.fmax.reduce(np.abs(found[name]).reshape(len(table), -1), axis=1, initial=0.0))
+    moved = changed(table, APART)
+    return replace(moved, gaps=moved.gaps + APART * np.where(np.isfinite(far), far, 0.0)[:, None])
 
 
 def in_double(kernel: RowKernel) -> RowKernel:
@@ -118,14 +137,16 @@ def run_refined(
     """Run scenarios until half the step changes no output by more than `accuracy`."""
     judged = comparable(outputs)
     rows = np.arange(len(table))
-    result = coarse = _run_alike(kernel, record, table, variants, outputs)
+    result: Values = {}
     estimate, halvings = np.full(len(table), np.inf), 0
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
-        kernel, halvings = halved(kernel, record), halvings + 1
+        begun, kernel, halvings = kernel, halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = in_double(kernel)
         mine, own = (table, variants) if halvings == 1 else (table[rows], variants[rows])
         fine = _run_alike(kernel, record, mine, own, outputs)
+        if halvings == 1:
+            coarse = _run_alike(begun, record, apart(begun, table, fine), variants, outputs)
         if "amplification" in outputs:
             fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
         allowed = accuracy / strictness(fine)
@@ -137,6 +158,8 @@ def run_refined(
             for name, values in fine.items():
                 result[name][rows] = values
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
+    if not halvings:  # half the step is more of them than can be run
+        result = _run_alike(kernel, record, table, variants, outputs)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     result["error_estimate"] = estimate
     return result
@@ -159,7 +182,7 @@ def run_at_step(
         result["amplification"] = amplification(kernel, record, table, variants, outputs, result)
     if "error_estimate" not in outputs:
         return result
-    fine = _run_alike(halved(kernel, record), record, table, variants, outputs)
+    fine = _run_alike(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
     estimate = differences(comparable(outputs), result, fine)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     result["error_estimate"] = estimate
