@@ -205,7 +205,7 @@ def _constants(
         put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
     put("cap", _contact_cap(shape, numerics))
     if shape.staged:
-        put("longest", longest_substep(variants_of(scene), numerics.dt, rough, "acceleration" in shape.reducers)[0])
+        put("longest", longest_substep(variants_of(scene), numerics.dt, rough, shape.reducers)[0])
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
@@ -421,8 +421,8 @@ class RowKernel:
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
                 if "p_longest" in slots.first:
-                    asked = rough, "acceleration" in self.shape.reducers
-                    longest = longest_substep(row, self.numerics.dt, *asked) if self.shape.staged else np.zeros(1)
+                    given = row, self.numerics.dt, rough, self.shape.reducers
+                    longest = longest_substep(*given) if self.shape.staged else np.zeros(1)
                     put("p_longest", longest[None, :])
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))

@@ -19,8 +19,6 @@ from pounding_sweep.kernel.roots import Series, tangents
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-11, "float32": 2e-7}
-#: Share of a storey's range within which it stays that keeps within it as a cubic.
-NEAR = 0.6
 
 
 def begin(group: Group) -> None:
@@ -99,13 +97,12 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
         margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
         v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
         z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
-        elastic = phase == 0.0
-        most, least = _hull(group, z0, z1, v0, v1)
-        near = asks & elastic & (maximum(most, -least) > NEAR * dy)
-        with when_any(near):
+        elastic = asks & (phase == 0.0)
+        with when_any(elastic):
+            most, least = _hull(group, z0, z1, v0, v1)
             bulge = _drift(group, i, below, z0, 1.0).bulge(s["fraction"])
             most, least = most + bulge, least - bulge
-            leaves, beyond = near & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
+            leaves, beyond = elastic & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
             # where it may turn twice, it may be beyond and back: half the step tells
             unseen = leaves & (then == 0.0) & (v0 * v1 >= 0.0) & ~beyond
             with when_any(unseen):
@@ -124,7 +121,7 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
                 lanes = leaves & (hops | beyond) & ~(then == side)
                 number = where(side > 0.0, *(group.full(real(each)) for each in sides))
                 choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
-        yields = asks & ~elastic & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
+        yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
             rate = _drift(group, i, below, z0, 1.0).rate
             end, last, per = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]

@@ -14,6 +14,8 @@ from pounding_sweep.schemes.rk4 import Rk4
 #: Longest sub-step of the stages of exact flight, in steps: under a smooth ground motion, under a rough one, and there
 #: where accelerations are asked for, which are cubics between its ends.
 STRIDES = (2.0, 1.0, 0.5)
+#: The same where energies are asked for: what a building has left at the end may be little beside what it had.
+OF_ENERGIES = 1.0
 #: Least ratio of damping at which their damped radius holds.
 DAMPED = 1e-3
 #: By how much it may be longer, for no rounding error to be left over.
@@ -149,11 +151,13 @@ def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
     return kept
 
 
-def longest_substep(row: Variants, dt: float, rough: bool, accelerations: bool) -> np.ndarray:
+def longest_substep(row: Variants, dt: float, rough: bool, reducers: frozenset[str]) -> np.ndarray:
     """Longest sub-step (s) of the stages of exact flight, at a step `dt`, under a ground motion, shape (n,)."""
-    scene, stride = row.scene, STRIDES[1 + accelerations if rough else 0]
+    scene, stride = row.scene, STRIDES[1 + ("acceleration" in reducers) if rough else 0]
     if any(scene.yields) or not scene.has_own_modes:
         stride = min(stride, 1.0)
+    if "energy" in reducers:
+        stride = min(stride, OF_ENERGIES)
     most = stride * dt * EVEN
     if not scene.has_own_modes:
         limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
