@@ -38,8 +38,7 @@ ROWS = ((1, 1), (2, 2), (3, 3, 3), (5, 5, 5), (25, 25))
 
 def quickstart() -> list[KernelSpec]:
     """Return the kernels of the sweep that a newcomer runs first."""
-    plan = ps.load_sweep("sweeps/quickstart.toml").plan()
-    return list(dict.fromkeys(kernel.shape for kernel in plan.kernels().values()))
+    return ps.load_sweep("sweeps/quickstart.toml").plan().shapes()
 
 
 def kernel(

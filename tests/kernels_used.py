@@ -163,7 +163,7 @@ def simulated(method: str, law: str | ps.Law, *, located: bool = True, scene: ps
 
 def swept(**sweep) -> list[KernelSpec]:
     """The kernels of a sweep: one per law, and one without pounding that tells who can touch."""
-    return [kernel.shape for kernel in ps.Sweep(**sweep).plan().kernels().values()]
+    return ps.Sweep(**sweep).plan().shapes()
 
 
 @cache
@@ -205,7 +205,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(
             kernel for kernel in swept(**both, laws="hertz_damped", **single) if kernel.law
         ),  # who can touch is not asked first
-        *(kernel.shape for kernel in ps.load_sweep(own_law()).plan().kernels().values()),
+        *ps.load_sweep(own_law()).plan().shapes(),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
         kernel_shape(pair(), LAWS["kelvin_voigt"], Numerics("exact", 1e-3), reducers_for(EVERY)),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),

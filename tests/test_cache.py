@@ -445,11 +445,11 @@ def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
     base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4", "scene": scene}
 
     def kernels(**change):
-        return {source_digest(kernel.shape) for kernel in ps.Sweep(**base | change).plan().kernels().values()}
+        return set(map(source_digest, ps.Sweep(**base | change).plan().shapes()))
 
     def pieces(**change):
-        swept = ps.Sweep(**base | {"method": "exact"} | change).plan().kernels().values()
-        return {source_digest(piece) for kernel in swept for piece in kernel.shape.pieces}
+        swept = ps.Sweep(**base | {"method": "exact"} | change).plan().shapes()
+        return {source_digest(piece) for shape in swept for piece in shape.pieces}
 
     before = kernels()
     numbers = {"dt": 5e-4, "gaps": [0.002, 0.02], "stiffness_factors": [0.5, 2.0], "restitutions": [0.4, 0.9]}
@@ -522,7 +522,7 @@ def test_kernels_are_compiled_side_by_side(folder, monkeypatch):
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
 def test_kernels_are_shared_out_by_what_they_take(n, monkeypatch):
     sweep = ps.Sweep("mate2015", "el_centro", ["linear", "hertz", "hertz_damped", "none"], method="rk4", gaps=[0.01])
-    shapes = list(dict.fromkeys(kernel.shape for kernel in sweep.plan().kernels().values()))
+    shapes = sweep.plan().shapes()
     assert len(shapes) > 2
     assert all(sum(map(compiling_seconds, share)) > 0.5 * compile.BEGINNING for share in shares(shapes, n))
     monkeypatch.setattr(compile, "BEGINNING", 0.01)

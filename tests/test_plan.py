@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from scenes import OUTPUTS, motions, row
 
 import pounding_sweep as ps
+from pounding_sweep.engine import cache, compile
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
@@ -122,6 +123,37 @@ def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
             (name, gap, k, scale) for name in own if not np.array_equal(own[name], hosted[name], equal_nan=True)
         ]
     assert not differing
+
+
+@pytest.mark.parametrize(
+    ("law", "n_gaps", "accuracy", "expected"),
+    [
+        ("hertz_damped", 64, 1e-3, ["float32", "float64"]),  # some are refined
+        ("hertz_damped", 8, 1e-3, ["float32"]),
+        ("linear", 64, 1e-3, ["float32"]),  # exact at any step
+        ("hertz_damped", 64, 1e-6, ["float64"]),
+    ],
+)
+def test_kernels_are_known_beforehand(law, n_gaps, accuracy, expected):
+    plan = ps.Sweep("mate2015", "el_centro", law, gaps=np.linspace(0.004, 0.02, n_gaps), accuracy=accuracy).plan()
+    assert [shape.precision for shape in plan.shapes() if shape.law] == expected
+    assert plan.summary()["kernels"] == len(plan.shapes())
+
+
+@pytest.mark.slow
+def test_no_other_kernel_is_asked_for_where_scenarios_are_refined(monkeypatch, tmp_path):
+    gaps = np.linspace(0.004, 0.02, 64)
+    sweep = ps.Sweep("mate2015", "el_centro", "hertz_damped", gaps=gaps, accuracy=1e-3, outputs=["impact_force_max"])
+    asked, ask = set(), cache.get_kernel
+
+    def get_kernel(shape):
+        asked.add(shape)
+        return ask(shape)
+
+    monkeypatch.setattr(cache, "get_kernel", get_kernel)
+    monkeypatch.setattr(compile, "get_kernel", get_kernel)
+    sweep.write(tmp_path / "cube.nc", scheduler="synchronous")
+    assert asked == set(sweep.plan().shapes())
 
 
 def test_listed_cases_equal_brute_force(monkeypatch):

@@ -363,8 +363,8 @@ def test_a_scene_that_does_not_vary_holds_and_computes_nothing_more():
         plan = plan_of(**axes)
         assert len(plan.variants) == 1
         assert not plan.unique.variant.strides[0]  # one number, repeated
-        assert not any(kernel.shape.varied for kernel in plan.kernels().values())
-    assert all(kernel.shape.varied for kernel in plan_of(damping_ratios=0.04).kernels().values())
+        assert not any(shape.varied for shape in plan.shapes())
+    assert all(shape.varied for shape in plan_of(damping_ratios=0.04).shapes())
 
 
 def test_runs_without_pounding_are_shared_by_what_they_have_in_common():

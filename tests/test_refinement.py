@@ -17,7 +17,7 @@ from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, Status
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement
-from pounding_sweep.run.refinement import APART, apart, differences, halved, in_double, leeway
+from pounding_sweep.run.refinement import APART, apart, differences, halved, leeway
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import longest_substep
 
@@ -106,7 +106,7 @@ def test_two_runs_by_series_are_not_one():
     assert fine[changed] == pytest.approx(0.5**0.5 * coarse[changed])
     allowed = np.array([1e-3, 1e-6])
     np.testing.assert_array_equal(leeway(linear, 1e-3, allowed), 0.5)
-    np.testing.assert_allclose(leeway(in_double(hertz), 1e-3, allowed), 2.2)
+    np.testing.assert_allclose(leeway(hertz.in_double, 1e-3, allowed), 2.2)
     single = replace(hertz, numerics=replace(hertz.numerics, precision="float32"))
     np.testing.assert_allclose(leeway(single, 1e-3, allowed), [2.2, 0.5])  # rounding follows no order
     np.testing.assert_array_equal(leeway(single, 1e-2, allowed), [1.0, 0.5])  # nor do long steps
@@ -120,7 +120,7 @@ def test_two_runs_in_single_precision_do_not_round_alike():
     np.testing.assert_allclose(moved.gaps[:, 0] - table.gaps[:, 0], APART * (table.gaps[:, 0] + [0.1, 0.02]), rtol=1e-6)
     np.testing.assert_allclose(moved.scale / table.scale - 1.0, -APART, rtol=1e-6)
     np.testing.assert_allclose(moved.stiffness / table.stiffness - 1.0, APART, rtol=1e-6)
-    assert apart(in_double(kernel), table, {}) is table
+    assert apart(kernel.in_double, table, {}) is table
 
 
 def test_where_energies_are_asked_for_half_the_step_halves_all_of_a_row():

@@ -66,7 +66,7 @@ def _sweep(stored: dict[str, Any]) -> Sweep:
 
 def to_compile() -> tuple[int, float]:
     """Count the kernels that the self-check compiles first, and estimate the CPU seconds that they take."""
-    return still_to_compile([kernel.shape for kernel in _sweep(converged()).plan().kernels().values()])
+    return still_to_compile(_sweep(converged()).plan().shapes())
 
 
 def self_check() -> SelfCheck:

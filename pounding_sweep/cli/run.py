@@ -131,7 +131,7 @@ def plan_command(
         loaded = _load(sweep, accuracy, skip_missing, folders, laws)
         plan = loaded.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
-        missing, seconds = still_to_compile([kernel.shape for kernel in plan.kernels().values()])
+        missing, seconds = still_to_compile(plan.shapes())
         found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -259,6 +259,11 @@ class RowKernel:
         """What the kernel is compiled for."""
         law = self.host or self.law
         return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
+
+    @property
+    def in_double(self) -> RowKernel:
+        """The kernel in double precision, at the same steps."""
+        return replace(self, numerics=replace(self.numerics, precision="float64"))
 
     def constants(self, rough: bool = False) -> np.ndarray:
         """Scene constants in the kernel's layout, under a ground motion that is rough or not."""

@@ -20,6 +20,7 @@ import numpy as np
 
 from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import (
@@ -37,6 +38,9 @@ from pounding_sweep.spec.spec import SweepSpec, digest
 
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
+#: Scenarios of a law that is stepped by stages, begun in single precision, of which one is all but sure to be refined,
+#: in double: one in twenty is.
+SURE_TO_REFINE = 60
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 1.0
 #: Largest size (bytes) of the results of one chunk.
@@ -155,15 +159,20 @@ class Plan:
         least = LEAST_SHARING_ENERGIES if energies else LEAST_SHARING
         return len(self.variants) == 1 or len(self.unique) >= least * runs
 
-    def kernels(self) -> dict[tuple[int, bool], RowKernel]:
-        """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
-        runnable = ~self.refused
-        if not runnable.any():
-            return {}
-        last = len(self.laws) - 1
-        contact = [int(law) for law in np.unique(self.unique.law[runnable]) if law != last]
-        found = {(law, False): self.kernel(law) for law in contact}
-        return {**found, (last, True): self.kernel(last, closing=True)} if len(self.uncoupled_to_run) else found
+    def shapes(self) -> list[KernelSpec]:
+        """Return the kernels that a run needs, none twice; that without contact decides who can touch."""
+        last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
+        if not len(laws):
+            return []
+        found = []
+        for law, scenarios in zip(*np.unique(laws[laws != last], return_counts=True), strict=True):
+            kernel = self.kernel(int(law))
+            found.append(kernel.shape)
+            if self.spec.accuracy is not None and kernel.shape.staged and scenarios >= SURE_TO_REFINE:
+                found.append(kernel.in_double.shape)
+        if len(self.uncoupled_to_run):
+            found.append(self.kernel(last, closing=True).shape)
+        return list(dict.fromkeys(found))
 
     def _host(self, law: int) -> Law | None:
         """Return the law of this sweep whose kernel an undamped law can run in."""
@@ -260,7 +269,7 @@ class Plan:
             "asked": self.n_asked,
             "at_most": self.n_unique,
             "refused": int(self.refused.sum()),
-            "kernels": len({kernel.shape for kernel in self.kernels().values()}),
+            "kernels": len(self.shapes()),
             "steps": most,
             "steps_least": least,
             "seconds": seconds / max(1, workers),

@@ -34,7 +34,7 @@ from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
 from pounding_sweep.plan.scenarios import BLOCK, changed, joined
 from pounding_sweep.run.pool import Dispatcher
-from pounding_sweep.run.refinement import SINGLE_HALVINGS, halved, in_double
+from pounding_sweep.run.refinement import SINGLE_HALVINGS, halved
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -317,7 +317,7 @@ def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Call
 
     def task_of(batch: list[Rerun], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
-        kernel = replace(in_double(_kernel_of(plan, sample)), accuracy=CONVERGED * tolerance)
+        kernel = replace(_kernel_of(plan, sample).in_double, accuracy=CONVERGED * tolerance)
         key = f"audit-{plan.digest[:32]}-settled-{position}"
         return ChunkTask(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
 
@@ -330,7 +330,7 @@ def _kernel_of(plan: Plan, sample: Rerun) -> RowKernel:
     kernel = plan.kernel(sample.law, record=sample.record, steps=sample.begun)
     for _ in range(halvings + 1):
         kernel = halved(kernel, plan.spec.records[sample.record])
-    return in_double(kernel) if halvings > SINGLE_HALVINGS else kernel
+    return kernel.in_double if halvings > SINGLE_HALVINGS else kernel
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:

@@ -108,8 +108,7 @@ def execute(
     """Run a plan and keep the results of its unique scenarios."""
     store = None if writer is None else writer.store
     progress, ledger = progress or Progress(), ReuseLedger(store, earlier)
-    kernels = plan.kernels()
-    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
+    shapes = plan.shapes()
     progress.stage("kernels", len(shapes))
     started = time.perf_counter()
     compiled = dispatcher.prepare(shapes, progress.advance)
@@ -117,7 +116,7 @@ def execute(
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
     started = time.perf_counter()
-    if kernels:
+    if shapes:
         before = {} if store is None else stages_before(plan, store.folder)
         stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
         stages.without_pounding()

@@ -77,11 +77,6 @@ def apart(kernel: RowKernel, table: Scenarios, found: Values) -> Scenarios:
     return replace(moved, gaps=moved.gaps + APART * np.where(np.isfinite(far), far, 0.0)[:, None])
 
 
-def in_double(kernel: RowKernel) -> RowKernel:
-    """Return the kernel in double precision, at the same steps."""
-    return replace(kernel, numerics=replace(kernel.numerics, precision="float64"))
-
-
 def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
     """Run scenarios at the kernel's step; returns variables of shape (n, *inner)."""
     raw = kernel.run(
@@ -142,7 +137,7 @@ def run_refined(
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
         begun, kernel, halvings = kernel, halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
-            kernel = in_double(kernel)
+            kernel = kernel.in_double
         mine, own = (table, variants) if halvings == 1 else (table[rows], variants[rows])
         fine = _run_alike(kernel, record, mine, own, outputs)
         if halvings == 1:

@@ -264,13 +264,12 @@ def _refined(
         SINGLE_HALVINGS,
         differences,
         halved,
-        in_double,
         leeway,
         strictness,
     )
 
     for halving in range(MOST_HALVINGS):
-        kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
+        kernel = halved(kernel if halving < SINGLE_HALVINGS else kernel.in_double, motion)
         fine, history = run(kernel)
         allowed = accuracy / strictness(fine)
         estimate = differences(comparable(fine), coarse, fine, leeway(kernel, accuracy, allowed))
