@@ -345,7 +345,8 @@ def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
     pytest.importorskip(NEEDS[ending])
     source = write_cube(cube.load(), tmp_path / "source.nc")
     out = tmp_path / f"all{ending}"
-    command = [sys.executable, "-m", "pounding_sweep", "export", str(source), "-o", str(out)]
+    # no bytecode (-B): Python would take a part of it for the whole afterwards
+    command = [sys.executable, "-B", "-m", "pounding_sweep", "export", str(source), "-o", str(out)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300, preexec_fn=_small_files)
     assert done.returncode == 1, done.stderr
     assert "File too large" in done.stderr

@@ -219,7 +219,7 @@ def test_gaps_on_the_brink_of_touching():
     d = closing(scene, record)
     factors = [1 - 1e-4, 1 - 1e-7, 1.0, 1 + 1e-7, 1 + 1e-4]
     cases = [{"law": "hertz", "gap": tuple(f * d)} for f in factors]
-    sweep = Sweep(scene, record, cases=cases, dt=0.005, outputs=OUTPUTS)
+    sweep = Sweep(scene, record, cases=cases, dt=0.005, outputs=OUTPUTS, audit=0.0)  # half the step may touch or not
     cube = sweep.run(workers=1)
     for i, f in enumerate(factors):
         expected = alone(scene, record, "hertz", 1e6, 1.0, f * d, 1.0)
