@@ -18,7 +18,7 @@ def test_the_first_kernels_take_few_plain_functions(measured, benchmark):
     assert ratios[-1] <= 6.0
 
 
-@pytest.mark.parametrize(("method", "most"), [("rk4", 2.0), ("exact", 5.0)])
+@pytest.mark.parametrize(("method", "most"), [pytest.param("rk4", 2.0, marks=pytest.mark.slow), ("exact", 5.0)])
 def test_a_new_row_with_all_outputs_takes_little(method, most, measured, benchmark):
     """What compiles before the first scenario of a row with all outputs: its runs without pounding and one law."""
     shapes = [kernel(STOREYS, method, law, OUTPUTS["all"]) for law in ("none", "hertz_damped")]
