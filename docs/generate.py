@@ -128,8 +128,8 @@ def _records() -> str:
 
 def _record_formats() -> str:
     """Return the formats of record files as a Markdown table."""
-    rows = [_row(each.name, ", ".join(each.suffixes), each.needs) for each in READERS]
-    return "\n".join(["| file | usual endings | what it must have |", "|---|---|---|", *rows, ""])
+    rows = [_row(each.name, ", ".join(each.suffixes), each.step, each.unit) for each in READERS]
+    return "\n".join(["| file | usual endings | time step | unit |", "|---|---|---|---|", *rows, ""])
 
 
 def _presets() -> str:

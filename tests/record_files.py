@@ -55,3 +55,67 @@ def save(folder, content, name="file.AT2"):
 
 
 CSV_TEXT = "time (s),acc (g)\n" + "".join(f"{i * 0.01:.2f},{v}\n" for i, v in enumerate(VALUES * 3))
+
+
+def in_rows(values, form="{:10.4f}", per_line=8):
+    rows = [values[i : i + per_line] for i in range(0, len(values), per_line)]
+    return "".join("".join(map(form.format, row)) + "\n" for row in rows)
+
+
+def cosmos(kind="acceleration", unit="cm/sec2(04)", values=VALUES, ms=10.0, seconds=0):
+    """Write one channel of a COSMOS file, with its step as number 62 of the real header, in ms."""
+    real = [0.0] * 100
+    real[61] = ms
+    return (
+        "Corrected acceleration   (Format v01.20 with 13 text lines) Src: 000xxx\n"
+        + "Chan  1: 90 Deg\n" * 12
+        + f" 100 Integer-header values follow on 10 lines, Format= (10I8)\n{in_rows([0] * 100, '{:8d}', 10)}"
+        + f" 100 Real-header values follow on 17 lines, Format= (6F13.6)\n{in_rows(real, '{:13.6f}', 6)}"
+        + '   1 Comment line(s) follow, each starting with a "|":\n| example\n'
+        + f"{len(values):8d} {kind} pts, approx {seconds:2d} secs, units={unit}, Format=(8F10.5)\n"
+        + f"{in_rows(values, '{:10.5f}')}End-of-data for Chan  1 acceleration\n"
+    )
+
+
+def geonet(component="N10E", header=True, values=VALUES, step=0.01):
+    """Write one component of a GeoNet V2A file: acceleration, velocity and displacement, in mm and s."""
+    numbers = [0.0] * 100
+    numbers[33], numbers[65] = len(values), step
+    return (
+        f"Corrected accelerogram 20200101_110256_ABCD_20 GNS Science\nSite ABCD\nNumber of points {len(values):6d}\n"
+        f"Instrument corrected data at {step:.3f} sec intervals\nComponent {component}  Accelerometer Axis\n"
+        "Acceleration:  peak    500.0 mm/s/s at  0.04 sec\n"
+        + (in_rows(numbers, "{:8.3f}", 10) if header else "")
+        + "".join(
+            in_rows([factor * value for value in values], "{:8.4f}", 10) for factor in ((1, 2, 3) if header else (1,))
+        )
+    )
+
+
+def smc(first="2 CORRECTED ACCELEROGRAM", values=VALUES, rate=100.0):
+    whole, real = [-32768] * 48, [1.7e38] * 50
+    whole[15], whole[16], real[1] = 2, len(values), rate
+    lines = "\n".join([first, *(["*  text"] * 10)])
+    numbers = in_rows(whole, "{:10d}") + in_rows(real, "{:15.7E}", 5)
+    return f"{lines}\n{numbers}|remark\n|remark\n{in_rows(values)}"
+
+
+COMPONENTS = "".join(f"{v:14.7f}{2 * v:14.7f}{3 * v:14.7f}\n" for v in VALUES)
+#: Files of networks, all of the acceleration VALUES in cm/s2 (or mm/s2) at 0.01 s; in the first column of several.
+NETWORKS = {
+    "esm.ASC": "EVENT_NAME: X\nSTATION_CODE: EXA\nSTREAM: HNE\nSAMPLING_INTERVAL_S: 0.010\nNDATA: 7\nUNITS: cm/s^2\n"
+    "PGA_CM/S^2: 9.81\nDATA_TYPE: ACCELERATION\n" + in_rows(VALUES, "{:.7f}", 1),
+    "afad.txt": "STRONG GROUND MOTION RECORDS OF TURKIYE\nPLACE : EXAMPLE\nNUMBER OF DATA : 7\n"
+    "SAMPLING INTERVAL (sec) : 0.01\nDATA TYPE : ACCELERATION\nUNITS : gal\n         N-S           E-W           U-D\n"
+    + COMPONENTS,
+    "cwa.dat": "#StationCode: EXA\n#SampleRate(Hz): 100\n#AmplitudeUnit:  gal. DCoffset(corr)\n"
+    "#AmplitudeMAX. U:    1.196~   -1.0\n#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n"
+    + "".join(f"{i * 0.01:10.3f}{line}\n" for i, line in enumerate(COMPONENTS.splitlines())),
+    "cosmos.V2": cosmos(),
+    "csmip.V2": "CORRECTED ACCELEROGRAM\n 7 points of accel data equally spaced at  .010 sec, in cm/sec2. (8f10.6)\n"
+    + in_rows(VALUES, "{:10.7f}")
+    + f" 7 points of veloc data equally spaced at  .010 sec, in cm/sec. (8f10.6)\n{in_rows(VALUES)}",
+    "geonet.V2A": geonet(),
+    "short.V2A": geonet(header=False),
+    "usgs.smc": smc(),
+}

@@ -26,18 +26,18 @@ from analysis_cubes import LAWS, hand_cube, random_fill
 from fuzz import TEXT_FAULTS, damaged, not_hanging
 from hypothesis import given
 from hypothesis import strategies as st
-from record_files import knet
+from record_files import NETWORKS, knet
 from scenes import AXES, motions, row
 from test_cli import bad
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import OutputError, PoundingSweepError, RecordError, SweepError
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import NETCDF_LOCK, open_cube, write_cube, write_in_slabs
 from pounding_sweep.records import find_record, read_record
-from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.spec.axes import Range
 from pounding_sweep.spec.toml import MAX_FILE_BYTES
 
@@ -53,6 +53,7 @@ RECORDS = {
     f"ACCELERATION TIME HISTORY IN UNITS OF G\n   {len(VALUES)}   .0200   NPTS, DT\n{_BODY}\n",
     "knet.NS": knet([round(1e5 * v) for v in VALUES], seconds=len(VALUES) / 100),
     "two.csv": "time (s),acc (m/s2)\n" + "".join(f"{0.01 * i:.2f},{v}\n" for i, v in enumerate(VALUES)),
+    **NETWORKS,
 }
 
 
@@ -66,6 +67,8 @@ def twin(path):
         counts = np.array([float(word) for line in lines[17:] for word in line.split()])
         full, steps = re.search(r"^Scale Factor +(.+)\(gal\)/(.+)$", "\n".join(lines), re.MULTILINE).groups()
         return (counts - counts.mean()) * (float(full) / float(steps) * 0.01)
+    if path.suffix.lower() != ".at2":
+        raise ValueError
     return np.array([float(word) for line in lines[4:] for word in line.split()]) * STANDARD_GRAVITY
 
 

@@ -17,6 +17,7 @@ from paper_study import LAWS, by_law, outputs, run_cube, spectra, steps
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
@@ -27,7 +28,6 @@ from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, rea
 from pounding_sweep.paper.steps import largest_steps, step_rows
 from pounding_sweep.paper.study import study
 from pounding_sweep.paper.verdict import opening_grid, table_outcome, verdict_of_all
-from pounding_sweep.records.record import STANDARD_GRAVITY
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
 

@@ -22,8 +22,8 @@ from pounding_sweep.analysis.lognormal import FitStatus
 from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.files import failure, replacing
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.output.netcdf import check_output
-from pounding_sweep.records.record import STANDARD_GRAVITY
 
 #: Namespace of NRML.
 NRML = "http://openquake.org/xmlns/nrml/0.5"

@@ -22,7 +22,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.records.record import UNITS
+from pounding_sweep.records import UNITS
 
 #: What the intensities of a file may be in: factor and what it gives.
 _UNITS = {name: (factor, "m s-2") for name, factor in UNITS.items()} | {"m/s": (1.0, "m s-1")}

@@ -14,6 +14,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import OutputError
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.figures.gallery.ground_motion import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
@@ -21,7 +22,6 @@ from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
 from pounding_sweep.paper.readings import READINGS
 from pounding_sweep.paper.report import Picture
 from pounding_sweep.paper.study import Study
-from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.run.execute import Progress
 
 #: (axes, data of one model at one reading and record, look)

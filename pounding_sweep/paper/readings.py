@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, MissingRecordError
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.published import GROUND_MOTIONS
 from pounding_sweep.records import Record, find_record
 from pounding_sweep.records.catalogue import Folders
-from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import AUDIT_SHARE, to_json

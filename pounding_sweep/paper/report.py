@@ -15,6 +15,7 @@ import xarray as xr
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.paper.checks import energy_checks, findings
@@ -25,7 +26,6 @@ from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows
 from pounding_sweep.paper.study import Study
 from pounding_sweep.paper.verdict import Reproduction, opening_grid, rule, verdict_of_all
-from pounding_sweep.records.record import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

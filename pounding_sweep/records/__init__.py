@@ -1,5 +1,6 @@
 """Ground-motion records: reading, finding, scaling and making them."""
 
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.catalogue import (
     KNOWN_RECORDS,
     RECORDS_VARIABLE,
@@ -14,8 +15,9 @@ from pounding_sweep.records.formats import RECORD_SUFFIXES
 from pounding_sweep.records.measures import RecordMeasures, record_measures, records_dataset
 from pounding_sweep.records.reader import MAX_FILE_BYTES
 from pounding_sweep.records.reading import read_record
-from pounding_sweep.records.record import STANDARD_GRAVITY, UNITS, Record
+from pounding_sweep.records.record import Reading, Record
 from pounding_sweep.records.synthetic import PULSES, Pulse, near_fault_record, pulse_record, synthetic_record
+from pounding_sweep.records.units import UNITS
 
 __all__ = [
     "KNOWN_RECORDS",
@@ -28,6 +30,7 @@ __all__ = [
     "UNITS",
     "KnownRecord",
     "Pulse",
+    "Reading",
     "Record",
     "RecordMeasures",
     "RecordSet",

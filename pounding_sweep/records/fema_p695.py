@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
-from pounding_sweep.records.record import STANDARD_GRAVITY, Record
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.records.record import Record
 
 if TYPE_CHECKING:
     import pandas as pd

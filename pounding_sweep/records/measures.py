@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import RecordError
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.reader import Array
-from pounding_sweep.records.record import STANDARD_GRAVITY, Record
+from pounding_sweep.records.record import Record
 
 if TYPE_CHECKING:
     import xarray as xr

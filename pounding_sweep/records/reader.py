@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import stat
-from collections.abc import Callable, Iterator
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError
 from pounding_sweep.base.text import printable
-from pounding_sweep.records.record import number
+from pounding_sweep.records.units import StatedUnit
 
 MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""
@@ -28,7 +29,9 @@ LONGEST_LINE = 2**20
 #: Longer words are no numbers.
 LONGEST_WORD = 4096
 #: Lines by which a format is told.
-HEAD = 32
+HEAD = 100
+#: How the values of a component are laid out.
+LAYOUTS = ("columns", "rows")
 
 # Possessive quantifiers (Python 3.11) keep every match linear in the text's length.
 _UNSIGNED = r"(?:\d++(?:\.\d*+)?|\.\d++)(?:[EeDd][+-]?\d++)?"
@@ -36,26 +39,55 @@ NUMBER = re.compile(rf"[+-]?{_UNSIGNED}", re.ASCII)
 # Fortran fields that fill their width touch; only a sign can tell where the next begins.
 RUN = re.compile(rf"[+-]?{_UNSIGNED}(?:[+-]{_UNSIGNED})*+", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)(?:\(\w*\))?", re.ASCII | re.IGNORECASE)
-STATED_DT = re.compile(rf"\bDT\s*[=:]\s*({NUMBER.pattern})", re.ASCII | re.IGNORECASE)
 # Of blocks that hold nothing but numbers, numpy makes an array at once.
 _PLAIN = re.compile(r"[\d.eEdD+\-,\s]*+", re.ASCII)
 _FORTRAN = str.maketrans({",": " ", "D": "E", "d": "e"})
+
+_TO_COLUMNS = "which is not read; write time and acceleration in columns"
+#: Files that are recognised and not read, and what to do.
+_NOT_READ = tuple(
+    (re.compile(pattern, re.DOTALL | re.IGNORECASE), what)
+    for pattern, what in (
+        (rb"PK\x03\x04.{0,4000}(?:xl/|\[Content_Types)", "an Excel workbook; save its sheet as CSV"),
+        (rb"\xd0\xcf\x11\xe0", "an old Excel workbook; save its sheet as CSV"),
+        (rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!", "compressed; unpack it first"),
+        (
+            rb"\s*<(?:!doctype|html|head|\?xml)",
+            "a page of HTML, perhaps a login page; log in and download the file again",
+        ),
+        (rb"version https://git-lfs", "a git-lfs pointer in place of the file; get the file with: git lfs pull"),
+        (rb".{304}(?:[\6\7]\0\0\0|\0\0\0[\6\7])", f"a SAC binary, {_TO_COLUMNS}, as ObsPy does"),
+        (rb"\d{6}[DRQM][ \0]", f"miniSEED, {_TO_COLUMNS}, as ObsPy does"),
+        (rb"%PDF|\x89HDF|MATLAB 5", f"a PDF, HDF5 or MATLAB file, {_TO_COLUMNS}"),
+        (rb"[^\0]{0,3000}UNIVERSIDAD DE CHILE - RENADIC", f"a file of RENADIC, {_TO_COLUMNS}"),
+        (rb"\s*\* ?VOL|[^\0]{0,2000}\bBHRC\b", f"a file of BHRC (Iran), {_TO_COLUMNS}"),
+    )
+)
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Content:
-    """What a record file says: accelerations, step (s), text with their unit, title, and the unit if that has none."""
+class StatedStep:
+    """A time step (s) that a file states, and where; `firm` where a `dt` of the caller must agree with it."""
 
-    # `name` is the record's label where the file name without its ending tells too little
+    value: float
+    where: str
+    firm: bool = False
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a file says: accelerations in its unit, step (s), the units it states, and where step and units stand."""
 
     values: Array
-    dt: float
-    header: str
+    step: tuple[float, str]
+    units: Sequence[StatedUnit]
     title: str
-    default_units: str | None = None
-    name: str | None = None
+    default_unit: tuple[str, str] | None = None  # where the file states none: the unit of its format, and why
+    header: str = ""  # what messages show of a file without a unit
+    column: str | None = None  # the component that was chosen among several
+    name: str | None = None  # the record's label where the file name without its ending tells too little
 
 
 @dataclass(frozen=True)
@@ -63,18 +95,22 @@ class Reader:
     """One format of record files; `READER` of each module of `pounding_sweep.records.formats` is one."""
 
     name: str  # what the format is called, for the documentation
-    needs: str  # what a file of it must have, for the documentation
+    step: str  # where its time step stands, for the documentation
+    unit: str  # where its unit stands
     suffixes: tuple[str, ...]  # endings that files of it have in folders, in lower case
-    told: Callable[[list[str]], bool] | None  # whether the first lines are of it; None: takes what no other does
-    parse: Callable[[RecordText, float | None], Content]  # a file, and the caller's time step (s) if there is one
+    matches: Callable[[list[str]], bool] | None  # whether the first lines are of it; None: takes what no other does
+    parse: Callable[[RecordText], Content]
 
 
 @dataclass(frozen=True)
 class RecordText:
-    """A record file as text, whatever its encoding and line ends."""
+    """A record file as text, whatever its encoding and line ends, and what the caller says of it."""
 
     file: Path
     text: str
+    dt: float | None = None
+    column: str | int | None = None
+    layout: str | None = None
 
     def fail(self, message: str) -> NoReturn:
         """Raise `RecordError` of this file."""
@@ -101,33 +137,108 @@ class RecordText:
             line += block.count("\n")
             start = end + 1
 
-    def numbers(self, line: int) -> Array:
-        """Read all numbers from that line on."""
+    def fields(self, lines: Iterable[tuple[int, str]]) -> Fields:
+        """Return the lines "key: value" of a header by their key."""
+        fields = Fields()
+        fields.source, fields.lines = self, {}
+        for line, text in lines:
+            key, colon, value = text.lstrip("#").partition(":")
+            if colon and key.strip() not in fields:
+                fields[key.strip()] = value.strip()
+                fields.lines[key.strip()] = line
+        return fields
+
+    def head(self, count: int = HEAD) -> list[tuple[int, str]]:
+        """Return the first lines with their numbers."""
+        return list(enumerate(self.text.split("\n", count)[:count], 1))
+
+    def numbers(self, line: int, points: int | None = None) -> Array:
+        """Read all numbers from that line on; if `points` are known, what follows them may be a footer of words."""
         parts, count = [np.empty(0)], 0
+        if points is not None:
+            self.check_points(points)
         for first, block in self.blocks(line):
             part = plain_words(block)
             if part is None:
-                rows = enumerate(block.split("\n"), first)
-                part = np.array([value for row, text in rows for value in self._numbers_of(row, text)])
+                values: list[float] = []
+                for row, text in enumerate(block.split("\n"), first):
+                    found = words(text)
+                    if isinstance(found, str):
+                        if points is not None and count + len(values) >= points:
+                            return np.concatenate([*parts, np.array(values)])
+                        self.not_a_number(row, found, ", nor numbers that touch but can be told apart")
+                    values += found
+                part = np.array(values)
             parts.append(part)
             count += len(part)
             self.check_points(count)
         return np.concatenate(parts)
 
-    def _numbers_of(self, line: int, text: str) -> list[float]:
-        found = words(text)
-        if isinstance(found, str):
-            self.fail(f"line {line}: {in_quotes(found)} is not a number, nor numbers that touch but can be told apart")
-        return found
+    def exactly(self, line: int, points: int, where: str) -> Array:
+        """Read as many numbers from that line on as the header states; a footer of words may follow."""
+        values = self.numbers(line, points)
+        if len(values) != points or points == 0:
+            cause = "it was cut short" if len(values) < points else "the header or the file is damaged"
+            self.fail(
+                f"its header says {points} points, it holds {len(values)}: {cause}; get the file again, or mend {where}"
+            )
+        return values
 
-    def agreed_dt(self, stated: str | None, given: float | None) -> float:
-        """Choose between the time step of the header, as it is written, and the caller's, in s."""
-        if stated is None:
-            return self.fail("has no time step; give dt= in seconds") if given is None else given
-        step = number(to_float(stated), f"{self.file}: DT of its header (s)", positive=True)
-        if given is not None and abs(given - step) > 1e-6 * step:
-            self.fail(f"its time step is {step:g} s, dt={given:g} was given; leave dt out")
-        return step
+    def not_a_number(self, line: int, word: str, more: str = "") -> NoReturn:
+        """Say that a word is no number, and name a character that only looks like part of one."""
+        odd = next((sign for sign in word if ord(sign) > 127), None)
+        if odd:
+            more = f": it has the character U+{ord(odd):04X} ({unicodedata.name(odd, 'unnamed')}); write - . or digits"
+        self.fail(f"line {line}: {in_quotes(word)} is not a number{more}")
+
+    def choose(self, headings: Sequence[str], numbers: Sequence[int] = ()) -> int:
+        """Return the index of the component that `column` names, by heading or number; numbers count from 1."""
+        numbers = numbers or range(1, len(headings) + 1)
+        plain = [re.sub(r"\s*[(\[].*", "", heading) for heading in headings]
+        listed = ", ".join(f"{heading!r} ({number})" for number, heading in zip(numbers, headings, strict=True))
+        if self.column is None and len(headings) > 1:
+            self.fail(f"has {len(headings)} components: {listed}; give column= a heading or a number")
+        if self.column is None:
+            return 0
+        if self.column in numbers:
+            return numbers.index(self.column)
+        wanted = str(self.column).strip().lower()
+        for names in (headings, plain, list(map(str, numbers))):
+            matches = [index for index, name in enumerate(names) if name.strip().lower() == wanted]
+            if len(matches) == 1:
+                return matches[0]
+        return self.fail(f"has no column {self.column!r}; it has {listed}")
+
+
+class Fields(dict[str, str]):
+    """Values of a header by their key."""
+
+    source: RecordText
+    lines: dict[str, int]
+
+    def where(self, key: str) -> str:
+        """Say where a value stands."""
+        return f"{f'{key}: {self[key]}'!r}, line {self.lines[key]}"
+
+    def number(self, key: str) -> float:
+        """Return the number of a key."""
+        found = words(self.get(key, ""))
+        if isinstance(found, str) or len(found) != 1:
+            self.source.fail(f"its header says {in_quotes(self.get(key, ''))} as {key!r}; get the file again")
+        return found[0]
+
+    def step(self, key: str, rate: bool = False) -> list[StatedStep]:
+        """Return the step (s) that a key states, perhaps as a rate."""
+        value = self.number(key)
+        return [StatedStep((1.0 / value if value else -1.0) if rate else value, self.where(key), firm=True)]
+
+    def check_quantity(self, key: str) -> None:
+        """Refuse what is not acceleration."""
+        quantity = self.get(key, "acceleration").lower()
+        if quantity != "acceleration":
+            self.source.fail(
+                f"holds {quantity}, not acceleration ({self.where(key)}); take the file of the acceleration"
+            )
 
 
 def fail(path: Path, text: str) -> NoReturn:
@@ -191,8 +302,8 @@ def load_text(file: Path, record: str) -> RecordText:
             raw = stream.read(status.st_size + 1)  # memory for what is asked is taken at once
     except OSError as error:
         fail(file, f"can't be read: {error.strerror or error}")
-    if raw.startswith((b"PK\x03\x04", b"\x1f\x8b", b"BZh")):
-        fail(file, "is compressed; unpack it first")
+    if other := next((what for pattern, what in _NOT_READ if pattern.match(raw)), None):
+        fail(file, f"is {other}")
     wide = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
     try:
         text = raw.decode("utf-16" if wide else "utf-8-sig")

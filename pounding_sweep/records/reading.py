@@ -1,21 +1,19 @@
-"""Reading record files as they are published: format by content, units, scaling."""
+"""Reading record files as they are published: format by content, unit and step from where they stand, scaling."""
 
 from __future__ import annotations
 
 import os
-import re
-from pathlib import Path
+import warnings
+from dataclasses import replace
 
 import numpy as np
 
-from pounding_sweep.base.errors import RecordError, shown
+from pounding_sweep.base.errors import RecordError, shown, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.records.formats import reader_of
-from pounding_sweep.records.reader import Content, fail, in_quotes, load_text
-from pounding_sweep.records.record import UNITS, Record, match_unit, number, require_unit
-
-_UNITS_STATED = re.compile(r"\bunits?\b(?:\s+(?:of|in|is|are))?\s*[:=]?\s*[(\[]?([^,;()\[\]\n]{1,24})", re.IGNORECASE)
-_BRACKETED = re.compile(r"[(\[]([^()\[\]\n]{1,24})[)\]]")
+from pounding_sweep.records.reader import LAYOUTS, fail, load_text
+from pounding_sweep.records.record import Reading, Record, number
+from pounding_sweep.records.units import UNITS, choose_unit, require_unit
 
 
 def read_record(
@@ -26,12 +24,14 @@ def read_record(
     units: str | None = None,
     scale: float = 1.0,
     pga: float | None = None,
+    column: str | int | None = None,
+    layout: str | None = None,
 ) -> Record:
     r"""Read one ground-motion record from a file.
 
-    PEER AT2 (old and NGA headers), two columns of time and acceleration (CSV or separated by blanks, at a constant
-    step), one column of acceleration with `dt`, or another format of `pounding_sweep.records.formats`. The content
-    decides, not the file name. Headings tell time from acceleration, whichever is first.
+    PEER AT2, the formats of networks in `pounding_sweep.records.formats`, columns of time and acceleration (CSV or
+    separated by blanks, at a constant step), or acceleration alone. The content decides, not the file name. Headings
+    tell time from acceleration, whichever is first. ``record.reading`` says where unit and step were read.
 
     Parameters
     ----------
@@ -40,15 +40,19 @@ def read_record(
     name
         Label of the record; by default the file name, without its ending unless that tells the component.
     dt
-        Time step in s. Needed for one column, or a column of numbers 0, 1, 2 ... and one of acceleration,
-        without ``DT=`` in the header; where the file has a step, it must agree.
+        Time step in s. Needed where the file states none; where its times or the header of its format do, it must agree
+        with them. It takes precedence over remarks, and over times that it explains to their last printed place.
     units
-        Units of the file: "g" (9.81 m/s2), "m/s2" or "cm/s2" ("gal"). Needed where the header
-        doesn't state them; AT2 files are in g. Where the header does, both must agree.
+        Unit of the file: "g" (9.81 m/s2), "mg", "%g", "m/s2", "cm/s2" ("gal") or "mm/s2". Needed where the file states
+        none, or several. It takes precedence over what the file states, with a warning.
     scale
         Factor on the motion.
     pga
         Peak ground acceleration to scale to, in m/s2; excludes `scale`.
+    column
+        Which of several components: a heading, or the number of the column in the file, from 1.
+    layout
+        "rows" for one component whose values wrap in rows of several; "columns" otherwise.
 
     Returns
     -------
@@ -60,8 +64,14 @@ def read_record(
     MissingRecordError
         If there is no such file.
     RecordError
-        If the file can't be read, holds no record, holds fewer or more points than its header says, values that are not
-        finite, an uneven time step, times that are not in seconds, or if time step or units are not known.
+        If the file can't be read, holds no record, velocity or displacement, fewer or more points than its header says,
+        values that are not finite, an uneven time step, times that are not in seconds, several components without
+        `column`, or if time step or units are not known.
+
+    Warns
+    -----
+    UserWarning
+        If `units` takes precedence over another unit in the file.
 
     Examples
     --------
@@ -69,8 +79,11 @@ def read_record(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "demo.csv")
     ...     _ = file.write_text("time (s),acc (g)\n0.00,0.0\n0.01,0.2\n0.02,-0.1\n")
-    ...     read_record(file, scale=0.5)
+    ...     record = read_record(file, scale=0.5)
+    >>> record
     Record('demo', 3 points, dt=0.01 s, PGA 0.981 m/s2)
+    >>> print(record.reading)
+    unit g: 'acc (g)', line 1; step: 'time (s)', line 1
     """
     try:
         file = expanded(path, RecordError)
@@ -80,50 +93,27 @@ def read_record(
     if pga is not None and scale != 1.0:
         msg = f"{file}: scale={scale!r} and pga={pga!r} exclude each other; give one of them"
         raise RecordError(msg)
-    given_units = None if units is None else require_unit(units)
-    given_dt = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
-    source_text = load_text(file, file.stem if name is None else name)
-    content = reader_of(source_text).parse(source_text, given_dt)
-    label = (content.name or file.stem) if name is None else name
-    factor = UNITS[_choose_units(file, content, given_units)]
-    with np.errstate(over="ignore"):
-        motion = content.values * factor
-    source = f"{content.title[:200]} ({file.name})" if content.title else file.name
+    wanted = None if units is None else require_unit(units)
+    step = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
+    if layout is not None and layout not in LAYOUTS:
+        raise RecordError(unknown("layout", layout, LAYOUTS))
+    source = replace(load_text(file, file.stem if name is None else name), dt=step, column=column, layout=layout)
     try:
-        record = Record(label, content.dt, motion, source)
+        content = reader_of(source).parse(source)
+    except RecordError:
+        raise
+    except (ArithmeticError, ValueError, LookupError) as error:  # numbers of a header that are none
+        fail(file, f"its header is damaged ({error}); get the file again")
+    label = (content.name or file.stem) if name is None else name
+    try:
+        unit, unit_from = choose_unit(content.units, content.default_unit, wanted, content.header)
+        if "in place of" in unit_from:
+            warnings.warn(f"{file}: units={wanted!r} is {unit_from}", UserWarning, stacklevel=2)
+        with np.errstate(over="ignore"):
+            motion = content.values * UNITS[unit]
+        title = f"{content.title[:200]} ({file.name})" if content.title else file.name
+        reading = Reading(unit, unit_from, content.step[1], content.column)
+        record = Record(label, content.step[0], motion, title, reading=reading)
         return record.scaled_to(pga) if pga is not None else record.scaled(scale)
     except RecordError as error:
         fail(file, str(error))
-
-
-def _header_units(header: str) -> tuple[str | None, str]:
-    """Find the acceleration unit a header states; else the text it has in that place."""
-    stated = [match.strip() for match in _UNITS_STATED.findall(header)]
-    phrases = [" ".join(words[:n]) for text in stated for words in [text.split()] for n in range(len(words), 0, -1)]
-    last = header.rpartition("\n")[2]
-    columns = re.split(r"[,;]", last)
-    words = re.split(r"[\s,;]+", last)
-    tails = [word.split("_", n)[n].replace("_", "/") for word in words for n in range(1, word.count("_") + 1)]
-    tiers = [phrases, _BRACKETED.findall(columns[-1]), _BRACKETED.findall(header), words + tails]
-    for tier in tiers:
-        found = {unit for text in tier if (unit := match_unit(text))}
-        if len(found) == 1:
-            return found.pop(), ""
-        if tier is phrases and phrases:
-            return None, stated[0]
-        if found:
-            break
-    return None, last.strip()
-
-
-def _choose_units(file: Path, content: Content, given: str | None) -> str:
-    found, text = _header_units(content.header)
-    if found and given and found != given:
-        fail(file, f"its header says {found!r}, units={given!r} was given; leave units out, or mend the header")
-    if found or given:
-        return found or given or ""
-    stated = bool(_UNITS_STATED.search(content.header))
-    if content.default_units and not stated:
-        return content.default_units
-    said = f"; its header says {in_quotes(text)}" if text else ""
-    fail(file, f"its units are not known{said}; give units= one of {', '.join(map(repr, UNITS))}")

@@ -5,38 +5,29 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.base.errors import RecordError, shown, unknown
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.base.errors import RecordError, shown
 from pounding_sweep.base.text import label_fault, printable
 
-UNITS: dict[str, float] = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01}
-"""Acceleration units of files, each with its size in m/s2."""
 
-_ALIASES = {"gal": "cm/s2", "gals": "cm/s2", "ms-2": "m/s2", "cms-2": "cm/s2"}
+@dataclass(frozen=True)
+class Reading:
+    """How a record was read from its file: the unit of the file and where it stands, and where the time step stands."""
 
+    unit: str
+    unit_from: str
+    step_from: str
+    column: str | None = None
 
-def match_unit(text: str) -> str | None:
-    """Find the unit of `UNITS` that `text` spells, or None."""
-    plain = "".join(text.lower().split()).strip(".,;:").replace("²", "2").replace("**", "").replace("^", "")
-    plain = plain.replace("sec", "s").replace("/s/s", "/s2")
-    plain = _ALIASES.get(plain, plain)
-    return plain if plain in UNITS else None
-
-
-def require_unit(text: object) -> str:
-    """Find the unit of `UNITS` that `text` spells, or raise `RecordError`."""
-    found = match_unit(text) if isinstance(text, str) else None
-    if found is None:
-        msg = unknown("acceleration unit", text, [*UNITS, "gal", "m/s^2", "m/s**2", "cm/s^2", "cm/s/s"])
-        raise RecordError(msg)
-    return found
+    def __str__(self) -> str:
+        column = f"column {self.column}; " if self.column else ""
+        return f"{column}unit {self.unit}: {self.unit_from}; step: {self.step_from}"
 
 
 def number(value: Any, what: str, *, positive: bool = False) -> float:
@@ -104,6 +95,8 @@ class Record:
         Where the record comes from, for attributes and captions.
     scale
         Product of all factors applied so far to the motion as recorded.
+    reading
+        How it was read, if it is from a file.
 
     Raises
     ------
@@ -125,6 +118,7 @@ class Record:
     acceleration: npt.NDArray[np.float64]
     source: str = ""
     scale: float = 1.0
+    reading: Reading | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
@@ -149,7 +143,7 @@ class Record:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickled array comes back writeable: go through the constructor.
-        return Record, (self.name, self.dt, np.asarray(self.acceleration), self.source, self.scale)
+        return Record, (self.name, self.dt, np.asarray(self.acceleration), self.source, self.scale, self.reading)
 
     @property
     def n_points(self) -> int:
@@ -200,7 +194,7 @@ class Record:
         factor = number(factor, f"record {self.name!r}: the scale factor")
         with np.errstate(over="ignore"):
             motion = self.acceleration * factor
-        return Record(self.name, self.dt, motion, self.source, self.scale * factor)
+        return replace(self, acceleration=motion, scale=self.scale * factor)
 
     def scaled_to(self, pga: float) -> Record:
         """Scale the motion to a peak ground acceleration `pga` in m/s2.
@@ -224,4 +218,4 @@ class Record:
         RecordError
             If `name` is empty.
         """
-        return Record(name, self.dt, self.acceleration, self.source, self.scale)
+        return replace(self, name=name)

@@ -421,12 +421,14 @@ class PathRecord(FoundRecord):
     path: str = Field(description="a text")
     units: str | None = Field(None, description="a text")
     dt: float | None = Field(None, description="a number in s")
+    column: str | int | None = Field(None, description="a text, the heading of a column, or its number from 1")
+    layout: str | None = Field(None, description='"columns" or "rows"')
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
         file = folder / expanded(self.path, RecordError)
-        found = read_record(file, units=self.units, dt=self.dt, name=self.name, scale=self.scale, pga=self.pga)
-        return self.to_spectrum(found)
+        how = {key: value for key, value in dict(self).items() if key not in ("path", "sa", "sa_period")}
+        return self.to_spectrum(read_record(file, **how))
 
 
 class NamedRecord(FoundRecord):

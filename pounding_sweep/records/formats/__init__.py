@@ -19,5 +19,5 @@ RECORD_SUFFIXES = tuple(dict.fromkeys(suffix for reader in READERS for suffix in
 def reader_of(source: RecordText) -> Reader:
     """Tell the format of a file by its first lines."""
     head = source.text.split("\n", HEAD)[:HEAD]
-    (rest,) = (reader for reader in READERS if reader.told is None)
-    return next((reader for reader in READERS if reader.told is not None and reader.told(head)), rest)
+    (rest,) = (reader for reader in READERS if reader.matches is None)
+    return next((reader for reader in READERS if reader.matches is not None and reader.matches(head)), rest)

@@ -1,33 +1,35 @@
-"""Records in columns: acceleration alone, or time and acceleration, told apart by headings and by what they hold."""
+"""Records in columns: acceleration alone, or with its time, or several components, told apart by their headings."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from pounding_sweep.records.reader import (
     LONGEST_WORD,
     NUMBER,
     RUN,
-    STATED_DT,
     Array,
     Content,
     Reader,
     RecordText,
+    StatedStep,
     in_quotes,
     plain_words,
     words,
 )
+from pounding_sweep.records.steps import choose_step, stated_steps, step_of_times
+from pounding_sweep.records.units import other_quantity, stated_units
+
+Lines = list[tuple[int, str]]
 
 _COMMENT = ("#", "%", "!", "//")
 #: Longer headers are of no record.
 _MOST_HEADER = 1000
 
-_TIME = r"(?:times?|temps|zeit|tiempo|tempo|t)"
+_TIME = r"(?:times?|temps|zeit|tiempo|tempo|zaman|t)"
 _UNIT = (
     r"(?:ms|msecs?|millis|milli-?\s?sec(?:ond)?s?|[uµμ]s|[uµμ]?secs|micro-?\s?sec(?:ond)?s?|ns|min|mins|minutes?|hr?s?|"
     r"hours?|days?)"
@@ -45,61 +47,127 @@ _INDEX_HEADING = re.compile(
 )
 #: A heading where blanks separate columns: words, each with what stands in brackets behind it.
 _HEADING = re.compile(r"[^\s(\[]+(?:\s*(?:\([^)]*\)|\[[^\]]*\]))?")
-#: Blocks that are rows of one or two words, apart from what the words are.
-_ROWS = {
-    1: re.compile(r"(?:[ \t]*+[^\s,]++[ \t]*+,?+[ \t]*+\n)++"),
-    2: re.compile(r"(?:[ \t]*+[^\s,]++(?:[ \t]*+,[ \t]*+[^\s,]++[ \t]*+,?+|[ \t]++[^\s,]++)[ \t]*+\n)++"),
-}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_DASHES = str.maketrans(dict.fromkeys("‐‑‒–—−", "-"))
 
 
-def _parse(source: RecordText, dt: float | None) -> Content:
-    """Read one column of acceleration, or two with its time."""
-    header, line, row = _header(source)
-    columns = len(_row(row)[1])
-    if columns > 2:
-        source.fail(
-            f"line {line} has {columns} columns; give time and acceleration, or acceleration alone "
-            "(a PEER file needs its header with NPTS and DT)"
-        )
-    text = "\n".join(header)
-    if columns == 2 and _NOT_SECONDS.search(text):
+def _parse(source: RecordText) -> Content:
+    """Read one column of acceleration, with or without its time, or rows of one component."""
+    header, line, row = read_header(source)
+    first = cells_of(row)[1]
+    count = _count_line(source, line, first)
+    steps: list[StatedStep] = []
+    if count:
+        points, step = count
+        steps = [StatedStep(step, f"{row[:40]!r}, line {line}")]
+        line, row = next(_lines(source, line + 1), (line, row))
+        first = cells_of(row)[1]
+    steps += stated_steps(header)
+    if source.layout == "rows" or (count and (len(first) != 2 or source.numbers(line).size != 2 * points)):
+        values = source.exactly(line, points, f"line {line - 1}") if count else source.numbers(line)
+        return described(source, header, values, choose_step(source, steps, header))
+    return read_table(source, header, line, row, steps)
+
+
+def described(
+    source: RecordText,
+    header: Lines,
+    values: Array,
+    step: tuple[float, str],
+    heading: tuple[int, str] | None = None,
+    column: str | None = None,
+) -> Content:
+    """Put together what a file holds: its unit by the heading of the column, or by the lines before it."""
+    # The line of headings of several components states no unit for all of them.
+    remarks = [item for item in header if heading is None or column is None or item[0] != heading[0]]
+    heading = heading or (header[-1] if header else None)
+    if other := other_quantity(remarks, heading):
+        source.fail(f"holds {other[0]}, not acceleration ({other[1]}); take the file of the acceleration")
+    lines = [item for item in remarks if heading is None or item[0] != heading[0]][:2]
+    shown = ", ".join(f"{text[:60]!r} (line {line})" for line, text in [*([heading] if heading else []), *lines])
+    title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
+    return Content(values, step, stated_units(remarks, heading), title, header=shown, column=column)
+
+
+def read_table(source: RecordText, header: Lines, line: int, row: str, steps: Sequence[StatedStep]) -> Content:
+    """Read columns from a line on; `row` is that line."""
+    columns = len(cells_of(row)[1])
+    text = "\n".join(text for _, text in header)
+    split = [(number, heads) for number, text in header if (heads := _headings(text, row, columns))]
+    # Remarks may follow the line of headings.
+    where, heads = next((item for item in split[::-1] if item[0] == header[-1][0] or any(_timed(item[1]))), (0, []))
+    if columns > 1 and _NOT_SECONDS.search(text):
         source.fail(f"its times are not in seconds ({in_quotes(text)}); convert them")
-    heads = _headings(header[-1], row) if header and columns == 2 else []
-    timed = [bool(_TIME_HEADING.match(head)) for head in heads]
-    time = int(timed == [False, True])
-    if time and _INDEX_HEADING.fullmatch(heads[0]):
-        source.fail(f"has no column of acceleration: its columns are headed {heads}")
-    values = _values(source, line, columns)
-    stated = match[1] if (match := STATED_DT.search(text)) else None
-    counts = columns == 2 and not any(timed) and _counts(values[:, time])
-    if counts and dt is None and stated is None:
-        head = f", headed {heads[0]!r}," if heads else ""
+    if columns > 2 and not heads and source.column is None:
         source.fail(
-            f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
-            "or head the column 'time (s)'"
+            f"line {line} has {columns} columns without headings; give layout='rows' with dt= and units= if they are "
+            "values of one component one after another, or column= a number from 1 for one of several components"
         )
-    if columns == 1 or counts:
-        step = source.agreed_dt(stated, dt)
+    timed = _timed(heads)
+    values = _values(source, line, columns)
+    time = timed.index(True) if any(timed) else (0 if columns == 2 or _rises(values[:, 0]) else None)
+    if columns == 1:
+        time = None
+    if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
+        source.fail(f"has no column of acceleration: its columns are headed {heads}")
+    others = [index for index in range(columns) if index != time]
+    if time is not None and str(source.column).strip() == str(time + 1):
+        source.fail(f"column {source.column} is its time; give another column=")
+    names = heads or [str(index + 1) for index in range(columns)]
+    chosen = others[source.choose([names[index] for index in others], [index + 1 for index in others])]
+    heading = (where, heads[chosen]) if heads else None
+    counts = time is not None and not any(timed) and _counts(values[:, time])
+    if time is None or counts:
+        if counts and source.dt is None and not steps:
+            head = f", headed {heads[0]!r}," if heads else ""
+            source.fail(
+                f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
+                "or head the column 'time (s)'"
+            )
+        step = choose_step(source, steps, header)
     else:
-        step = _even_step(source, values[:, time], line, time, dt)
-        cells = _cells(header[-1]) if header else []
-        before = words(cells[0]) if cells else ""
-        if isinstance(before, list) and len(before) == 1 and abs(values[0, 0] - step - before[0]) < step / 2:
-            last = in_quotes(header[-1])
-            source.fail(f"{last} before line {line} is a row of data with a value that is no number")
-    title = header[0].lstrip("#%!/ ") if len(header) > 1 else ""
-    if time:  # the unit is looked for in the last column
-        text = "\n".join([*header[:-1], ",".join(reversed(heads))])
-    return Content(values[:, columns - 1 - time], step, text, title)
+
+        def printed(time: int = time) -> Iterator[tuple[int, str]]:
+            return ((number, cells_of(text)[0][time]) for number, text in _data_lines(source, line))
+
+        what = f"{heads[time]!r}, line {where}" if heads else f"times in column {time + 1}"
+        step = step_of_times(source, values[:, time], printed, steps, what)
+        _check_first_row(source, header, line, values[0, time] - step[0])
+    return described(source, header, values[:, chosen], step, heading, names[chosen] if len(others) > 1 else None)
 
 
-def _header(source: RecordText) -> tuple[list[str], int, str]:
+def _check_first_row(source: RecordText, header: Lines, line: int, before: float) -> None:
+    """Refuse a row before the first whose time is that before it: a row of data with a value that is no number."""
+    cells = cells_of(header[-1][1])[0] if header else []
+    number = words(cells[0]) if cells else ""
+    if isinstance(number, list) and len(number) == 1 and abs(before - number[0]) < 1e-6 + 1e-3 * abs(before):
+        last = in_quotes(header[-1][1])
+        source.fail(f"{last} before line {line} is a row of data with a value that is no number")
+
+
+def _count_line(source: RecordText, line: int, first: list[float] | str) -> tuple[int, float] | None:
+    """Return the number of points and the step (s) of a first line "N dt" (or "dt N"), perhaps with a third number."""
+    if isinstance(first, str) or len(first) not in (2, 3):
+        return None
+    points, step = (first[0], first[1]) if first[0] > first[1] else (first[1], first[0])
+    following = next(_lines(source, line + 1), None)
+    if following is None or points != int(points) or not (points > 1 and 0.0 < step < 1.0):
+        return None
+    second = cells_of(following[1])[1]
+    if isinstance(second, str) or (len(second) == len(first) and not (len(second) == 2 and abs(second[0]) <= step)):
+        return None
+    return int(points), step
+
+
+def read_header(source: RecordText) -> tuple[Lines, int, str]:
     """Find the lines before the first row of numbers, and that row with its line."""
-    header: list[str] = []
+    header: Lines = []
     for line, row in _lines(source, 1):
-        if not isinstance(_row(row)[1], str):
+        if not isinstance(cells_of(row)[1], str):
             return header, line, row
-        header.append(row)
+        if not isinstance(cells_of(row.translate(_DASHES))[1], str):
+            source.not_a_number(line, str(cells_of(row)[1]))
+        header.append((line, row))
         if len(header) > _MOST_HEADER:
             source.fail(f"its first {_MOST_HEADER} lines hold no row of numbers; is it a record?")
     source.fail("holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
@@ -113,28 +181,38 @@ def _lines(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
                 yield line, plain
 
 
+def _data_lines(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
+    return (item for item in _lines(source, start) if not item[1].startswith(_COMMENT))
+
+
 def _values(source: RecordText, start: int, columns: int) -> Array:
     """Read the rows from a line on. Shape (rows, columns)."""
     parts, count = [], 0
+    apart = r"(?:[ \t]*+,[ \t]*+|[ \t]++)[^\s,]++"
+    rows_only = re.compile(rf"(?:[ \t]*+[^\s,]++(?:{apart}){{{columns - 1}}}[ \t]*+,?+[ \t]*+\n)++")
     for first, block in source.blocks(start):
-        found = plain_words(block) if _ROWS[columns].fullmatch(block) else None
-        if found is None:
-            rows = []
+        part = plain_words(block) if rows_only.fullmatch(block) else None
+        if part is None:
+            rows: list[float] = []
             for line, text in enumerate(block.split("\n"), first):
                 plain = text.strip()
                 if not plain or plain.startswith(_COMMENT):
                     continue
-                row = _row(plain)[1]
+                row = cells_of(plain)[1]
                 if isinstance(row, str):
-                    source.fail(f"line {line}: {in_quotes(row)} is not a number")
+                    source.not_a_number(line, row)
                 if len(row) != columns:
                     source.fail(f"line {line} has {len(row)} columns where line {start} has {columns}")
                 rows += row
-            found = np.array(rows)
-        parts.append(found.reshape(-1, columns))
+            part = np.array(rows)
+        parts.append(part.reshape(-1, columns))
         count += len(parts[-1])
         source.check_points(count)
     return np.concatenate(parts)
+
+
+def _timed(heads: list[str]) -> list[bool]:
+    return [bool(_TIME_HEADING.match(head)) for head in heads]
 
 
 def _counts(column: Array) -> bool:
@@ -142,25 +220,41 @@ def _counts(column: Array) -> bool:
     return column.size > 1 and column[0] in (0.0, 1.0) and bool((np.diff(column) == 1.0).all())
 
 
-def _headings(line: str, row: str) -> list[str]:
-    """Split the line before the first row into the headings of two columns; nothing if it has no two."""
+def _rises(column: Array) -> bool:
+    """Whether a column rises by nearly equal steps, as times do."""
+    steps = np.diff(column)
+    return column.size > 2 and bool((steps > 0.0).all() and steps.max() < 3.0 * steps.min())
+
+
+def _headings(line: str, row: str, columns: int) -> list[str]:
+    """Split the line before the first row into the headings of its columns; nothing if it has another number."""
     plain = line.lstrip("#%!/ ")
-    if _separator(plain) != _separator(row):
+    if columns == 1:
         return []
-    found = _cells(plain) if _separator(plain).strip() else _HEADING.findall(plain)
-    return found if len(found) == 2 else []
+    same = _separator(plain) == _separator(row)
+    splits = [_cells(plain) if _separator(plain).strip() or "\t" in plain else _HEADING.findall(plain)] if same else []
+    splits += [re.split(sign, plain) for sign in (r"\s*[;,]\s*", r"\s*\t\s*|\s{2,}") if not same]
+    for found in splits:
+        if len(found) == columns and (same or _TIME_HEADING.match(found[0]) or _INDEX_HEADING.fullmatch(found[0])):
+            return [head.strip("\"' ") for head in found]
+    return []
 
 
 def _separator(line: str) -> str:
-    return next((sign for sign in ";," if sign in line), " ")
+    return next((sign for sign in ";,\t" if sign in line), " ")
 
 
 def _cells(line: str) -> list[str]:
-    """Split a row at semicolons (then a comma is the decimal sign), commas or blanks."""
+    """Split a row at semicolons (then a comma is the decimal sign), tabs, commas or blanks."""
+    apart = line.split("\t") if "\t" in line else line.split()
     if ";" in line:
         cells = [cell.replace(",", ".") for cell in line.split(";")]
-    elif "," in line:
+    elif len(apart) > 1 and all(_DECIMAL_COMMA.fullmatch(cell.strip()) for cell in apart):
+        cells = [cell.replace(",", ".") for cell in apart]
+    elif "," in line and not ("\t" in line and not re.search(r"\d\s*,", line)):
         cells = line.split(",")
+    elif "\t" in line and not NUMBER.match(line):
+        cells = apart
     else:
         return line.split()
     cells = [cell.strip().strip("\"'").strip() for cell in cells]
@@ -169,7 +263,7 @@ def _cells(line: str) -> list[str]:
     return cells
 
 
-def _row(line: str) -> tuple[list[str], list[float] | str]:
+def cells_of(line: str) -> tuple[list[str], list[float] | str]:
     """Split a row into cells and their numbers, or what of it is no number."""
     cells = _cells(line)
     if len(cells) == 1:  # fixed-width columns may touch
@@ -184,62 +278,12 @@ def _row(line: str) -> tuple[list[str], list[float] | str]:
     return cells, values or line
 
 
-def _resolution(word: str) -> float:
-    """Size of one unit in the last printed place of a number, e.g. 0.01 for "1.25"."""
-    mantissa, _, exponent = word.lower().replace("d", "e").partition("e")
-    return 10.0 ** (max(-400, min(300, int(exponent[:6] or 0))) - len(mantissa.partition(".")[2]))
-
-
-@np.errstate(all="ignore")
-def _even_step(source: RecordText, time: Array, start: int, column: int, dt: float | None) -> float:
-    """Find the constant step (s) that explains the printed times, each right to half a unit in its last place."""
-    remedy = "a record needs a constant time step; resample it"
-
-    def printed() -> Iterator[tuple[int, str]]:
-        rows = (row for row in _lines(source, start) if not row[1].startswith(_COMMENT))
-        return ((line, _row(text)[0][column]) for line, text in rows)
-
-    def at(wrong: npt.NDArray[np.bool_], shift: int = 1) -> tuple[int, str]:
-        return next(islice(printed(), int(wrong.argmax()) + shift, None))
-
-    bad = ~np.isfinite(time)
-    if bad.any():
-        source.fail(f"line {at(bad, 0)[0]}: its time is not a finite number")
-    if time.size == 1:
-        return source.fail("has one point only, so no time step; give dt= in seconds") if dt is None else dt
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        source.fail(f"line {at(steps <= 0)[0]}: its time does not increase; {remedy}")
-    # Writers drop trailing zeros, and "%g" coarsens as time grows: the finest place still to come is the one in use.
-    places = np.fromiter((_resolution(word) for _, word in printed()), np.float64, time.size)
-    places = np.minimum.accumulate(places[::-1])[::-1]
-    slack = (0.51 if time[0] == 0 else 1.02) * places[1:] + 2e-7 * np.abs(time[1:])  # the latter for float32 times
-    slack = np.minimum(slack, 0.15 * np.median(steps))
-    index = np.arange(1, time.size)
-    low = np.maximum.accumulate((time[1:] - time[0] - slack) / index)
-    high = np.minimum.accumulate((time[1:] - time[0] + slack) / index)
-    middle = float(low[-1] + high[-1]) / 2
-    if not 1e-9 < 2 * middle < 1e9:
-        source.fail(f"its time step of about {middle:g} s makes no sense; times must be in seconds")
-    if low[-1] > high[-1]:
-        line, text = at(low > high)
-        source.fail(f"line {line}: time {text} s does not continue the steps before it; {remedy}")
-    if dt is not None:
-        if not low[-1] * (1 - 1e-6) <= dt <= high[-1] * (1 + 1e-6):
-            source.fail(f"its time step is {middle:g} s, dt={dt:g} was given; leave dt out")
-        return dt
-    rounded = [float(f"{middle:.{digits}e}") for digits in range(6)]
-    for candidate in (*rounded[:3], 1 / max(1, round(1 / middle)), *rounded[3:]):
-        if low[-1] <= candidate <= high[-1]:
-            return candidate
-    return middle
-
-
 READER = Reader(
-    name="time and acceleration, in CSV (`,` or `;`) or apart by blanks; or acceleration alone",
-    needs="times in seconds at a constant step, or `dt` given, or `DT=` in the header; the unit of the acceleration in "
-    "the heading, as `acc (g)`, or given",
-    suffixes=(".csv", ".txt", ".dat"),
-    told=None,
+    name="columns of time and accelerations, in CSV (`,` or `;`) or apart by blanks or tabs; acceleration alone; a "
+    "first line `N dt` as of eqsig, DEEPSOIL and RspMatch; one component in rows, with `layout`",
+    step="the column of times, the line `N dt`, or a remark such as `dt = 0.01 s` or `200 samples/s`",
+    unit="the heading, as `acc (g)` or `acc_g`, or a remark such as `units: g` or `acceleration in g`",
+    suffixes=(".csv", ".txt", ".dat", ".acc"),
+    matches=None,
     parse=_parse,
 )

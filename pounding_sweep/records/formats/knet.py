@@ -9,14 +9,16 @@ import re
 
 import numpy as np
 
-from pounding_sweep.records.reader import HEAD, NUMBER, Content, Reader, RecordText, in_quotes, to_float
+from pounding_sweep.records.reader import HEAD, NUMBER, Content, Reader, RecordText, StatedStep, in_quotes, to_float
+from pounding_sweep.records.steps import choose_step
+from pounding_sweep.records.units import StatedUnit
 
 _RATE = re.compile(rf"({NUMBER.pattern})\s*Hz", re.ASCII | re.IGNORECASE)
 _SCALE = re.compile(rf"({NUMBER.pattern})\s*\(gal\)\s*/\s*({NUMBER.pattern})", re.ASCII | re.IGNORECASE)
 _SECONDS = re.compile(rf"({NUMBER.pattern})", re.ASCII)
 
 
-def _parse(source: RecordText, dt: float | None) -> Content:
+def _parse(source: RecordText) -> Content:
     lines = source.text.split("\n", HEAD)[:HEAD]
     end = next((index for index, line in enumerate(lines) if line.startswith("Memo")), None)
     if end is None:
@@ -35,7 +37,7 @@ def _parse(source: RecordText, dt: float | None) -> Content:
     (rate,) = positive("Sampling Freq(Hz)", _RATE)
     full, counts = positive("Scale Factor", _SCALE)
     (seconds,) = positive("Duration Time(s)", _SECONDS)
-    dt = source.agreed_dt(repr(1 / rate), dt)
+    step = choose_step(source, [StatedStep(1 / rate, "Sampling Freq(Hz)", firm=True)])
     source.check_points(round(min(seconds * rate, 1e15)))
     values = source.numbers(end + 2)
     if len(values) == 0 or abs(len(values) - seconds * rate) > rate:  # the header has whole seconds
@@ -47,14 +49,15 @@ def _parse(source: RecordText, dt: float | None) -> Content:
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is told of by the record
         values = (values - values.mean()) * (full / counts)
     title = f"{said('Station Code')} {said('Dir.')}, earthquake of {said('Origin Time')}"
-    return Content(values, dt, "units: gal", title, name=source.file.name)
+    unit = StatedUnit("gal", "Scale Factor, in gal")
+    return Content(values, step, [unit], title, name=source.file.name)
 
 
 READER = Reader(
     name="K-NET and KiK-net ASCII of NIED, one component a file",
-    needs="the 17 lines of its header; the offset (mean) is taken out, as NIED does for the maximum there. The record "
-    "is named by the whole file name, since the ending is the component",
+    step="`Sampling Freq(Hz)`",
+    unit="`Scale Factor`, in gal; the offset (mean) is taken out, as NIED does for the maximum in the header",
     suffixes=tuple(f".{component}{place}" for place in ("", 1, 2) for component in ("ns", "ew", "ud")),
-    told=lambda head: head[0].startswith("Origin Time"),
+    matches=lambda head: head[0].startswith("Origin Time"),
     parse=_parse,
 )

@@ -3,56 +3,55 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
-from pounding_sweep.records.reader import HEAD, NUMBER, STATED_DT, Content, Reader, RecordText, in_quotes
+from pounding_sweep.records.reader import NUMBER, Content, Reader, RecordText, StatedStep, in_quotes, to_float
+from pounding_sweep.records.steps import choose_step, stated_steps
+from pounding_sweep.records.units import other_quantity, stated_units
 
 _NPTS = re.compile(r"\bNPTS\b", re.IGNORECASE)
-_NPTS_NEW = re.compile(r"\bNPTS\s*[=:]\s*(\d{1,12})(?!\d)", re.ASCII | re.IGNORECASE)
-_NPTS_OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
-_NOT_ACCELERATION = re.compile(r"\b(VELOCITY|DISPLACEMENT)\s+TIME[ -](?:SERIES|HISTORY)", re.IGNORECASE)
+_TOLD = re.compile(r"^[^#%!]*\bNPTS\s*(?:[=:]|,\s*DT)", re.IGNORECASE)
+_POINTS = re.compile(r"\bNPTS\s*[=:]\s*(\d{1,12})(?!\d)", re.ASCII | re.IGNORECASE)
+_OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
 _PEER = re.compile(r"\bPEER\b|STRONG[ -]MOTION DATA", re.IGNORECASE)
+#: What follows the line of NPTS that is that of the values: perhaps a line of DT, then a number.
+_VALUES = re.compile(r"\s*(?:[^\n]*\bDT\b[^\n]*\s+)?[-+]?\.?\d", re.IGNORECASE)
 
 
-def _places(lines: list[str]) -> Iterator[int]:
-    """Find the lines that speak of the number of points."""
-    return (index for index, line in enumerate(lines) if _NPTS.search(line))
-
-
-def _parse(source: RecordText, dt: float | None) -> Content:
-    lines = source.text.split("\n", HEAD + 1)
-    place = next(_places(lines))
-    start = place + 1
-    if start < len(lines) and STATED_DT.search(lines[start]):
-        start += 1
-    header = "\n".join(lines[:start])
-    wrong = _NOT_ACCELERATION.search(header)
-    if wrong:
-        source.fail(f"holds {wrong[1].lower()}, not acceleration; take the .AT2 file of the same record")
-    old = _NPTS_OLD.search(lines[place])
-    points = old or _NPTS_NEW.search(header)
+def _parse(source: RecordText) -> Content:
+    lines = source.head()
+    places = [line for line, text in lines if _NPTS.search(text)]
+    # Where headers stand above each other, the last one is that of the values.
+    place = next(
+        (line for line in reversed(places) if _VALUES.match("\n".join(text for _, text in lines[line:]))), places[0]
+    )
+    text = lines[place - 1][1]
+    old = _OLD.search(text)
+    points = old or _POINTS.search(text)
     if points is None:
-        given = in_quotes(lines[place].strip())
-        source.fail(f"line {place + 1}: no readable number of points in {given}; write e.g. NPTS= 2000, DT= .02 SEC")
-    step = old[2] if old else (match[1] if (match := STATED_DT.search(header)) else None)
-    dt = source.agreed_dt(step, dt)
-    expected = int(points[1])
-    source.check_points(expected)
-    values = source.numbers(start + 1)
-    if len(values) != expected or expected == 0:
-        cause = "it was cut short" if len(values) < expected else "the header or the file is damaged"
-        found_points = f"its header says {expected} points, it holds {len(values)}"
-        source.fail(f"{found_points}: {cause}; get the file again, or mend NPTS")
-    titles = [line.strip() for line in lines[:place] if line.strip()]
+        shown = in_quotes(text.strip())
+        source.fail(f"line {place}: no readable number of points in {shown}; write e.g. NPTS= 2000, DT= .02 SEC")
+    steps = [StatedStep(to_float(old[2]), f"{text.strip()[:60]!r}, line {place}", firm=True)] if old else []
+    start = place
+    for line in (place, place + 1, place - 1):
+        if not steps and 0 < line <= len(lines) and (steps := stated_steps([lines[line - 1]], firm=True)):
+            start = max(line, place)
+    header = lines[:start]
+    step = choose_step(source, steps)
+    if other := other_quantity(header):
+        source.fail(f"holds {other[0]}, not acceleration ({other[1]}); take the .AT2 file of the same record")
+    values = source.exactly(start + 1, int(points[1]), "NPTS")
+    titles = [text.strip() for _, text in lines[: place - 1] if text.strip()]
     title = titles[1] if len(titles) > 1 else "".join(titles)
-    peer = bool(_PEER.search(header)) or source.file.suffix.lower() == ".at2"
-    return Content(values, dt, header, title, "g" if peer else None)
+    peer = source.file.suffix.lower() == ".at2" or any(_PEER.search(text) for _, text in header)
+    default = ("g", "AT2 files are in g unless they say otherwise") if peer else None
+    return Content(values, step, stated_units(header), title, default)
 
 
 READER = Reader(
     name="PEER AT2, old and NGA headers",
-    needs="`NPTS` and `DT` in the header; in g unless it says otherwise",
+    step="`DT` on the line of `NPTS`, or next to it",
+    unit="`IN UNITS OF`, `IN CM/S/S`; else g",
     suffixes=(".at2",),
-    told=lambda head: any(True for _ in _places(head)),
+    matches=lambda head: any(_TOLD.search(line) for line in head),
     parse=_parse,
 )
