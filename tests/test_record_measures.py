@@ -57,6 +57,15 @@ def test_velocity_equals_the_antiderivative_of_the_lines(values, dt):
 
 
 @given(values=motions, dt=st.sampled_from([0.005, 0.01, 0.3, 2.0]))
+def test_cav_equals_the_integral_of_the_absolute_lines(values, dt):
+    record = Record("random", dt, values)
+    line = polynomial(record)
+    ends = np.unique(np.clip(np.concatenate([record.time, np.nan_to_num(line.roots())]), 0.0, record.duration))
+    parts = np.diff(line.antiderivative()(ends))
+    assert record_measures(record).cav == pytest.approx(np.abs(parts).sum(), rel=1e-9, abs=1e-11 * dt)
+
+
+@given(values=motions, dt=st.sampled_from([0.005, 0.01, 0.3, 2.0]))
 def test_intensity_and_significant_duration_equal_those_of_the_squared_lines(values, dt):
     record = Record("random", dt, values)
     found = record_measures(record)
@@ -87,6 +96,7 @@ def test_measures_of_a_sine_are_those_of_the_textbook():
     record = ps.pulse_record("sine", amplitude=amplitude, period=period, dt=period / 2000)
     found = record_measures(record)
     assert found.pgv == pytest.approx(2 * amplitude / (2 * np.pi / period), rel=1e-5)
+    assert found.cav == pytest.approx(2 * amplitude * period / np.pi, rel=1e-5)
     assert found.arias_intensity == pytest.approx(np.pi * amplitude**2 * period / (4 * 9.81), rel=1e-5)
     assert found.end_velocity == pytest.approx(0.0, abs=1e-9)
 

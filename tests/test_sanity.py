@@ -14,7 +14,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError, UnlikelyWarning
 from pounding_sweep.cli.app import app
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
-from pounding_sweep.plan.sanity import LIMITS, doubts, doubts_of
+from pounding_sweep.plan.sanity import LIMITS, doubts, doubts_of, record_doubts
 from pounding_sweep.spec.axes import Case
 
 ROOT = Path(__file__).parents[1]
@@ -42,7 +42,7 @@ def told(scene=None, laws=("linear", "hertz"), **axes):
         ({"storey_heights": [3000]}, {}, "storey height 3000 m (b, storey 1): .* likely mm given for m (3 m)"),
         ({"damping_ratio": 0.5}, {}, "damping ratio 0.5 (b): real ones lie up to 0.3; likely per cent given"),
         ({}, {"pgas": [3.0, 400.0]}, "peak ground acceleration 400 m/s2 (el_centro .* likely cm/s2 (gal)"),
-        ({}, {"pgas": [0.1, 0.5]}, "strongest motion 0.5 m/s2 .* likely g given for m/s2 (4.903 m/s2)"),
+        ({}, {"pgas": [0.1, 0.5]}, "strongest motion 0.5 m/s2 .* likely g given for m/s2 (4.905 m/s2)"),
         ({}, {"scales": [-1.0, 1.0]}, "record scale -1 is negative: it turns the ground motion round"),
         ({}, {"scales": [0.0, 1.0]}, "record scale 0 leaves the ground of el_centro standing still"),
         ({}, {"stiffness_factors": [1.0, 1000.0]}, "contact stiffness 2e+09 kN/m: .* N/m given for kN/m (2e+06 kN/m)"),
@@ -81,6 +81,63 @@ def test_listed_cases_are_doubted_too():
     found = doubts(ps.Sweep(row(), "el_centro", cases=cases).spec)
     assert [text.split(" ")[0] for text in found] == ["gap", "floor", "peak", "contact"]
     assert "gap 30 m" in found[0]
+
+
+def motion(tmp_path, values, header="time (s),acc (g)", **how):
+    """Read a record from a file of values at 0.01 s."""
+    path = tmp_path / "motion.csv"
+    path.write_text(f"{header}\n" + "".join(f"{i * 0.01:.2f},{v}\n" for i, v in enumerate(values)))
+    return ps.read_record(path, **how)
+
+
+SINE = np.round(0.3 * np.sin(np.arange(400) * np.pi / 40), 6)  # five cycles
+
+
+@pytest.mark.parametrize(
+    ("values", "how", "said"),
+    [
+        (SINE + 0.05, {}, "has a mean of 14% of its PGA: an offset; take it out"),
+        (
+            np.concatenate([SINE, SINE, SINE[:41]]),
+            {},
+            "ends at 100% of its PGV: a drift, or cut off; correct its baseline",
+        ),
+        (np.append(SINE, [-9999.0, 0.0]), {}, "has values of -9999 g, which mark what is missing; cut or mend them"),
+        *[
+            (SINE, {"scale": s}, f"has scale {s:g}, a factor between units")
+            for s in (9.81, 9.80665, 981, 386.4, 0.0102)
+        ],
+    ],
+)
+def test_doubts_about_a_record_that_was_read(tmp_path, values, how, said):
+    record = motion(tmp_path, values, **how)
+    found = record_doubts(record)
+    assert f"record 'motion' {said}" in " ".join(found)
+    spec = ps.Sweep(row(), record, "linear").spec
+    assert [text for text in doubts(spec) if "record 'motion'" in text] == found
+
+
+def test_records_that_are_not_doubted(tmp_path):
+    assert record_doubts(motion(tmp_path, SINE)) == record_doubts(motion(tmp_path, SINE, scale=2.0)) == []
+    assert record_doubts(ps.pulse_record("half_sine", amplitude=3.0, period=1.0, dt=0.01)) == []
+
+
+@pytest.mark.parametrize("scale", [9.81, 386.4, -9.80665])
+def test_a_scale_that_converts_units_is_doubted(scale):
+    assert any(f"record scale {scale:g} converts units" in text for text in told(scales=[0.5, scale]))
+
+
+def test_the_strongest_recorded_motions_have_2_g():
+    assert not any("peak" in text for text in told(pgas=[19.6]))
+    assert any("the strongest recorded ones lie up to 19.62 m/s2" in text for text in told(pgas=[19.7]))
+
+
+def test_masses_that_look_like_weights():
+    plain, weights = [170.0] * 3, [170.0 * 9.81] * 3
+    text = "floor masses of b of about 1668 t with a first period of 0.26 s a storey: are they weights in kN?"
+    assert any(text in each for each in told(row(masses=weights, stiffnesses=[5.5e5] * 3)))
+    for masses, stiffnesses in ((plain, [5.5e5] * 3), (weights, [5.5e6] * 3), (plain, [5.5e4] * 3), ([2000.0], [5e4])):
+        assert not any("weights" in each for each in told(row(masses=masses, stiffnesses=stiffnesses)))
 
 
 @pytest.mark.parametrize("kind", LIMITS)

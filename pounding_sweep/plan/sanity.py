@@ -12,12 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.records import UNITS, Record, record_measures
 from pounding_sweep.spec.axes import reference_stiffness
 from pounding_sweep.spec.spec import SweepSpec
 
-#: Standard gravity (m/s2).
-G = 9.80665
+#: Factors that turn g, m/s2 or cm/s2 into another unit, which records as they are read do not need.
+UNIT_FACTORS = (9.81, 9.80665, 981.0, 980.665, 386.4, 386.09, 32.2, 32.174, 0.102, 0.0102, 0.00102)
+#: Values that stand for missing ones in files.
+MARKS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 999999.0, -32768.0)
+#: A shear building whose floors have more mass (t) and period (s) a storey may have its weights (kN) for masses.
+WEIGHT_LIKE = (400.0, 0.24)
 #: Values that one warning names.
 _NAMED = 3
 
@@ -75,19 +81,20 @@ LIMITS = {
         "peak ground acceleration",
         "m/s2",
         0.0,
-        3.0 * G,
+        2.0 * STANDARD_GRAVITY,
         (
             ("cm/s2 (gal) given for m/s2", 1e-2),
             ("mm/s2 given for m/s2", 1e-3),
-            ("scales meant for a motion in g", 1 / G),
+            ("scales meant for a motion in g", 1 / STANDARD_GRAVITY),
         ),
+        "the strongest recorded ones",
     ),
     "strongest": Limit(
         "peak ground acceleration of the strongest motion",
         "m/s2",
         1.0,
         math.inf,
-        (("g given for m/s2", G),),
+        (("g given for m/s2", STANDARD_GRAVITY),),
         "those that buildings pound under",
     ),
     "linear_stiffness": Limit(
@@ -135,6 +142,8 @@ def doubts(spec: SweepSpec) -> list[str]:
         for p in periods if building.p_delta else ():
             shares = zip(building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
             held("stability", [(f"{name}, storey {i}", g / (k / p**2 + g)) for i, (k, g) in enumerate(shares, 1)])
+        if text := _weight_like(building):
+            found.append(text)
         held("period", ((name, p * float(building.periods[0])) for p in periods))
         ratio = building.damping_ratio
         own = ratio if isinstance(ratio, tuple) else (ratio,)
@@ -143,6 +152,11 @@ def doubts(spec: SweepSpec) -> list[str]:
     named = [(f"{record}, scale {scale:.4g}", abs(scale) * pga) for record, scale, pga in scales]
     held("pga", named)
     held("strongest", [max(named, key=lambda each: each[1])])
+    found += [text for record in spec.records for text in record_doubts(record)]
+    converting = [scale for _, scale, _ in scales if _converts(scale)]
+    if converting:
+        text = "converts units, but records are in m/s2 already; leave it out"
+        found.append(f"record scale {converting[0]:g} {text}")
     negative = list(dict.fromkeys(scale for _, scale, _ in scales if scale < 0.0))
     if negative:
         told = ", ".join(f"{scale:g}" for scale in negative[:_NAMED])
@@ -153,6 +167,47 @@ def doubts(spec: SweepSpec) -> list[str]:
     for kind, exponent in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
         held(kind, (("", k) for k in dict.fromkeys(_contact_stiffnesses(spec, exponent))))
     return found
+
+
+def record_doubts(record: Record) -> list[str]:
+    """Return what a motion that was read from a file hardly has, one text each."""
+    if record.reading is None:
+        return []
+    found = []
+    if _converts(record.scale):
+        found.append(f"has scale {record.scale:g}, a factor between units, but is in m/s2 already; leave it out")
+    size = UNITS[record.reading.unit] * (record.scale or 1.0)
+    marks = [mark for mark in MARKS if np.isclose(record.acceleration, mark * size, rtol=1e-9).any()]
+    if marks:
+        found.append(f"has values of {marks[0]:g} {record.reading.unit}, which mark what is missing; cut or mend them")
+    measures, mean = record_measures(record), float(record.acceleration.mean())
+    if abs(mean) > 0.05 * record.pga:
+        found.append(f"has a mean of {mean / record.pga:.0%} of its PGA: an offset; take it out")
+    elif abs(measures.end_velocity) > 0.5 * measures.pgv:
+        share = abs(measures.end_velocity) / measures.pgv
+        found.append(f"ends at {share:.0%} of its PGV: a drift, or cut off; correct its baseline")
+    return [f"record {record.name!r} {text}" for text in found]
+
+
+def _converts(scale: float) -> bool:
+    return any(math.isclose(abs(scale), factor, rel_tol=1e-3) for factor in UNIT_FACTORS)
+
+
+def _weight_like(building: Building) -> str:
+    """Say that the masses of a building look like its weights in kN, if they do."""
+    mass = float(np.median(building.masses))
+    own = building.on_fixed_base if building.foundation is not None else building
+    # A uniform shear building of these medians, which one soft storey of an isolated one does not change.
+    storeys = building.n_storeys
+    slowness = math.pi / math.sin(0.5 * math.pi / (2 * storeys + 1)) / storeys
+    uniform = slowness * math.sqrt(mass / float(np.median(building.stiffnesses)))
+    period = min(float(own.periods[0]) / storeys, uniform)
+    if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
+        return ""
+    return (
+        f"floor masses of {building.name} of about {mass:.4g} t with a first period of {period:.2g} s a storey: are they "
+        f"weights in kN? As masses ({mass / STANDARD_GRAVITY:.4g} t) they give {period / STANDARD_GRAVITY**0.5:.2g} s"
+    )
 
 
 def doubts_of(scene: Scene, largest_drift: np.ndarray) -> list[str]:

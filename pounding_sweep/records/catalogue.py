@@ -7,7 +7,7 @@ import importlib.resources
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -146,7 +146,7 @@ def _known_file(filename: str) -> KnownRecord | None:
 def _bundled(entry: KnownRecord) -> Record:
     with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / str(entry.bundled)) as file:
         record = read_record(file, name=entry.key)
-    return Record(entry.key, record.dt, record.acceleration, f"{entry.description} (bundled {entry.bundled})")
+    return replace(record, source=f"{entry.description} (bundled {entry.bundled})")
 
 
 def _match(name: str, files: Sequence[Path]) -> list[Path]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
-from pounding_sweep.records.record import Record
+from pounding_sweep.records.record import Reading, Record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,7 +118,8 @@ def _read(key: str, wanted: Iterable[tuple[str, _Component]]) -> Iterator[Record
     for name, at in wanted:
         with tables.open_file(at.file) as file:
             motion = np.asarray(file.get_node(at.node).read(), dtype=np.float64)
-        record = Record(name, at.dt, motion * STANDARD_GRAVITY, at.source)
+        reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
+        record = Record(name, at.dt, motion * STANDARD_GRAVITY, at.source, reading=reading)
         yield record.scaled(at.factor) if RECORD_SETS[key].normalized else record
 
 

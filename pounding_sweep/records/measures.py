@@ -34,6 +34,8 @@ class RecordMeasures:
         No baseline is corrected, so a record that drifts has too large a value; see `end_velocity`.
     arias_intensity
         Arias intensity (m/s): pi / (2 g) times the integral of the squared acceleration.
+    cav
+        Cumulative absolute velocity (m/s): integral of the absolute acceleration.
     significant_duration
         Time (s) between 5 % and 95 % of the Arias intensity; 0 for a motion of zeros.
     duration
@@ -46,6 +48,7 @@ class RecordMeasures:
     pga: float = field(metadata={"units": "m s-2", "long_name": "peak ground acceleration"})
     pgv: float = field(metadata={"units": "m s-1", "long_name": "peak ground velocity, no baseline correction"})
     arias_intensity: float = field(metadata={"units": "m s-1", "long_name": "Arias intensity"})
+    cav: float = field(metadata={"units": "m s-1", "long_name": "cumulative absolute velocity"})
     significant_duration: float = field(metadata={"units": "s", "long_name": "significant duration, 5 to 95 %"})
     duration: float = field(metadata={"units": "s", "long_name": "time from first to last point"})
     end_velocity: float = field(metadata={"units": "m s-1", "long_name": "ground velocity at the last point"})
@@ -66,11 +69,12 @@ def record_measures(record: Record) -> RecordMeasures:
 
     Notes
     -----
-    Over a step h in which the acceleration goes from a to b, its integral is h (a + b) / 2 and that of its square h
-    (a^2 + a b + b^2) / 3: no error beside rounding. The velocity can have an extreme inside a step, where the
-    acceleration changes sign. Intensity: Arias (1970), "A measure of earthquake intensity", in Seismic Design for
-    Nuclear Power Plants, MIT Press; significant duration: Trifunac & Brady (1975), "A study on the duration of strong
-    earthquake ground motion", BSSA 65(3), 581-626.
+    Over a step h in which the acceleration goes from a to b, its integral is h (a + b) / 2, that of its square
+    h (a^2 + a b + b^2) / 3, and that of its absolute value h (|a| + |b|) / 2, or h (a^2 + b^2) / (2 (|a| + |b|)) where
+    the sign changes: no error beside rounding. The velocity can have an extreme inside a step, where the acceleration
+    changes sign. Intensity: Arias (1970), "A measure of earthquake intensity", in Seismic Design for Nuclear Power
+    Plants, MIT Press; significant duration: Trifunac & Brady (1975), "A study on the duration of strong earthquake
+    ground motion", BSSA 65(3), 581-626; cumulative absolute velocity: EPRI NP-5930 (1988).
 
     Examples
     --------
@@ -85,6 +89,7 @@ def record_measures(record: Record) -> RecordMeasures:
         pga=record.pga,
         pgv=peak,
         arias_intensity=math.pi / (2 * STANDARD_GRAVITY) * float(squared[-1]),
+        cav=_absolute_integral(record),
         significant_duration=high - low,
         duration=record.duration,
         end_velocity=float(velocity[-1]),
@@ -99,6 +104,17 @@ def _velocity(record: Record) -> tuple[Array, float]:
     a, b = a[turns], b[turns]
     inside = velocity[:-1][turns] + 0.5 * record.dt * a * (a / (a - b))
     return velocity, float(np.max(np.abs(np.concatenate([velocity, inside]))))
+
+
+def _absolute_integral(record: Record) -> float:
+    """Integral of the absolute acceleration (m/s)."""
+    a, b = record.acceleration[:-1], record.acceleration[1:]
+    height = np.abs(a) + np.abs(b)
+    turns = np.sign(a) * np.sign(b) < 0.0
+    mean = 0.5 * np.where(
+        turns, (a / np.where(turns, height, 1.0)) * a + (b / np.where(turns, height, 1.0)) * b, height
+    )
+    return float(record.dt * mean.sum())
 
 
 def _squared_integral(record: Record) -> Array:
