@@ -303,7 +303,8 @@ def test_plan_says_what_is_refused(tmp_path):
 
 def test_run_prints_a_summary_and_the_path(tiny):
     folder, done = tiny
-    row, *lines = done.stdout.split("\n\n", 1)
+    row, records, *lines = done.stdout.split("\n\n", 2)
+    assert records == "sine  201 points, dt 0.01 s, PGA 0.5087 g; sine pulse: amplitude=5 m/s2, period=0.5 s, dt=0.01 s"
     assert row == "\n".join(
         f"{name:8}  {text}" for name, text in overview(load_sweep(folder / "sweep.toml").spec.scene)
     )

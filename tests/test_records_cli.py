@@ -58,16 +58,56 @@ def test_list_has_the_measures_of_each_record(folder):
     row = found["records"][0]
     measures = record_measures(find_record("el_centro"))
     assert row["name"] == "el_centro"
-    for name in ("pga", "pgv", "arias_intensity", "significant_duration", "duration", "end_velocity"):
+    for name in ("pga", "pgv", "arias_intensity", "cav", "significant_duration", "duration", "end_velocity"):
         assert row[name] == getattr(measures, name)
     assert {each["name"]: each["records"] for each in found["sets"]} == {
         key: each.components for key, each in RECORD_SETS.items()
     }
     text = call("records", "--records", folder).stdout
-    assert re.search(r"^record +PGA g +PGV m/s +Arias m/s +5-95 % s +duration s +dt s +points +source$", text, re.M)
+    assert re.search(
+        r"^record +PGA g +PGV m/s +Arias m/s +CAV m/s +5-95 % s +duration s +dt s +points +source +read$", text, re.M
+    )
     assert f"{measures.pgv:.3g} " in text
     assert f"{measures.significant_duration:.2f} " in text
+    assert re.search(r"^el_centro .*unit g: 'acc \(g\)', line 1; step: 'time', line 1$", text, re.M)
+    assert row["unit_from"] == "'acc (g)', line 1"
     assert re.search(r"^fema_p695_far_field +FEMA P695 far-field set, as recorded +44$", text, re.M)
+
+
+def test_list_warns_of_doubts_and_takes_a_component(folder):
+    rows = "".join(f"{i / 100},{v},{v + 1}\n" for i, v in enumerate((0.0, 0.5, -0.5) * 9))
+    (folder / "two.csv").write_text(f"t,acc_x (g),acc_y (g)\n{rows}")
+    assert (
+        "two.csv: has 2 components: 'acc_x (g)' (2), 'acc_y (g)' (3); give column="
+        in call("records", "--records", folder).stderr
+    )
+    done = call("records", "--records", folder, "--column", "acc_y", "--json")
+    assert "record 'two' has a mean of 67% of its PGA" in done.stderr
+    rows = {row["name"]: row for row in json.loads(done.stdout)["records"]}
+    assert (rows["two"]["column"], rows["two"]["pga_g"], rows["arleta"]["column"]) == ("acc_y (g)", 1.5, None)
+
+
+@pytest.mark.usefixtures("stub_engine")
+def test_plan_and_run_show_what_was_read(tmp_path):
+    path = write(
+        tmp_path,
+        asking(
+            '{ path = "a.csv", column = 3, name = "y" }', '{ path = "w.txt", layout = "rows", dt = 0.01, units = "mg" }'
+        ),
+    )
+    (tmp_path / "a.csv").write_text(
+        "t,acc_x (g),acc_y (mm/s2)\n" + "".join(f"{i / 100},{i % 2},{i % 5}\n" for i in range(100))
+    )
+    (tmp_path / "w.txt").write_text("0 1 0 -1\n" * 50)
+    lines = [
+        "y     100 points, dt 0.01 s, PGA 0.0004077 g; column acc_y (mm/s2); unit mm/s2: 'acc_y (mm/s2)', line 1; "
+    ]
+    lines += ["w     200 points, dt 0.01 s, PGA 0.001 g; unit mg: given; step: given"]
+    for words in (["plan", path], ["run", path, "-o", tmp_path / "out.nc", "--quiet"]):
+        found = call(*words).stdout
+        assert all(line in found for line in lines)
+    rows = json.loads(call("plan", path, "--json").stdout)["records"]
+    assert [row["unit"] for row in rows] == [None, "mm/s2", "mg"]
 
 
 @pytest.mark.slow

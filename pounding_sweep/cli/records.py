@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.base.tables import number_text, print_json, print_table
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
+
+if TYPE_CHECKING:
+    from pounding_sweep.records import Record
 
 #: Heading of each column of the list, what it is of a record, and how that is written.
 _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
@@ -19,54 +23,90 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("PGA g", "pga_g", "{:.4f}".format),
     ("PGV m/s", "pgv", number_text),
     ("Arias m/s", "arias_intensity", number_text),
+    ("CAV m/s", "cav", number_text),
     ("5-95 % s", "significant_duration", "{:.2f}".format),
     ("duration s", "duration", "{:g}".format),
     ("dt s", "dt", "{:g}".format),
     ("points", "points", str),
     ("source", "source", lambda source: source or "-"),
+    ("read", "read", str),
 )
+
+#: Records of a sweep that are listed, one line each.
+_LISTED = 20
+
+Column = Annotated[
+    str | None,
+    typer.Option(metavar="COLUMN", help="Heading or number of the component, for files that have several."),
+]
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
 
 
 @records_app.callback(invoke_without_command=True)
-def records_command(context: typer.Context, folders: Folders = None, as_json: AsJson = False) -> None:
+def records_command(
+    context: typer.Context, folders: Folders = None, column: Column = None, as_json: AsJson = False
+) -> None:
     """List the records at hand and the known ones missing."""
     if context.invoked_subcommand is not None:
-        context.obj = folders
+        context.obj = folders, column
         return
     with reporting():
-        from pounding_sweep.records import KNOWN_RECORDS, Record, list_records
+        from pounding_sweep.plan.sanity import record_doubts
+        from pounding_sweep.records import KNOWN_RECORDS, Record, list_records, record_measures
 
-        listed = list_records(folders or None)
+        listed = list_records(folders or None, column)
         unreadable = [{"name": name, "error": item} for name, item in listed if not isinstance(item, Record)]
         there = {name for name, _ in listed}
         report = {
-            "records": [_row(name, item) for name, item in listed if isinstance(item, Record)],
+            "records": [
+                {**read_as(item), "name": name, **asdict(record_measures(item))}
+                for name, item in listed
+                if isinstance(item, Record)
+            ],
             "unreadable": unreadable,
             "missing": [_missing(entry) for entry in KNOWN_RECORDS.values() if entry.key not in there],
             "sets": _sets(),
         }
-        for item in unreadable:
-            say(f"warning: {item['error']}")
+        doubts = [text for _, item in listed if isinstance(item, Record) for text in record_doubts(item)]
+        for text in (*(item["error"] for item in unreadable), *doubts):
+            say(f"warning: {text}")
         if as_json:
             print_json(report)
         else:
             _print(report)
 
 
-def _row(name: str, record: Any) -> dict[str, Any]:
-    from pounding_sweep.records import STANDARD_GRAVITY, record_measures
-
+def read_as(record: Record) -> dict[str, Any]:
+    """Return step, points and peak of a record, its unit in the file, and where each was read."""
+    reading = record.reading
     return {
-        "name": name,
-        "pga_g": record.pga / STANDARD_GRAVITY,
-        **asdict(record_measures(record)),
-        "dt": record.dt,
+        "name": record.name,
         "points": record.n_points,
+        "dt": record.dt,
+        "pga_g": record.pga / STANDARD_GRAVITY,
+        "scale": record.scale,
+        "unit": reading.unit if reading else None,
+        "unit_from": reading.unit_from if reading else None,
+        "step_from": reading.step_from if reading else None,
+        "column": reading.column if reading else None,
+        "read": str(reading or record.source or "not from a file"),
         "source": record.source,
     }
+
+
+def print_read(rows: list[dict[str, Any]]) -> None:
+    """Print what was read of each record of a sweep, one line a record; of very many the first."""
+    lines = []
+    for row in rows[:_LISTED]:
+        scale = "" if row["scale"] == 1.0 else f" (scaled by {row['scale']:.4g})"
+        peak = f"PGA {row['pga_g']:.4g} g{scale}"
+        lines.append((row["name"], f"{row['points']} points, dt {row['dt']:g} s, {peak}; {row['read']}"))
+    if len(rows) > _LISTED:
+        lines.append(("...", f"and {len(rows) - _LISTED} more records; --json has all"))
+    print_pairs(lines)
+    print()
 
 
 def _missing(entry: Any) -> dict[str, Any]:
@@ -90,7 +130,7 @@ def _print(report: dict[str, Any]) -> None:
     from pounding_sweep.records.fema_p695 import INSTALL
 
     table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
-    print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 8))
+    print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 9))
     if report["missing"]:
         print()
         print(f"Known by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")
@@ -122,6 +162,7 @@ def plot_command(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MOTIONS.nc if it exists.")] = False,
     damping: Annotated[float, typer.Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
     folders: Folders = None,
+    column: Column = None,
 ) -> None:
     """Draw acceleration histories and response spectra of records."""
     with reporting():
@@ -132,11 +173,11 @@ def plot_command(
 
         if data is not None:
             check_output(data, overwrite)
-        where = folders or context.obj or None
+        where, column = folders or context.obj[0] or None, column or context.obj[1]
         if names:
-            records = resolve_records(names, where)
+            records = resolve_records(names, where, column=column)
         else:
-            listed = list_records(where)
+            listed = list_records(where, column)
             for item in (item for _, item in listed if not isinstance(item, Record)):
                 say(f"warning: {item}")
             records = [item for _, item in listed if isinstance(item, Record)]

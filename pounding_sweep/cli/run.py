@@ -12,6 +12,7 @@ import typer
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.base.text import printable
 from pounding_sweep.cli.app import AsJson, Folders, Quiet, SweepFile, Workers, app
+from pounding_sweep.cli.records import print_read, read_as
 from pounding_sweep.cli.reporting import FAILED, reporting, say, say_laws
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def run_command(
         assert outcome is not None
         report = {
             "row": _row(loaded),
+            "records": [read_as(record) for record in loaded.spec.records],
             **_run_report(loaded.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
@@ -138,11 +140,13 @@ def plan_command(
         found |= {"records_left_out": list(loaded.spec.records_left_out), "warnings": said}
         found["own_laws"] = {law.key: law.sha256 for law in loaded.spec.own_laws}
         found["row"] = _row(loaded)
+        found["records"] = [read_as(record) for record in loaded.spec.records]
         if as_json:
             print_json(found)
             return
         print(printable(str(loaded.spec.title or sweep)))
         _print_row(found["row"])
+        print_read(found["records"])
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = plan.rows(found, compiling)
         rows += _left_out(found)
@@ -185,6 +189,7 @@ def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
     _print_row(report["row"])
+    print_read(report["records"])
     rows = [
         [
             row["law"],

@@ -204,9 +204,10 @@ def _weight_like(building: Building) -> str:
     period = min(float(own.periods[0]) / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
         return ""
+    mended = f"{mass / STANDARD_GRAVITY:.4g} t, they give {period / STANDARD_GRAVITY**0.5:.2g} s"
     return (
-        f"floor masses of {building.name} of about {mass:.4g} t with a first period of {period:.2g} s a storey: are they "
-        f"weights in kN? As masses ({mass / STANDARD_GRAVITY:.4g} t) they give {period / STANDARD_GRAVITY**0.5:.2g} s"
+        f"floor masses of {building.name} of about {mass:.4g} t with a first period of {period:.2g} s a storey: are "
+        f"they weights in kN? As masses, {mended}"
     )
 
 

@@ -7,6 +7,7 @@ import importlib.resources
 import os
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -162,7 +163,7 @@ def _match(name: str, files: Sequence[Path]) -> list[Path]:
     return next((way for way in ways if way), [])
 
 
-def find_record(name: str, folders: Folders = None) -> Record:
+def find_record(name: str, folders: Folders = None, column: str | int | None = None) -> Record:
     """Find a record by name.
 
     Parameters
@@ -173,6 +174,8 @@ def find_record(name: str, folders: Folders = None) -> Record:
         ``SET/RECORD`` with a key of `RECORD_SETS`: "fema_p695_far_field/RSN953_NORTHR_MUL009".
     folders
         Folder or folders to search, in order; by default those in the environment variable ``POUNDING_SWEEP_RECORDS``.
+    column
+        Which of several components of a file, as in `read_record`.
 
     Returns
     -------
@@ -211,7 +214,7 @@ def find_record(name: str, folders: Folders = None) -> Record:
                 msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
                 raise RecordError(msg)
             if matches:
-                return read_record(matches[0], name=entry.key if entry else None)
+                return read_record(matches[0], name=entry.key if entry else None, column=column)
     entry = entry or _known_file(name)
     if entry is not None and entry.bundled:
         return _bundled(entry)
@@ -255,13 +258,15 @@ def _unknown_record(name: str, searched: Sequence[Path], files: Sequence[Path]) 
     )
 
 
-def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
+def list_records(folders: Folders = None, column: str | int | None = None) -> list[tuple[str, Record | str]]:
     """List every record at hand, bundled ones first, then folder by folder.
 
     Parameters
     ----------
     folders
         As in `find_record`.
+    column
+        Which component of files that have several, as in `read_record`.
 
     Returns
     -------
@@ -288,7 +293,10 @@ def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
             try:
                 found[name] = read_record(file, name=name)
             except RecordError as error:
-                found[name] = str(error)
+                found[name] = message = str(error)
+                if column is not None and "give column=" in message:
+                    with suppress(RecordError):
+                        found[name] = read_record(file, name=name, column=column)
     return list(found.items())
 
 
@@ -296,6 +304,7 @@ def resolve_records(
     items: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
     folders: Folders = None,
     base: str | os.PathLike[str] | None = None,
+    column: str | int | None = None,
 ) -> list[Record]:
     """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
     # a text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
@@ -303,7 +312,7 @@ def resolve_records(
     records: list[Record] = []
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
         group = plain_name(item) if isinstance(item, str) else None
-        records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base)]
+        records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
     seen: dict[str, int] = {}
     for index, record in enumerate(records):
         if record.name in seen:
@@ -316,7 +325,12 @@ def resolve_records(
     return records
 
 
-def resolve_record(item: object, folders: Folders = None, base: str | os.PathLike[str] | None = None) -> Record:
+def resolve_record(
+    item: object,
+    folders: Folders = None,
+    base: str | os.PathLike[str] | None = None,
+    column: str | int | None = None,
+) -> Record:
     """Turn a record, a path or a name into one record, as `resolve_records` does; a record set is refused."""
     if isinstance(item, Record):
         return item
@@ -329,7 +343,7 @@ def resolve_record(item: object, folders: Folders = None, base: str | os.PathLik
     in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
     is_name = in_set or not (separated or Path(text).suffix.lower() in RECORD_SUFFIXES)
     if isinstance(item, str) and is_name:
-        return find_record(text, folders)
+        return find_record(text, folders, column)
     try:
         path = (Path() if base is None else Path(base)) / expanded(text, RecordError)
         absent = not path.exists()
@@ -340,8 +354,8 @@ def resolve_record(item: object, folders: Folders = None, base: str | os.PathLik
         raise RecordError(msg) from None
     if absent and not separated:
         try:
-            return find_record(text, folders)
+            return find_record(text, folders, column)
         except MissingRecordError as error:
             msg = f"no file {path}, and as a name: {error}"
             raise MissingRecordError(msg, error.record) from None
-    return read_record(path)
+    return read_record(path, column=column)
