@@ -433,6 +433,12 @@ class TestAtAnIntensity:
                 gap_for_probability(cube, **wrong)
         path = tmp_path / "site.csv"
         path.write_text("pgv (m/s),rate\n0.1,1e-2\n0.5,1e-3\n")
+        with pytest.raises(InputError, match=r"site.csv is of pgv by its heading, the intensity is pga"):
+            gap_for_probability(cube, hazard=path)
+        path.write_text("Sa (g),rate\n0.1,1e-2\n0.5,1e-3\n")
+        with pytest.raises(InputError, match=r"is of sa by its heading, .* pga; name .*--intensity 'sa\(PERIOD\)'"):
+            gap_for_probability(cube, hazard=path)
+        path.write_text("x (m/s),rate\n0.1,1e-2\n0.5,1e-3\n")
         with pytest.raises(InputError, match=r"site.csv is of m s-1, the intensity in m s-2"):
             gap_for_probability(cube, hazard=path)
 

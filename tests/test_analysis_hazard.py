@@ -85,15 +85,49 @@ def test_files(tmp_path):
     assert found.intensity == (0.1 * 9.81, 0.5 * 9.81)
     assert (found.rate, found.source, found.units) == ((1e-2, 1e-3), "site.csv", "m s-2")
     path.write_text("0.1,1e-2\n0.5,1e-3\n")
-    assert hazard_of(path).intensity == (0.1, 0.5)
+    assert hazard_of(path, "m/s2").intensity == (0.1, 0.5)
     assert hazard_of(" k0 = 1e-3, kappa=2.5").exceeded(2.0) == pytest.approx(1e-3 * 2.0**-2.5)
+
+
+@pytest.mark.parametrize(
+    ("heading", "measure", "units"),
+    [
+        ("PGA (g),annual rate", "pga", "m s-2"),
+        ("pga [cm/s2];rate", "pga", "m s-2"),
+        ("PGA_g,rate", "pga", "m s-2"),
+        ("peak ground acceleration in m/s2,rate", "pga", "m s-2"),
+        ("PGV (cm/s),rate", "pgv", "m s-1"),
+        ("Sa (g),rate", "sa", "m s-2"),
+        ("Sa(0.6 s) [g],rate", "sa(0.6)", "m s-2"),
+        ("SA(T1=0.6) (g),rate", "sa(0.6)", "m s-2"),
+        ("Sa(0,6 s) [g];rate", "sa(0.6)", "m s-2"),
+        ("intensity (g),rate", "", "m s-2"),
+    ],
+)
+def test_headings_tell_intensity_and_unit(tmp_path, heading, measure, units):
+    path = tmp_path / "site.csv"
+    rows = "0,1;1e-2\n0,5;1,5e-3\n" if ";" in heading else "0.1,1e-2\n0.5,1.5e-3\n"
+    path.write_text(f"{heading}\n{rows}")
+    site = read_hazard(path)
+    assert (site.measure, site.units, site.rate) == (measure, units, (1e-2, 1.5e-3))
+    assert site.intensity[0] / site.intensity[1] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("heading", ["", "pga,annual rate\n", "Sa(0.6),rate\n", "a_g,rate\n"])
+def test_a_curve_without_a_unit_is_refused(tmp_path, heading):
+    path = tmp_path / "site.csv"
+    path.write_text(f"{heading}0.05,1e-2\n0.8,1e-3\n")
+    with pytest.raises(InputError, match=r"site.csv:1: .*'PGA \(g\)', or give it: --hazard-units g"):
+        read_hazard(path)
+    assert read_hazard(path, "g").intensity[0] == pytest.approx(0.05 * 9.81)
+    assert hazard_of("k0=1e-3,kappa=2", "g").exceeded(9.81) == pytest.approx(1e-3)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("0.1,1e-2\n0.2,2e-2\n", "site.csv:2: rate 0.02 follows 0.01: a stronger motion must be rarer"),
-        ("x,y\n0.1,1e-2\n0.2,1e-2\n", "site.csv:3: rate 0.01 follows 0.01"),
+        ("x (g),y\n0.1,1e-2\n0.2,1e-2\n", "site.csv:3: rate 0.01 follows 0.01"),
         ("0.2,1e-2\n0.1,1e-3\n", "site.csv:2: intensity 0.1 follows 0.2; sort the points"),
         ("0.1,1e-2\n0.2,0\n", "site.csv:2: annual rate 0.0 is no number above 0; leave out"),
         ("0,1e-2\n0.2,1e-3\n", "site.csv:1: intensity 0.0 is no number above 0"),
@@ -101,7 +135,8 @@ def test_files(tmp_path):
         ("0.1,1e-2\n0.2;1e-3\n", "site.csv:2: '0.2;1e-3' won't do; give two numbers"),
         ("0.1,1e-2\n", "site.csv: 1 points; a hazard curve has 2 to"),
         ("", "site.csv: 0 points"),
-        ("pga (gal),rate\n1,1\n", "site.csv:1: the unit 'gal' of the intensity is unknown; give one of g, m/s2"),
+        ("pga (kg),rate\n1,1\n2,0.5\n", "site.csv:1: the unit 'kg' of the intensity is unknown; give one of g, m/s2"),
+        ("pga (m/s),rate\n1,1\n2,0.5\n", "site.csv:1: pga is not measured in m/s; mend the heading"),
     ],
 )
 def test_files_that_are_no_hazard_are_told_with_their_line(tmp_path, text, said):

@@ -9,12 +9,11 @@ law k0 x^-kappa throughout it is k0 median^-kappa exp((kappa dispersion)^2 / 2) 
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,19 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.records import UNITS
+from pounding_sweep.records.units import match_unit
 
-#: What the intensities of a file may be in: factor and what it gives.
-_UNITS = {name: (factor, "m s-2") for name, factor in UNITS.items()} | {"m/s": (1.0, "m s-1")}
+#: Units of velocities of a file, each with its size in m/s.
+_VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
+#: Spectral acceleration in a heading, perhaps with its period: "Sa(0.6 s)", "SA(T=0.6)", "PSA 0.6s".
+_SPECTRAL = re.compile(
+    r"(?:p?s[_ ]?a|spectral acceleration)\b\W*(?:t(?:_?1)?\s*=\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)?\s*(?:s(?:ec)?\b)?[)\]]?",
+    re.IGNORECASE,
+)
+_PEAKS = {
+    "pga": re.compile(r"pga(?![^\W_])|peak ground acc\w*", re.IGNORECASE),
+    "pgv": re.compile(r"pgv(?![^\W_])|peak ground vel\w*", re.IGNORECASE),
+}
 #: Least dispersion that is told from none.
 _SHARP = 1e-9
 #: Points of a hazard file at most.
@@ -53,6 +62,8 @@ class Hazard:
         Unit of the intensities, as `pounding_sweep.analysis` writes it; "" where it is not said.
     everywhere : bool
         Whether the powers beyond the ends are meant, as of a power law, and not prolonged.
+    measure : str
+        The intensity by its name: "pga", "pgv", "sa", "sa(PERIOD)"; "" where it is not said.
 
     Examples
     --------
@@ -66,6 +77,7 @@ class Hazard:
     source: str = "rates that were given"
     units: str = ""
     everywhere: bool = False
+    measure: str = ""
 
     def __post_init__(self) -> None:
         if len(self.intensity) != len(self.rate) or len(self.rate) < 2:
@@ -202,14 +214,16 @@ def first_fault(intensity: Sequence[float], rate: Sequence[float]) -> tuple[int,
     return None
 
 
-def read_hazard(path: str | os.PathLike[str]) -> Hazard:
+def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazard:
     """Read a hazard curve from a CSV file of two columns: intensity and annual rate of exceedance.
 
     Parameters
     ----------
     path : path
-        A first line of headings is allowed, in which the intensity may have its unit in brackets: "pga (g)";
-        without one it is in m and s.
+        Columns are separated by commas, or by semicolons or tabs, with decimal commas or points. The heading of the
+        intensity has its unit in brackets: "PGA (g)", "Sa(0.6 s) [g]".
+    units : str, optional
+        Unit of the intensities: one of `pounding_sweep.records.UNITS`, "m/s" or "cm/s". Needed where no heading has it.
 
     Returns
     -------
@@ -219,29 +233,30 @@ def read_hazard(path: str | os.PathLike[str]) -> Hazard:
     Raises
     ------
     InputError
-        The file can't be read, a line is none of two numbers, or intensities do not rise or rates do not fall.
+        The file can't be read, has no unit, a line is none of two numbers, or intensities do not rise or rates do not
+        fall.
     """
     target = expanded(path)
     name = Path(target).name
     try:
         with target.open(newline="", encoding="utf-8-sig") as file:
-            rows = [
-                (n, row) for n, row in enumerate(csv.reader(file), 1) if row and not row[0].lstrip().startswith("#")
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+            lines = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+    except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         msg = f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
         raise InputError(msg) from None
-    factor, units = 1.0, ""
+    separator = next((sign for sign in ";\t" if lines and sign in lines[0][1]), ",")
+    rows = [(n, _cells(line, separator)) for n, line in lines]
+    heading = ""
     if rows and not any(_is_number(cell) for cell in rows[0][1]):
-        factor, units = _unit(rows[0][1][0], f"{name}:{rows[0][0]}")
+        heading = rows[0][1][0].strip()
         rows = rows[1:]
     points = []
     for line, row in rows[: _MOST_POINTS + 1]:
         if len(row) != 2 or not all(_is_number(cell) for cell in row):
             msg = f"{name}:{line}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
             raise InputError(msg)
-        points.append((factor * float(row[0]), float(row[1])))
+        points.append((float(row[0]), float(row[1])))
     if not 2 <= len(points) <= _MOST_POINTS:
         msg = f"{name}: {len(rows)} points; a hazard curve has 2 to {_MOST_POINTS}"
         raise InputError(msg)
@@ -250,21 +265,68 @@ def read_hazard(path: str | os.PathLike[str]) -> Hazard:
     if fault:
         msg = f"{name}:{rows[fault[0]][0]}: {fault[1]}"
         raise InputError(msg)
-    return Hazard(intensity, rate, name, units)
+    measure, stated = _measure_and_unit(heading)
+    factor, metric = _unit(units or stated, f"{name}:{lines[0][0]}", heading)
+    if metric != ("m s-1" if measure == "pgv" else "m s-2") and measure:
+        msg = f"{name}:{lines[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}"
+        raise InputError(msg)
+    return Hazard(tuple(factor * x for x in intensity), rate, name, metric, measure=measure)
 
 
-def hazard_of(given: str | os.PathLike[str] | Hazard) -> Hazard:
-    """Return a hazard from a file, or from a text "k0=1e-3,kappa=2.5"."""
+def hazard_of(given: str | os.PathLike[str] | Hazard, units: str | None = None) -> Hazard:
+    """Return a hazard from a file, or from a text "k0=1e-3,kappa=2.5"; `units` are those of its intensities."""
     if isinstance(given, Hazard):
         return given
     text = os.fspath(given)
     if "=" not in text:
-        return read_hazard(text)
+        return read_hazard(text, units)
     found = re.fullmatch(r"\s*k0\s*=\s*([^,\s]+)\s*,\s*kappa\s*=\s*([^,\s]+)\s*", text)
     if found is None or not all(_is_number(part) for part in found.groups()):
         msg = f"hazard {text!r} won't do; give a CSV file, or k0=RATE,kappa=SLOPE such as k0=1e-3,kappa=2.5"
         raise InputError(msg)
-    return Hazard.power_law(*(float(part) for part in found.groups()))
+    site = Hazard.power_law(*(float(part) for part in found.groups()))
+    if units is None:
+        return site
+    factor, metric = _unit(units, "hazard", "")
+    return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric)
+
+
+def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Sequence[float]]) -> None:
+    """Raise `InputError` where the curve is headed with another intensity; `periods` gives those of a name."""
+    measure = site.measure
+    spectral = measure.startswith("sa") and intensity.startswith("sa")
+    if not measure or measure == intensity or (measure == "sa" and spectral):
+        return
+    if spectral and np.allclose(periods(intensity), float(measure[3:-1]), rtol=0.01):
+        return
+    name = "sa(PERIOD)" if measure == "sa" else measure
+    msg = (
+        f"the hazard {site.source} is of {measure} by its heading, the intensity is {intensity}; "
+        f"name the curve's own intensity (--intensity {name!r}), or give a curve of {intensity}"
+    )
+    raise InputError(msg)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Split a line; between semicolons or tabs commas are decimal signs."""
+    cells = [cell.strip().strip("\"'").strip() for cell in line.strip().split(separator)]
+    if separator == ",":
+        return cells
+    return [cell.replace(",", ".") if _is_number(cell.replace(",", ".")) else cell for cell in cells]
+
+
+def _measure_and_unit(heading: str) -> tuple[str, str]:
+    """Return the name of the intensity in a heading, and the text of its unit; "" for what it does not say."""
+    measure = next((name for name, peak in _PEAKS.items() if peak.match(heading)), "")
+    rest = heading
+    if measure:
+        rest = heading[_PEAKS[measure].match(heading).end() :]  # type: ignore[union-attr]
+    elif match := _SPECTRAL.match(heading):
+        measure = f"sa({float(match[1].replace(',', '.')):g})" if match[1] else "sa"
+        rest = heading[match.end() if match[1] else re.match(r"[^(\[]*", heading).end() :]  # type: ignore[union-attr]
+    bracket = re.findall(r"[(\[]([^()\[\]]*)[)\]]", rest)
+    tail = re.search(r"(?:\bin\s+|_|\s)([^\s_]+)$", rest) if measure else None  # "a_g" is a symbol
+    return measure, bracket[-1].strip() if bracket else tail[1] if tail and match_unit(tail[1]) else ""
 
 
 def _is_number(text: str) -> bool:
@@ -275,12 +337,20 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _unit(heading: str, place: str) -> tuple[float, str]:
-    """Return what one of the unit in a heading is in m and s, and that unit."""
-    unit = re.search(r"[(\[](.*)[)\]]", heading)
-    if unit is None:
-        return 1.0, ""
-    if unit[1].strip() not in _UNITS:
-        msg = f"{place}: the unit {unit[1]!r} of the intensity is unknown; give one of {', '.join(_UNITS)}"
-        raise InputError(msg)
-    return _UNITS[unit[1].strip()]
+def _unit(text: str, place: str, heading: str) -> tuple[float, str]:
+    """Return the size of a unit in m and s, and what that is."""
+    spelled = match_unit(text)
+    if spelled:
+        return UNITS[spelled], "m s-2"
+    if text in _VELOCITIES:
+        return _VELOCITIES[text], "m s-1"
+    valid = ", ".join([*UNITS, *_VELOCITIES])
+    if not text:
+        shown = f"{heading!r} has no unit" if heading else "there is no heading with a unit"
+        msg = (
+            f"{place}: {shown}; head the intensities with it, such as 'PGA (g)', or give it: --hazard-units g "
+            f'(units="g" of read_hazard); one of {valid}'
+        )
+    else:
+        msg = f"{place}: the unit {text!r} of the intensity is unknown; give one of {valid}"
+    raise InputError(msg)

@@ -90,6 +90,10 @@ def compare_command(
             help="CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa.",
         ),
     ] = None,
+    hazard_units: Annotated[
+        str | None,
+        typer.Option("--hazard-units", metavar="UNIT", help="Of the intensities of --hazard: g, m/s2, cm/s2, m/s ..."),
+    ] = None,
     years: Annotated[
         float | None,
         typer.Option("--years", metavar="N", help="Years of the probability with --hazard; 50 by default."),
@@ -116,8 +120,9 @@ def compare_command(
                 raise InputError(unknown("comparison", key, COMPARISONS))
         asked = {option: given[name] for option, name in ARGUMENTS.items() if given[name] not in (None, [])}
         _check_options([option for option in asked if option != "--records" or intensity is None], keys)
-        if years is not None and hazard is None:
-            msg = "--years are those of a hazard; add --hazard, or leave them out"
+        if hazard is None and (years is not None or hazard_units is not None):
+            option = "--hazard-units" if years is None else "--years"
+            msg = f"{option} are those of a hazard; add --hazard, or leave them out"
             raise InputError(msg)
         if quantiles:
             check_quantiles(quantiles)
@@ -125,7 +130,7 @@ def compare_command(
         if intensity is not None:
             check_intensity(intensity)
         if hazard is not None:
-            asked["--hazard"] = hazard_of(hazard)
+            asked["--hazard"] = hazard_of(hazard, hazard_units)
         wrong = [axis for axis in over or () if axis not in MOTION_DIMS]
         if wrong:
             raise InputError(unknown("axis to take together", wrong[0], MOTION_DIMS))

@@ -17,8 +17,8 @@ import xarray as xr
 from pounding_sweep.analysis.along import fractiles_over
 from pounding_sweep.analysis.comparisons import Row, comparison, over_text
 from pounding_sweep.analysis.comparisons.required_gap import required_gap
-from pounding_sweep.analysis.hazard import Hazard, hazard_of
-from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
+from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, labelled, need_several
 from pounding_sweep.base.errors import InputError
@@ -196,6 +196,8 @@ def gap_for_probability(
     found |= {f"curve_gap{end}": part * level for end, part in fit.gaps(along).items() if end != "_observed"}
     found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
     if site is not None and strength is not None:
+        if not isinstance(intensity, xr.DataArray):
+            check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name))
         if site.units not in ("", strength.attrs["units"]):
             units = strength.attrs["units"]
             msg = f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
