@@ -115,6 +115,9 @@ class TestFit:
             ([1.0, 2.0, 3.0], [1, 0, 0], FitStatus.NOT_RISING, None, None),
             ([2.0, 2.0 * (1 + 1e-15)], [1, 0], FitStatus.ONE_LEVEL, 2.0, None),
             ([1.0, 2.0 * (1 + 1e-15), 2.0, 3.0], [0, 0, 1, 1], FitStatus.SEPARATED, 2.0, 2.0),
+            ([1.0, 2.0, 2.0, 2.0], [0, 0, 0, 1], FitStatus.SEPARATED, 2.0, None),
+            ([1.0, 1.0, 1.0, 2.0], [1, 0, 1, 1], FitStatus.SEPARATED, None, 1.0),
+            ([1.0, 2.0, 2.0, 2.0, 3.0], [0, 0, 0, 1, 1], FitStatus.SEPARATED, 2.0, 3.0),
             ([1.0, 1.0, 2.0, 2.0], [0, 1, 0, 1], FitStatus.NOT_RISING, None, None),
             ([1.0, 2.0, 3.0, 4.0], [1, 0, 1, 0], FitStatus.NOT_RISING, None, None),
         ],
@@ -132,13 +135,15 @@ class TestFit:
 
     def test_every_status_has_words(self):
         for status in FIT_STATUS:
-            assert status.meaning.format(low="1", high="2", units="m s-2")
+            assert "{" not in status.words(1.0, 2.0, "m s-2")
 
     def test_separated_trials_are_told_from_the_weaker_side(self):
         x = np.array([0.5, 0.85, 1.56, 2.0])
         fit = fit_lognormal(x, x > 1.0)
         told = fit.status.words(fit.low, fit.high, "m s-2")
-        assert told.startswith("the strongest motion without it has 0.85 m s-2, the weakest with it 1.56 m s-2:")
+        assert told.startswith("weaker and stronger motions do not overlap: the median is between 0.85 and 1.56 m s-2,")
+        above = FitStatus.SEPARATED.words(3.0, float("nan"), "m s-2")
+        assert "the median is above 3 m s-2, the strongest motion tried, at which less than half" in above
 
 
 RECORDS = [f"r{i}" for i in range(12)]

@@ -29,7 +29,7 @@ from pounding_sweep.figures.sides import logarithmic
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.outputs.variables import INNER_DIMS
+from pounding_sweep.outputs.variables import INNER_DIMS, Status
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
 from pounding_sweep.run.one_scenario import scenario_of, simulate_one, simulate_shown
@@ -287,6 +287,31 @@ def test_the_map_shows_medians_over_records_and_where_nothing_touches():
     assert ax.get_title() == "Linear spring\npair a-b"
     (lacking,) = FIGURES["map"].lacks(cube.isel(gap=[0], restitution=0))
     assert lacking.startswith("two axes of several numbers")
+
+
+def test_the_map_tells_no_contact_from_contact_under_few_records():
+    cube = made.cube(record=3, stiffness_factor=3).sel(law=["linear"])
+    cube = cube.assign(impact_force_max=cube["impact_force_max"].where(cube["record"] == cube["record"][0], 0.0))
+    cube = cube.assign(impact_force_max=cube["impact_force_max"].where(cube["gap"] > 0.002, 0.0))
+    figure = FIGURES["map"].draw(cube)
+    free, peaks = (np.ma.filled(mesh.get_array(), np.nan) for mesh in figure.axes[0].collections)
+    assert np.isnan(peaks).all()  # the median over records is 0 everywhere
+    assert (free[:, 0] == 1.8).all()  # nothing touches under any record
+    assert free[:, 1:] == pytest.approx(0.9 - 1 / 3)
+    assert {text.get_text() for text in figure.axes[0].texts} == {"33%"}
+    assert "light grey: the share of records that touch" in figure.get_suptitle().replace("\n", " ")
+
+
+@pytest.mark.parametrize("value", ["status", "steps_per_contact"])
+def test_the_map_of_what_a_scenario_has_one_value_of_has_one_column(value):
+    cube = made.cube(record=3, stiffness_factor=3).sel(law=["linear"])
+    scenario = cube["impact_force_max"].isel(pair=0, storey=0, drop=True)
+    codes = xr.where(cube["gap"] > 0.002, int(Status.DIVERGED), int(Status.OK)).broadcast_like(scenario)
+    cube = cube.assign(status=codes.astype("int8"), steps_per_contact=scenario)
+    ax, bar = FIGURES["map"].draw(cube, value=value).axes
+    if value == "status":
+        assert [tick.get_text() for tick in bar.get_yticklabels()] == ["ok", "diverged"]
+        np.testing.assert_array_equal(ax.collections[1].get_array()[0], [0, 1, 1, 1])
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():

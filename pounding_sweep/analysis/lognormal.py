@@ -44,8 +44,7 @@ class FitStatus(IntEnum):
     ALWAYS = (3, "always happened: the median is below {high} {units}, the weakest motion tried")
     SEPARATED = (
         4,
-        "the strongest motion without it has {low} {units}, the weakest with it {high} {units}: the median is about "
-        "there, and the dispersion can't be told",
+        "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
     )
     ONE_LEVEL = (5, "all trials have one intensity, {low} {units}: no curve follows from them")
     NOT_RISING = (
@@ -61,7 +60,13 @@ class FitStatus(IntEnum):
 
     def words(self, low: float, high: float, units: str) -> str:
         """Return the meaning with what is known of the median."""
-        return self.meaning.format(low=f"{low:.4g}", high=f"{high:.4g}", units=units)
+        if np.isnan(high):
+            between = f"above {low:.4g} {units}, the strongest motion tried, at which less than half have it"
+        elif np.isnan(low):
+            between = f"below {high:.4g} {units}, the weakest motion tried, at which more than half have it"
+        else:
+            between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
+        return self.meaning.format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
 
 
 #: Every status, by rising value.
@@ -77,6 +82,7 @@ class LognormalFit:
     dispersion: float = np.nan  # standard deviation of the logarithm of the capacity; NaN without a fit
     low: float = np.nan  # what is known of the median without a fit; NaN where nothing is
     high: float = np.nan
+    limit: float = np.nan  # what the median tends to where trials are separated
 
 
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
@@ -92,10 +98,24 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     if x.min() == x.max():
         return LognormalFit(FitStatus.ONE_LEVEL, low=float(x[0]))
     if x[~y].max() <= x[y].min():
-        return LognormalFit(FitStatus.SEPARATED, low=float(x[~y].max()), high=float(x[y].min()))
+        return _separated(x, y)
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
     return _maximum(np.log(x), y)[0]
+
+
+def _separated(x: np.ndarray, y: np.ndarray) -> LognormalFit:
+    """Tell where the median of separated trials is: beyond an intensity at which less than half happened."""
+    low, high = float(x[~y].max()), float(x[y].min())
+    limit = float(np.sqrt(low * high))
+    if low == high:
+        share = float(y[x == low].mean())
+        if share < 0.5:
+            high = float(x[x > low].min(initial=np.inf))
+        elif share > 0.5:
+            low = float(x[x < high].max(initial=-np.inf))
+    low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
+    return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limit=limit)
 
 
 def merged(x: np.ndarray) -> np.ndarray:
@@ -233,5 +253,5 @@ def jackknife(
 def _tends_to(fit: LognormalFit) -> tuple[float, float]:
     """Return ln median and dispersion, of separated trials what they tend to; NaN where there is no fit."""
     if fit.status == FitStatus.SEPARATED:
-        return 0.5 * float(np.log(fit.low * fit.high)), 0.0
+        return float(np.log(fit.limit)), 0.0
     return float(np.log(fit.median)), fit.dispersion

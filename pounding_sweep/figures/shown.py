@@ -174,12 +174,16 @@ def panels_of(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> list[Any]
 
 def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collection[str]) -> tuple[xr.Dataset, str]:
     """Take the median of several records and the middle value of every other axis that a figure does not draw."""
-    records = result.sizes.get("record", 1)
-    if records < 2:
+    if result.sizes.get("record", 1) < 2:
         return middle(result, keep, drawn)
-    result, shown = middle(result, (*keep, "record"), drawn)
-    held = len(labels_with_values(result, "record", drawn))
-    of = "" if held in (0, records) else f"{held} of "
+    return median_over_records(*middle(result, (*keep, "record"), drawn), drawn)
+
+
+def median_over_records(result: xr.Dataset, shown: str, drawn: Collection[str]) -> tuple[xr.Dataset, str]:
+    """Take the median of several records, and say so before the text of what is shown."""
+    records = result.sizes["record"]
+    valued = len(labels_with_values(result, "record", drawn))
+    of = "" if valued in (0, records) else f"{valued} of "
     return result.median("record", keep_attrs=True), joined(f"median of {of}{records} records", shown)
 
 

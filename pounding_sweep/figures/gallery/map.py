@@ -19,13 +19,15 @@ from pounding_sweep.figures.shown import (
     drawn_unit,
     labels_with_values,
     law_name,
-    middle_over_records,
+    median_over_records,
+    middle,
     over_storeys,
     panels_of,
     result_of,
 )
 from pounding_sweep.figures.sides import Side, drawn_side, logarithmic, sides_of
-from pounding_sweep.figures.style import cell_edges, label_edges, put_title, subplots
+from pounding_sweep.figures.style import cell_edges, joined, label_edges, put_title, subplots
+from pounding_sweep.outputs.variables import STATUS
 
 #: Rows of panels at most.
 _LAWS = 3
@@ -33,6 +35,10 @@ _LAWS = 3
 _CONTOURED = 3
 #: Lines of equal value at most.
 _LINES = 7
+#: Cells along each axis up to which the share of records that touch is written into them.
+_WRITTEN = 16
+#: Dimension of the one panel of what a scenario has one value of.
+_WHOLE = "scenario"
 #: Amplifications that have a line, and a tick as well as 1.
 _LEVELS = (0.1, 0.2, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 
@@ -59,8 +65,10 @@ def response_map(
 
     One column per pair or building, one row per law, three at most. Shown is the largest over storeys (of what is
     negative or comes first, the smallest), of several records the median, of the other axes the middle value at which
-    floors touch, which the title names. Grey cells have no contact, hatched ones no value. All panels share one scale
-    of colours; of amplifications its middle is 1, no change.
+    floors touch, which the title names. Grey cells have no contact under any record, light grey ones under more than
+    half of them (with the share of records that touch), hatched ones no value. All panels share one scale of colours;
+    of amplifications its middle is 1, no change. A value of whole scenarios, such as ``status``, has one column; of the
+    status of several records the worst is shown.
 
     Parameters
     ----------
@@ -88,9 +96,9 @@ def response_map(
     cube, name, label, factor, per = _response(cube, value)
     cube = along(along(cube, "law", absent=""), per, absent="")
     ratio = name.endswith("_ratio") and "touches" in cube
+    over = "largest of the storeys" if "storey" in cube[name].dims else ""
     cube = cube.assign({name: over_storeys(cube[name])})
-    several = [label, "largest of the storeys"] if "storey" in cube.dims else [label]
-    cube, shown = middle_over_records(cube, ("law", across.dim, upward.dim), [name])
+    cube, shown = _of_records(cube, name, ("law", per, across.dim, upward.dim), ratio)
     cube = cube.sortby([across.name, upward.name])
     there = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"]
     laws = there[:_LAWS]
@@ -98,28 +106,67 @@ def response_map(
     ends = panels_of(cube, per, [name])
     order = ("law", per, upward.dim, across.dim)
     peaks = (cube[name] * factor).transpose(*order).sel({"law": laws, per: ends})
-    apart = (cube["touches"] == 0.0) if ratio else (peaks == 0.0) if per == "pair" else peaks.isnull() & False
-    peaks = peaks.where(~apart)
+    share = cube[_SHARE] if ratio or per == "pair" else xr.full_like(cube[name], np.nan, float)
+    apart = (share == 0.0) if ratio else (peaks == 0.0) & (share == 0.0)
+    some = (share > 0.0) & ((cube["touches"] == 0.0) if ratio else peaks == 0.0)
+    peaks = peaks.where(~(apart | some))
+    share = share.where(apart | some)
     size = (2.2 + 2.6 * len(ends), 1.3 + 2.3 * max(1, len(laws))) if len(ends) * len(laws) > 1 else (5.6, 4.2)
     figure, axes = subplots(max(1, len(laws)), len(ends), size, ax)
-    look, levels = _colours(peaks.values, ratio)
+    look, levels = _status_colours(peaks.values) if name == "status" else _colours(peaks.values, ratio)
     lines = levels if contours else levels[:0]
     mesh = None
     for row, law in enumerate(laws):
         for column, end in enumerate(ends):
             where = {"law": law, per: end}
-            grey = np.asarray(
-                apart.sel({dim: at for dim, at in where.items() if dim in apart.dims}).transpose(*order[2:])
+            grey = share.sel({dim: at for dim, at in where.items() if dim in share.dims}).transpose(*order[2:])
+            mesh = _panel(axes[row, column], (across, upward), cube, peaks.sel(where).values, grey.values, look, lines)
+            axes[row, column].set_title(
+                "\n".join(filter(None, (law_name(cube, law), f"{per} {end}" if end != "" else "")))
             )
-            mesh = _panel(axes[row, column], (across, upward), cube, peaks.sel(where).values, grey, look, lines)
-            axes[row, column].set_title("\n".join(filter(None, (law_name(cube, law), f"{per} {end}" if end else ""))))
     label_edges(axes, across.label, [upward.label] * len(axes))
     if mesh is not None:
         ticks: dict[str, Any] = {"ticks": sorted((*_LEVELS, 1.0)), "format": "%g"} if ratio else {}
         bar = axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks)
         bar.minorticks_off()
-    put_title(figure, shown, cut, *several[1:], "grey: no contact" if bool(apart.any()) else "")
+        if name == "status":
+            codes = [int(code) for code in np.unique(peaks.values[np.isfinite(peaks.values)])]
+            labels = {int(status): status.label for status in STATUS}
+            bar.set_ticks(codes, labels=[labels.get(code, f"code {code}") for code in codes])
+    grey_text = "grey: no contact" if bool(apart.any()) else ""
+    light_text = "light grey: the share of records that touch, less than half" if bool(some.any()) else ""
+    put_title(figure, shown, cut, over, grey_text, light_text)
     return figure
+
+
+#: Variable of the share of records under which floors touch.
+_SHARE = "share_of_records_that_touch"
+
+
+def _of_records(cube: xr.Dataset, name: str, keep: tuple[str, ...], ratio: bool) -> tuple[xr.Dataset, str]:
+    """Take the median of several records (the worst status), the share that touches, and the middle of other axes."""
+    records = cube.sizes.get("record", 1)
+    cube, shown = middle(cube, (*keep, "record") if records > 1 else keep, [name])
+    touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
+    if records < 2:
+        return cube.assign({_SHARE: touch}), shown
+    share, worst = touch.mean("record"), cube[name].max("record", keep_attrs=True)
+    cube, median = median_over_records(cube, shown, [name])
+    if name == "status":
+        return cube.assign({_SHARE: share, name: worst}), joined(f"worst of {records} records", shown)
+    return cube.assign({_SHARE: share}), median
+
+
+def _status_colours(values: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+    """Return a colour for each status that is drawn."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    codes = np.unique(values[np.isfinite(values)])
+    codes = codes if codes.size else np.array([0.0])
+    edges = np.concatenate([[codes[0] - 0.5], 0.5 * (codes[1:] + codes[:-1]), [codes[-1] + 0.5]])
+    colours = [colormaps["tab10"](int(code) % 10) if code else (0.85, 0.92, 0.85) for code in codes]
+    return {"cmap": ListedColormap(colours), "norm": BoundaryNorm(edges, len(codes))}, np.empty(0)
 
 
 def _response(cube: xr.Dataset, value: str | None) -> tuple[xr.Dataset, str, str, float, str]:
@@ -136,7 +183,7 @@ def _response(cube: xr.Dataset, value: str | None) -> tuple[xr.Dataset, str, str
     about = cube[value].attrs
     unit, factor = drawn_unit(about)
     words = str(about.get("long_name", value.replace("_", " ")))
-    per = next((dim for dim in ("pair", "building") if dim in cube[value].dims), "pair")
+    per = next((dim for dim in ("pair", "building") if dim in cube[value].dims), _WHOLE)
     return cube, value, f"{words} ({unit or '-'})", factor, per
 
 
@@ -168,7 +215,11 @@ def _panel(
     at = [side.values(cube) for side in sides]
     edges = [cell_edges(found, even=not logarithmic(found)) for found in at]
     ax.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
-    ax.pcolormesh(*edges, np.where(grey, 1.0, np.nan), cmap="Greys", vmin=0.0, vmax=6.0)
+    # cells without a colour: darkest where no record touches, the lighter the more do
+    ax.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
+    if max(values.shape) <= _WRITTEN:
+        for i, j in np.argwhere(grey > 0.0):
+            ax.text(at[0][j], at[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
     mesh = ax.pcolormesh(*edges, values, **look)
     if len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
         lines = ax.contour(*at, values, levels, colors="black", linewidths=0.7)
