@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import tempfile
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geone
 from pounding_sweep.base.errors import RecordError
 from pounding_sweep.records import MAX_FILE_BYTES, UNITS, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
+from pounding_sweep.records.formats import columns
 from pounding_sweep.records.reader import plain_words
 
 #: Every message of a bad file; `python tests/test_record_formats.py` writes them anew.
@@ -118,8 +117,9 @@ READ = [
 
 @pytest.mark.parametrize(("text", "arguments", "dt", "acceleration"), READ)
 def test_read(tmp_path, monkeypatch, text, arguments, dt, acceleration):
-    for size in (reader.BLOCK, 8):  # as arrays, and rows one by one
-        monkeypatch.setattr(reader, "BLOCK", size)
+    for plain in (plain_words, lambda text: None):  # at once, and row by row
+        for module in (reader, columns):
+            monkeypatch.setattr(module, "plain_words", plain)
         record = read_record(save(tmp_path, text), **arguments)
         assert record.dt == pytest.approx(dt, rel=1e-6)
         np.testing.assert_allclose(record.acceleration, acceleration, rtol=1e-15)
@@ -242,7 +242,7 @@ WRITTEN = st.one_of(
 
 
 @given(st.lists(WRITTEN, min_size=1, max_size=10), st.sampled_from([" ", "  ", "\n", ", ", "\t"]))
-def test_blocks_are_read_as_word_by_word(words, between):
+def test_plain_words_are_read_as_word_by_word(words, between):
     expected = [float(word.replace("D", "E").replace("d", "e")) for word in words]
     assert plain_words(between.join(words) + "\n").tolist() == expected
 
@@ -250,43 +250,6 @@ def test_blocks_are_read_as_word_by_word(words, between):
 @pytest.mark.parametrize("odd", ["1-2", "x", "nan", "1_0", "0x1", "# 1", "1;2", "inf", "1e", "١"])
 def test_what_is_not_plain_is_left_to_be_read_by_lines(odd):
     assert plain_words(f"1,2\n{odd}\n3,4\n") is None
-
-
-def test_blocks_make_no_difference(tmp_path, monkeypatch):
-    """A file is the same in blocks of any size, with remarks and odd rows anywhere; so are the lines of faults."""
-    rng = random.Random(3)
-    rows = [f"{i * 0.02:.2f},{rng.uniform(-1, 1):.4f}" for i in range(200)]
-    rows[50:50] = ["# a remark", ""]
-    rows[120] = rows[120].replace(",", " , ") + ","
-    whole = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]))
-    rows[150] = "oops"
-    broken = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]), "b.csv")
-    rows[150] = "2.955,0.1"
-    uneven = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]), "u.csv")
-    at2 = "PEER NGA\nx\nUNITS OF G\nNPTS= 40, DT= .01 SEC\n" + "0.5 -0.25-.125 1.D-1\n" + "0.5 -0.25 -.125 1.D-1\n" * 9
-    fortran = save(tmp_path, at2, "f.AT2")
-    first = read_record(whole), read_record(fortran)
-    expected = [float(row.split(",")[1]) * G for row in rows[:50] + rows[52:150]]
-    assert first[0].acceleration[:148].tolist() == expected
-    assert first[1].acceleration.tolist() == [0.5 * G, -0.25 * G, -0.125 * G, 0.1 * G] * 10
-    for size in (1, 17, 300):
-        monkeypatch.setattr(reader, "BLOCK", size)
-        assert (read_record(whole), read_record(fortran)) == first
-        with pytest.raises(RecordError, match="line 152: 'oops' is not a number"):
-            read_record(broken)
-        with pytest.raises(RecordError, match=r"line 152: time 2\.955 s does not continue"):
-            read_record(uneven)
-
-
-@pytest.mark.parametrize("text", ["1\n" * 400_000, "PEER NGA\nNPTS= 400000, DT= .01 SEC\n" + "1 2 3 4\n" * 100_000])
-def test_memory_is_that_of_the_numbers(tmp_path, text):
-    path = save(tmp_path, text, "x.AT2")
-    tracemalloc.start()
-    record = read_record(path, units="g") if "NPTS" in text else read_record(path, units="g", dt=0.01)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert record.n_points == 400_000
-    assert peak < 6 * record.acceleration.nbytes  # a list of Python numbers alone takes 4 of these, of lists 11
 
 
 @pytest.mark.parametrize("text", ["1\n" * 200, "0.1 1\n" * 200, "PEER NGA\nNPTS= 200, DT= .01 SEC\n" + "1 2\n" * 100])

@@ -5,27 +5,22 @@ from __future__ import annotations
 import re
 import stat
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError
 from pounding_sweep.base.text import printable
-from pounding_sweep.records.units import StatedUnit
 
 MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""
 MOST_POINTS = 10_000_000
 """Longer records are refused: they are a day of motion at 100 points per second."""
 
-#: Characters that are read at a time; whole lines.
-BLOCK = 2**16
-#: A line that is longer than this and a block is no row of a record.
-LONGEST_LINE = 2**20
 #: Longer words are no numbers.
 LONGEST_WORD = 4096
 #: Lines by which a format is told.
@@ -67,8 +62,14 @@ _NOT_READ = tuple(
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class StatedStep:
+class Stated(NamedTuple):
+    """What a file states: the text, or a number, and where it stands."""
+
+    text: str
+    where: str
+
+
+class StatedStep(NamedTuple):
     """A time step (s) that a file states, and where; `firm` where a `dt` of the caller must agree with it."""
 
     value: float
@@ -78,11 +79,11 @@ class StatedStep:
 
 @dataclass(frozen=True)
 class Content:
-    """What a file says: accelerations in its unit, step (s), the units it states, and where step and units stand."""
+    """What a file says: accelerations in its unit, step (s) and where it is from, and the units that it states."""
 
     values: Array
     step: tuple[float, str]
-    units: Sequence[StatedUnit]
+    units: Sequence[Stated]
     title: str
     default_unit: tuple[str, str] | None = None  # where the file states none: the unit of its format, and why
     header: str = ""  # what messages show of a file without a unit
@@ -104,10 +105,10 @@ class Reader:
 
 @dataclass(frozen=True)
 class RecordText:
-    """A record file as text, whatever its encoding and line ends, and what the caller says of it."""
+    """The lines of a record file, whatever its encoding and line ends, and what the caller says of it."""
 
     file: Path
-    text: str
+    lines: list[str]
     dt: float | None = None
     column: str | int | None = None
     layout: str | None = None
@@ -116,72 +117,36 @@ class RecordText:
         """Raise `RecordError` of this file."""
         fail(self.file, message)
 
-    def check_points(self, points: int) -> None:
+    def check_points(self, points: float) -> None:
         """Refuse more points than a record has."""
         if points > MOST_POINTS:
             self.fail(f"has more than {MOST_POINTS:,} points; is it a record? If so, cut it")
 
-    def blocks(self, line: int = 1) -> Iterator[tuple[int, str]]:
-        """Cut the text from that line on into blocks of whole lines, each with the number of its first."""
-        start = 0
-        for _ in range(line - 1):
-            start = self.text.find("\n", start) + 1 or len(self.text)
-        while start < len(self.text):
-            end = self.text.find("\n", start + BLOCK)
-            end = len(self.text) if end < 0 else end
-            block = self.text[start:end] + "\n"
-            if len(block) > BLOCK + LONGEST_LINE:
-                last = line + block.count("\n") - 1
-                self.fail(f"line {last} has more than {LONGEST_LINE} characters; write the values in lines")
-            yield line, block
-            line += block.count("\n")
-            start = end + 1
-
-    def fields(self, lines: Iterable[tuple[int, str]]) -> Fields:
-        """Return the lines "key: value" of a header by their key."""
-        fields = Fields()
-        fields.source, fields.lines = self, {}
-        for line, text in lines:
-            key, colon, value = text.lstrip("#").partition(":")
-            if colon and key.strip() not in fields:
-                fields[key.strip()] = value.strip()
-                fields.lines[key.strip()] = line
-        return fields
-
-    def head(self, count: int = HEAD) -> list[tuple[int, str]]:
-        """Return the first lines with their numbers."""
-        return list(enumerate(self.text.split("\n", count)[:count], 1))
-
     def numbers(self, line: int, points: int | None = None) -> Array:
         """Read all numbers from that line on; if `points` are known, what follows them may be a footer of words."""
-        parts, count = [np.empty(0)], 0
-        if points is not None:
-            self.check_points(points)
-        for first, block in self.blocks(line):
-            part = plain_words(block)
-            if part is None:
-                values: list[float] = []
-                for row, text in enumerate(block.split("\n"), first):
-                    found = words(text)
-                    if isinstance(found, str):
-                        if points is not None and count + len(values) >= points:
-                            return np.concatenate([*parts, np.array(values)])
-                        self.not_a_number(row, found, ", nor numbers that touch but can be told apart")
-                    values += found
-                part = np.array(values)
-            parts.append(part)
-            count += len(part)
-            self.check_points(count)
-        return np.concatenate(parts)
+        self.check_points(points or 0)
+        plain = plain_words("\n".join(self.lines[line - 1 :]))
+        if plain is not None:
+            self.check_points(plain.size)
+            return plain
+        values: list[float] = []
+        for row, text in enumerate(self.lines[line - 1 :], line):
+            found = words(text)
+            if isinstance(found, str):
+                if points is not None and len(values) >= points:
+                    break
+                self.not_a_number(row, found, ", nor numbers that touch but can be told apart")
+            values += found
+        self.check_points(len(values))
+        return np.array(values)
 
     def exactly(self, line: int, points: int, where: str) -> Array:
         """Read as many numbers from that line on as the header states; a footer of words may follow."""
         values = self.numbers(line, points)
         if len(values) != points or points == 0:
             cause = "it was cut short" if len(values) < points else "the header or the file is damaged"
-            self.fail(
-                f"its header says {points} points, it holds {len(values)}: {cause}; get the file again, or mend {where}"
-            )
+            said = f"its header says {points} points, it holds {len(values)}"
+            self.fail(f"{said}: {cause}; get the file again, or mend {where}")
         return values
 
     def not_a_number(self, line: int, word: str, more: str = "") -> NoReturn:
@@ -194,51 +159,46 @@ class RecordText:
     def choose(self, headings: Sequence[str], numbers: Sequence[int] = ()) -> int:
         """Return the index of the component that `column` names, by heading or number; numbers count from 1."""
         numbers = numbers or range(1, len(headings) + 1)
-        plain = [re.sub(r"\s*[(\[].*", "", heading) for heading in headings]
         listed = ", ".join(f"{heading!r} ({number})" for number, heading in zip(numbers, headings, strict=True))
-        if self.column is None and len(headings) > 1:
-            self.fail(f"has {len(headings)} components: {listed}; give column= a heading or a number")
         if self.column is None:
+            if len(headings) > 1:
+                self.fail(f"has {len(headings)} components: {listed}; give column= a heading or a number")
             return 0
-        if self.column in numbers:
-            return numbers.index(self.column)
         wanted = str(self.column).strip().lower()
-        for names in (headings, plain, list(map(str, numbers))):
+        plain = [re.sub(r"\s*[(\[].*", "", heading) for heading in headings]
+        for names in (headings, plain, map(str, numbers)):
             matches = [index for index, name in enumerate(names) if name.strip().lower() == wanted]
             if len(matches) == 1:
                 return matches[0]
         return self.fail(f"has no column {self.column!r}; it has {listed}")
 
-
-class Fields(dict[str, str]):
-    """Values of a header by their key."""
-
-    source: RecordText
-    lines: dict[str, int]
-
-    def where(self, key: str) -> str:
-        """Say where a value stands."""
-        return f"{f'{key}: {self[key]}'!r}, line {self.lines[key]}"
-
-    def number(self, key: str) -> float:
-        """Return the number of a key."""
-        found = words(self.get(key, ""))
+    def number(self, fields: Mapping[str, Stated], key: str) -> float:
+        """Return the number that a header states."""
+        found = words(fields[key].text) if key in fields else ""
         if isinstance(found, str) or len(found) != 1:
-            self.source.fail(f"its header says {in_quotes(self.get(key, ''))} as {key!r}; get the file again")
+            said = in_quotes(fields[key].text) if key in fields else "nothing"
+            self.fail(f"its header says {said} as {key!r}; get the file again")
         return found[0]
 
-    def step(self, key: str, rate: bool = False) -> list[StatedStep]:
-        """Return the step (s) that a key states, perhaps as a rate."""
-        value = self.number(key)
-        return [StatedStep((1.0 / value if value else -1.0) if rate else value, self.where(key), firm=True)]
+    def check_quantity(self, fields: Mapping[str, Stated], key: str) -> None:
+        """Refuse a file whose header states another quantity than acceleration."""
+        if key in fields and fields[key].text.lower() != "acceleration":
+            self.fail(not_acceleration(fields[key].text.lower(), fields[key].where))
 
-    def check_quantity(self, key: str) -> None:
-        """Refuse what is not acceleration."""
-        quantity = self.get(key, "acceleration").lower()
-        if quantity != "acceleration":
-            self.source.fail(
-                f"holds {quantity}, not acceleration ({self.where(key)}); take the file of the acceleration"
-            )
+
+def fields_of(lines: Iterable[tuple[int, str]]) -> dict[str, Stated]:
+    """Return the lines "key: value" of a header by their key."""
+    fields: dict[str, Stated] = {}
+    for line, text in lines:
+        key, colon, value = (part.strip() for part in text.lstrip("#").partition(":"))
+        if colon:
+            fields.setdefault(key, Stated(value, f"{f'{key}: {value}'!r}, line {line}"))
+    return fields
+
+
+def not_acceleration(quantity: str, where: str) -> str:
+    """Say that a file holds another quantity."""
+    return f"holds {quantity}, not acceleration ({where}); take the file of the acceleration"
 
 
 def fail(path: Path, text: str) -> NoReturn:
@@ -316,4 +276,4 @@ def load_text(file: Path, record: str) -> RecordText:
         fail(file, "is empty; a record needs at least 1 point")
     if re.search(r"[\x00-\x08\x0b\x0e-\x1f\x7f]", text):
         fail(file, "is binary, not text; give a PEER AT2, CSV or text file")
-    return RecordText(file, text)
+    return RecordText(file, text.split("\n"))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.records.reader import NUMBER, Array, RecordText, StatedStep, to_float
+from pounding_sweep.records.reader import NUMBER, Array, RecordText, Stated, StatedStep, to_float
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "segundos": 1.0, "": 1.0}
 _SECONDS |= dict.fromkeys(("ms", "msec", "msecs", "millisec", "milliseconds", "millisecond"), 1e-3)
@@ -49,6 +49,12 @@ def stated_steps(lines: Iterable[tuple[int, str]], firm: bool = False) -> list[S
             rate = to_float(match[1] or match[2])
             found.append(StatedStep(1.0 / rate if rate else float("inf"), f"{match[0].strip()!r}, line {line}", firm))
     return found
+
+
+def field_step(source: RecordText, fields: Mapping[str, Stated], key: str, rate: bool = False) -> list[StatedStep]:
+    """Return the step (s) that the header of a format states, perhaps as a rate (1/s)."""
+    value = source.number(fields, key)
+    return [StatedStep((1.0 / value if value else -1.0) if rate else value, fields[key].where, firm=True)]
 
 
 def choose_step(

@@ -4,38 +4,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from pounding_sweep.base.errors import RecordError, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.records.reader import Stated, not_acceleration
 
-_G = STANDARD_GRAVITY
-UNITS: dict[str, float] = {
-    **{"g": _G, "m/s2": 1.0, "cm/s2": 0.01},
-    **{"mm/s2": 1e-3, "mg": 1e-3 * _G, "%g": 0.01 * _G},
-}
+UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 1e-3}
+UNITS |= {"mg": 1e-3 * STANDARD_GRAVITY, "%g": 0.01 * STANDARD_GRAVITY}
 """Acceleration units of files, each with its size in m/s2."""
 
+_QUANTITIES = {
+    **dict.fromkeys(UNITS, "acceleration"),
+    **dict.fromkeys(("m/s", "cm/s", "mm/s", "in/s", "ft/s", "ms-1", "cms-1", "mms-1", "mps"), "velocity"),
+    **dict.fromkeys(("m", "cm", "mm", "in", "inch", "ft"), "displacement"),
+}
 _ALIASES = {
     **{"gal": "cm/s2", "gals": "cm/s2", "g's": "g", "ms-2": "m/s2", "cms-2": "cm/s2", "mms-2": "mm/s2"},
     **{"ms2": "m/s2", "cms2": "cm/s2", "mms2": "mm/s2", "mps2": "m/s2", "milli-g": "mg", "percentg": "%g"},
 }
-_SPELLING = {
-    "²": "2",
-    "⁻": "-",
-    "−": "-",
-    "**": "",
-    "^": "",
-    "·": "",
-    "*": "",
-    "second": "s",
-    "sec": "s",
-    "/s/s": "/s2",
-}
-_OTHER_KINDS = {
-    **dict.fromkeys(("m/s", "cm/s", "mm/s", "in/s", "ft/s", "ms-1", "cms-1", "mms-1", "mps"), "velocity"),
-    **dict.fromkeys(("m", "cm", "mm", "in", "inch", "ft"), "displacement"),
-}
+_SPELLING = (
+    *(("²", "2"), ("⁻", "-"), ("−", "-"), ("**", ""), ("^", ""), ("·", ""), ("*", "")),
+    *(("second", "s"), ("sec", "s"), ("/s/s", "/s2")),
+)
 _TIMES = ("s", "ms", "min", "h", "hz")
 
 _ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
@@ -59,14 +49,11 @@ _ASIDE = re.compile(
     r"|(?:[x×*/]|\btimes|\bby)\s*(?:9[.,]8|98[01]|386|32[.,][12])|\b(?:peak|max|min|pga|pgv|amax|rms|range|sensitiv|full.?scale|sensor|gain|resol|trigger)",
     re.IGNORECASE,
 )
-_NAMES = {
-    "velocity": re.compile(
-        r"(?<![^\W_])(?:v_?g(?![^\W_])|vel(?![^\W_])|veloc|geschw|vitesse|velocidad)", re.IGNORECASE
-    ),
-    "displacement": re.compile(
-        r"(?<![^\W_])(?:[ud]_?g(?![^\W_])|displ?(?![^\W_])|displac|verschieb|d[ée]plac|desplaz)", re.IGNORECASE
-    ),
-}
+_NAMED = re.compile(
+    r"(?<![^\W_])(?:(v_?g(?![^\W_])|vel(?![^\W_])|veloc|geschw|vitesse|velocidad)"
+    r"|[ud]_?g(?![^\W_])|displ?(?![^\W_])|displac|verschieb|d[ée]plac|desplaz)",
+    re.IGNORECASE,
+)
 _SERIES = re.compile(
     r"(?:^\W*(?:(?:ground|base|input|corrected|filtered|relative|absolute|horizontal|vertical)\s+)*"
     r"(veloc|displac)\w*\s*(?:$|[,;([]|at\b|of\b|record))|(veloc|displac)\w*\s+(?:time|data|histor|in\b)",
@@ -74,17 +61,21 @@ _SERIES = re.compile(
 )
 
 
-def match_unit(text: str) -> str | None:
-    """Find the unit of `UNITS` that `text` spells, or None."""
-    plain = _plain(text)
-    return plain if plain in UNITS else None
-
-
 def _plain(text: str) -> str:
     plain = "".join(text.lower().split()).strip(".,;:")
-    for spelled, meant in _SPELLING.items():
+    for spelled, meant in _SPELLING:
         plain = plain.replace(spelled, meant)
     return _ALIASES.get(plain, plain)
+
+
+def _quantity(text: str) -> str | None:
+    """Return the quantity, acceleration, velocity or displacement, that has the unit which `text` spells."""
+    return _QUANTITIES.get(_plain(text))
+
+
+def match_unit(text: str) -> str | None:
+    """Find the unit of `UNITS` that `text` spells, or None."""
+    return plain if (plain := _plain(text)) in UNITS else None
 
 
 def require_unit(text: object) -> str:
@@ -96,59 +87,41 @@ def require_unit(text: object) -> str:
     return unit
 
 
-@dataclass(frozen=True)
-class StatedUnit:
-    """A unit that a file states, as it is written, and where."""
-
-    text: str
-    where: str
-
-    @property
-    def unit(self) -> str | None:
-        """Key of `UNITS`, or None."""
-        return match_unit(self.text)
-
-    @property
-    def kind(self) -> str | None:
-        """The quantity that has this unit, if it is velocity or displacement."""
-        return _OTHER_KINDS.get(_plain(self.text))
-
-
 def _leading_unit(text: str) -> str:
     """Return the first words of a text that are a unit, with nothing but punctuation behind them; else the text."""
     words = text.split()
     for count in range(len(words), 0, -1):
         phrase = " ".join(words[:count])
-        if (match_unit(phrase) or _plain(phrase) in _OTHER_KINDS) and (count == len(words) or phrase[-1] in ".,;:"):
+        if _quantity(phrase) and (count == len(words) or phrase[-1] in ".,;:"):
             return phrase
     return text.strip()
 
 
-def _of_heading(line: int, heading: str) -> list[StatedUnit]:
+def _of_heading(line: int, heading: str) -> list[Stated]:
     """Return the unit at a column's heading: in brackets at its end, else behind "in" or the word acceleration."""
     where = f"{heading!r}, line {line}"
     if _ASIDE.search(heading):
         return []
     bracket = re.search(_BRACKET + r"\W*$", heading)
-    if bracket and (match_unit(bracket[1]) or _plain(bracket[1]) in _OTHER_KINDS or "/" in bracket[1]):
-        return [StatedUnit(bracket[1], where)]
+    if bracket and (_quantity(bracket[1]) or "/" in bracket[1]):
+        return [Stated(bracket[1], where)]
     plain = heading[: bracket.start()] if bracket else heading
     tail = _TAIL.search(plain.strip())
     text = tail[1] if tail else plain
     for spelled in (text, text.replace("_", "/"), text.replace("_", "")):
         if match_unit(spelled) and (tail or _plain(spelled) != "g"):
-            return [StatedUnit(spelled, where)]
+            return [Stated(spelled, where)]
     return []
 
 
-def _of_remark(line: int, text: str) -> list[StatedUnit]:
+def _of_remark(line: int, text: str) -> list[Stated]:
     """Return the units that a line of a header states: after "units", after "in", in brackets behind "acceleration"."""
     if _ASIDE.search(text):
         return []
     found: list[tuple[str, str]] = []
     for match in _UNITS.finditer(text):
         pieces = [_leading_unit(piece) for piece in re.split(r"[,;]", match[2])]
-        units = [piece for piece in pieces if match_unit(piece) or _plain(piece) in _OTHER_KINDS]
+        units = [piece for piece in pieces if _quantity(piece)]
         units = units or [piece for piece in pieces[:1] if match[1] and piece and _plain(piece) not in _TIMES]
         found += [(unit, match[0][: match[0].index(unit) + len(unit)]) for unit in units]
     if not found:
@@ -159,10 +132,10 @@ def _of_remark(line: int, text: str) -> list[StatedUnit]:
                 found.append((unit, match[0][: match[0].index(unit) + len(unit)]))
         for piece in re.split(r"[,;|\t]", text):
             found += [(unit.text, piece) for unit in _of_heading(line, piece.strip()) if _TAIL.search(piece.strip())]
-    return [StatedUnit(unit, f"{' '.join(phrase.split())!r}, line {line}") for unit, phrase in found]
+    return [Stated(unit, f"{' '.join(phrase.split())!r}, line {line}") for unit, phrase in found]
 
 
-def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> list[StatedUnit]:
+def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> list[Stated]:
     """Collect the units that the lines of a header state for the column with a heading."""
     found = _of_heading(*heading) if heading else []
     return list(dict.fromkeys(found + [unit for line, text in lines for unit in _of_remark(line, text)]))
@@ -170,10 +143,8 @@ def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | No
 
 def other_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> tuple[str, str] | None:
     """Tell velocity or displacement by the column's heading, or else by a title, with the text that says so."""
-    if heading and not re.search(_ACC, heading[1], re.IGNORECASE):
-        for kind, name in _NAMES.items():
-            if name.search(heading[1]):
-                return kind, f"{heading[1]!r}, line {heading[0]}"
+    if heading and not re.search(_ACC, heading[1], re.IGNORECASE) and (match := _NAMED.search(heading[1])):
+        return "velocity" if match[1] else "displacement", f"{heading[1]!r}, line {heading[0]}"
     for line, text in lines:
         match = _SERIES.search(text)
         if match and not re.search(r"acc", text, re.IGNORECASE):
@@ -183,28 +154,29 @@ def other_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | 
 
 
 def choose_unit(
-    stated: Sequence[StatedUnit], default: tuple[str, str] | None, wanted: str | None, shown: str
+    stated: Sequence[Stated], default: tuple[str, str] | None, wanted: str | None, shown: str
 ) -> tuple[str, str]:
     """Choose the unit of a file, and say where it is from.
 
     `default` is the unit of a format that states none, and why; `wanted` what the caller gave, which always wins;
     `shown` what the header has in place of a unit. Raises `RecordError` without the name of the file.
     """
-    units: dict[str, StatedUnit] = {}
+    units: dict[str, Stated] = {}
+    unreadable: dict[str, Stated] = {}
     for item in stated:
-        if item.unit:
-            units.setdefault(item.unit, item)
-    other = next((item for item in stated if item.kind), None)
-    if other and not units:
-        msg = f"holds {other.kind}, not acceleration ({other.where}); take the file of the acceleration"
-        raise RecordError(msg)
-    unreadable = list({item.text: item for item in stated if not item.unit and not item.kind}.values())
+        if unit := match_unit(item.text):
+            units.setdefault(unit, item)
+        elif not _quantity(item.text):
+            unreadable.setdefault(item.text, item)
+    for item in stated:
+        if not units and (quantity := _quantity(item.text)):
+            raise RecordError(not_acceleration(quantity, item.where))
     if wanted:
-        over = [item.where for unit, item in units.items() if unit != wanted] + [item.where for item in unreadable]
+        over = [item.where for unit, item in (units | unreadable).items() if unit != wanted]
         return wanted, f"given{', in place of ' + ' and '.join(over) if over else ''}"
     remedy = f"give units= one of {', '.join(map(repr, UNITS))}"
     if len(units) > 1 or (units and unreadable):
-        both = " and ".join(f"{item.text!r} ({item.where})" for item in (*units.values(), *unreadable))
+        both = " and ".join(f"{item.text!r} ({item.where})" for item in (*units.values(), *unreadable.values()))
         msg = f"states several units: {both}; {remedy}"
         raise RecordError(msg)
     if units:
@@ -212,6 +184,6 @@ def choose_unit(
         return unit, item.where
     if default and not unreadable:
         return default
-    header = ", ".join(f"{item.text!r} ({item.where})" for item in unreadable) or shown
+    header = ", ".join(f"{item.text!r} ({item.where})" for item in unreadable.values()) or shown
     msg = f"its units are not known{f'; its header says {header}' if header else ''}; {remedy}"
     raise RecordError(msg)

@@ -18,6 +18,6 @@ RECORD_SUFFIXES = tuple(dict.fromkeys(suffix for reader in READERS for suffix in
 
 def reader_of(source: RecordText) -> Reader:
     """Tell the format of a file by its first lines."""
-    head = source.text.split("\n", HEAD)[:HEAD]
+    head = source.lines[:HEAD]
     (rest,) = (reader for reader in READERS if reader.matches is None)
     return next((reader for reader in READERS if reader.matches is not None and reader.matches(head)), rest)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from pounding_sweep.records.formats.columns import read_header, read_table
-from pounding_sweep.records.reader import Content, Reader, RecordText
+from pounding_sweep.records.reader import Content, Reader, RecordText, fields_of
+from pounding_sweep.records.steps import field_step
 
 
 def _parse(source: RecordText) -> Content:
     header, line, row = read_header(source)
-    fields = source.fields(header)
-    fields.check_quantity("DATA TYPE")
-    content = read_table(source, header, line, row, fields.step("SAMPLING INTERVAL (sec)"))
-    points = fields.number("NUMBER OF DATA")
+    fields = fields_of(header)
+    source.check_quantity(fields, "DATA TYPE")
+    content = read_table(source, header, line, row, field_step(source, fields, "SAMPLING INTERVAL (sec)"))
+    points = source.number(fields, "NUMBER OF DATA")
     if len(content.values) != points:
         source.fail(f"its header says {points:g} points, it holds {len(content.values)}; get the file again")
-    return replace(content, title=", ".join(fields.get(key, "") for key in ("PLACE", "EARTHQUAKE DATE")))
+    return content
 
 
 READER = Reader(

@@ -17,6 +17,7 @@ from pounding_sweep.records.reader import (
     RecordText,
     StatedStep,
     in_quotes,
+    not_acceleration,
     plain_words,
     words,
 )
@@ -82,7 +83,7 @@ def described(
     remarks = [item for item in header if heading is None or column is None or item[0] != heading[0]]
     heading = heading or (header[-1] if header else None)
     if other := other_quantity(remarks, heading):
-        source.fail(f"holds {other[0]}, not acceleration ({other[1]}); take the file of the acceleration")
+        source.fail(not_acceleration(*other))
     lines = [item for item in remarks if heading is None or item[0] != heading[0]][:2]
     shown = ", ".join(f"{text[:60]!r} (line {line})" for line, text in [*([heading] if heading else []), *lines])
     title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
@@ -128,7 +129,7 @@ def read_table(source: RecordText, header: Lines, line: int, row: str, steps: Se
     else:
 
         def printed(time: int = time) -> Iterator[tuple[int, str]]:
-            return ((number, cells_of(text)[0][time]) for number, text in _data_lines(source, line))
+            return ((number, cells_of(text)[0][time]) for number, text in _lines(source, line))
 
         what = f"{heads[time]!r}, line {where}" if heads else f"times in column {time + 1}"
         step = step_of_times(source, values[:, time], printed, steps, what)
@@ -162,53 +163,42 @@ def _count_line(source: RecordText, line: int, first: list[float] | str) -> tupl
 def read_header(source: RecordText) -> tuple[Lines, int, str]:
     """Find the lines before the first row of numbers, and that row with its line."""
     header: Lines = []
-    for line, row in _lines(source, 1):
-        if not isinstance(cells_of(row)[1], str):
+    for line, text in enumerate(source.lines[: _MOST_HEADER + 1], 1):
+        row = text.strip()
+        if row and not isinstance(cells_of(row)[1], str):
             return header, line, row
-        if not isinstance(cells_of(row.translate(_DASHES))[1], str):
+        if row and not isinstance(cells_of(row.translate(_DASHES))[1], str):
             source.not_a_number(line, str(cells_of(row)[1]))
-        header.append((line, row))
-        if len(header) > _MOST_HEADER:
-            source.fail(f"its first {_MOST_HEADER} lines hold no row of numbers; is it a record?")
+        header += [(line, row)] if row else []
+    if len(source.lines) > _MOST_HEADER:
+        source.fail(f"its first {_MOST_HEADER} lines hold no row of numbers; is it a record?")
     source.fail("holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
 
 
 def _lines(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
-    """Go through the lines from one on that are not blank."""
-    for first, block in source.blocks(start):
-        for line, text in enumerate(block.split("\n"), first):
-            if plain := text.strip():
-                yield line, plain
-
-
-def _data_lines(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
-    return (item for item in _lines(source, start) if not item[1].startswith(_COMMENT))
+    """Go through the lines from one on that are neither blank nor remarks."""
+    stripped = ((line, text.strip()) for line, text in enumerate(source.lines[start - 1 :], start))
+    return ((line, text) for line, text in stripped if text and not text.startswith(_COMMENT))
 
 
 def _values(source: RecordText, start: int, columns: int) -> Array:
     """Read the rows from a line on. Shape (rows, columns)."""
-    parts, count = [], 0
+    text = "\n".join(source.lines[start - 1 :])
     apart = r"(?:[ \t]*+,[ \t]*+|[ \t]++)[^\s,]++"
-    rows_only = re.compile(rf"(?:[ \t]*+[^\s,]++(?:{apart}){{{columns - 1}}}[ \t]*+,?+[ \t]*+\n)++")
-    for first, block in source.blocks(start):
-        part = plain_words(block) if rows_only.fullmatch(block) else None
-        if part is None:
-            rows: list[float] = []
-            for line, text in enumerate(block.split("\n"), first):
-                plain = text.strip()
-                if not plain or plain.startswith(_COMMENT):
-                    continue
-                row = cells_of(plain)[1]
-                if isinstance(row, str):
-                    source.not_a_number(line, row)
-                if len(row) != columns:
-                    source.fail(f"line {line} has {len(row)} columns where line {start} has {columns}")
-                rows += row
-            part = np.array(rows)
-        parts.append(part.reshape(-1, columns))
-        count += len(parts[-1])
-        source.check_points(count)
-    return np.concatenate(parts)
+    only = re.compile(rf"(?:[ \t]*+[^\s,]++(?:{apart}){{{columns - 1}}}[ \t]*+,?+[ \t]*+(?:\n|$))++")
+    values = plain_words(text) if only.fullmatch(text) else None
+    if values is None:
+        rows: list[float] = []
+        for line, row in _lines(source, start):
+            cells = cells_of(row)[1]
+            if isinstance(cells, str):
+                source.not_a_number(line, cells)
+            if len(cells) != columns:
+                source.fail(f"line {line} has {len(cells)} columns where line {start} has {columns}")
+            rows += cells
+        values = np.array(rows)
+    source.check_points(values.size / columns)
+    return values.reshape(-1, columns)
 
 
 def _timed(heads: list[str]) -> list[bool]:

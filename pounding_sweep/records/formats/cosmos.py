@@ -4,66 +4,48 @@ from __future__ import annotations
 
 import re
 
-from pounding_sweep.records.reader import NUMBER, Content, Reader, RecordText, StatedStep, to_float, words
+from pounding_sweep.records.reader import Content, Reader, RecordText, Stated, StatedStep, not_acceleration, words
 from pounding_sweep.records.steps import choose_step
-from pounding_sweep.records.units import StatedUnit
 
-_COSMOS = re.compile(
-    r"\s*(\d{1,9})\s+(\w+)\s+pts,\s*approx\s+([\d.]+)\s*secs?,\s*units\s*=\s*([^,(]+)(?:\((\d+)\))?", re.I
-)
-_CSMIP = re.compile(
-    rf"\s*(\d{{1,9}})\s+points of (\w+) data equally spaced at\s*({NUMBER.pattern})\s*sec\w*[.,]?\s*"
-    r"(?:\(?(?:in|units?:)\s+([^.()\s]+))?",
+_ABOVE = re.compile(
+    r"\s*(\d{1,9})\s+(\w+)\s+pts,\s*approx\s+(?P<seconds>[\d.]+)\s*secs?,\s*units\s*=\s*([^,(]+)(?:\((?P<code>\d+)\))?"
+    r"|\s*(\d{1,9})\s+points of (\w+) data equally spaced at\s*(?P<step>[\d.]+)\s*sec\w*[.,]?\s*(?:in\s+([^.()\s]+))?",
     re.IGNORECASE,
 )
 #: Units by their code in COSMOS's table.
-_CODES = {2: "g", 4: "cm/s2", 5: "cm/s", 6: "cm", 10: "gal", 11: "mg", 50: "counts"}
+_CODES = {"02": "g", "04": "cm/s2", "05": "cm/s", "06": "cm", "10": "gal", "11": "mg", "50": "counts"}
 
 
 def _parse(source: RecordText) -> Content:
-    lines = source.text.split("\n")
-    matches = [(number, _COSMOS.match(text) or _CSMIP.match(text)) for number, text in enumerate(lines, 1)]
-    heads = [(number, match) for number, match in matches if match]
-    blocks = [(number, match) for number, match in heads if match[2].lower().startswith("acc")]
-    if not heads:
-        source.fail("has no line of points, step and unit above its values; get the file again")
+    above = [(line, match) for line, text in enumerate(source.lines, 1) if (match := _ABOVE.match(text))]
+    blocks = [(line, match) for line, match in above if (match[2] or match[7]).lower().startswith("acc")]
     if not blocks:
-        source.fail(
-            f"holds {heads[0][1][2].lower()}, not acceleration (line {heads[0][0]}); take that of the acceleration"
-        )
-    names = [_channel(lines[:number], place) for place, (number, _) in enumerate(blocks, 1)]
+        line, match = above[0]
+        source.fail(not_acceleration((match[2] or match[7]).lower(), f"line {line}"))
+    names = []
+    for number, (line, _) in enumerate(blocks, 1):
+        channels = (re.search(r"\bChan(?:nel)?\s*\d+", text) for text in source.lines[line - 2 :: -1])
+        names.append(next((channel[0] for channel in channels if channel), f"channel {number}"))
     chosen = source.choose(names)
     line, match = blocks[chosen]
-    units = [StatedUnit(match[4].strip(), f"{match[4].strip()}, line {line}")] if match[4] else []
-    if match.re is _CSMIP:
-        steps = [StatedStep(to_float(match[3]), f"{match[3]} sec, line {line}", firm=True)]
-    else:
-        units += (
-            [StatedUnit(_CODES.get(int(match[5]), f"code {match[5]}"), f"({match[5]}), line {line}")]
-            if match[5]
-            else []
-        )
-        steps = _real_header(lines[: line - 1], int(match[1]), to_float(match[3]))
-    step = choose_step(source, steps)
-    values = source.exactly(line + 1, int(match[1]), f"line {line}")
-    return Content(values, step, units, " ".join(lines[0].split()), column=names[chosen] if len(names) > 1 else None)
+    points, where = int(match[1] or match[6]), f"{' '.join(match[0].split())!r}, line {line}"
+    code = _CODES.get(match["code"], f"code {match['code']}") if match["code"] else None
+    units = [Stated(text.strip(), where) for text in (match[4], match[9], code) if text]
+    steps = [StatedStep(float(match["step"]), where, firm=True)] if match["step"] else _of_header(source, line)
+    seconds = float(match["seconds"] or 0.0)
+    if steps and seconds and abs(points * steps[0].value - seconds) > 1.0 + 0.05 * seconds:
+        steps.append(StatedStep(seconds / points, where))
+    values, step = source.exactly(line + 1, points, f"line {line}"), choose_step(source, steps)
+    column = names[chosen] if len(names) > 1 else None
+    return Content(values, step, units, " ".join(source.lines[0].split()), column=column)
 
 
-def _channel(before: list[str], place: int) -> str:
-    return next(
-        (m[0] for text in reversed(before) if (m := re.search(r"\bChan(?:nel)?\s*\d+", text))), f"channel {place}"
-    )
-
-
-def _real_header(before: list[str], points: int, seconds: float) -> list[StatedStep]:
-    """Return the steps that the real header above the values states, and a wholly different one by the duration."""
-    start = max(i for i, text in enumerate(["Real-header", *before]) if "real-header" in text.lower())
-    real = words(" ".join(before[start : start + 17]))
-    steps = [(real[61] * 1e-3, 62), (real[33], 34)] if not isinstance(real, str) and len(real) >= 62 else []
-    found = [StatedStep(step, f"real header, number {place}", firm=True) for step, place in steps if step > 0.0][:1]
-    if found and seconds and abs(points * found[0].value - seconds) > 1.0 + 0.05 * seconds:
-        found.append(StatedStep(seconds / points, f"approx {seconds:g} secs of {points} points"))
-    return found
+def _of_header(source: RecordText, line: int) -> list[StatedStep]:
+    """Return the step of the last real header above a line: its number 62 in ms, or else 34 in s."""
+    start = next((i for i in range(line - 1, 0, -1) if "real-header" in source.lines[i - 1].lower()), line)
+    real = words(" ".join(source.lines[start : start + 17]))
+    places = () if isinstance(real, str) or len(real) < 62 else ((1e-3 * real[61], 62), (real[33], 34))
+    return [StatedStep(step, f"real header, number {place}", firm=True) for step, place in places if step > 0.0][:1]
 
 
 READER = Reader(
@@ -71,8 +53,6 @@ READER = Reader(
     step="the real header (numbers 62 or 34), or `equally spaced at`",
     unit="`units=` or `in` above the values",
     suffixes=(".v1", ".v2", ".v1c", ".v2c"),
-    matches=lambda head: any(
-        "real-header" in text.lower() or _COSMOS.match(text) or _CSMIP.match(text) for text in head
-    ),
+    matches=lambda head: any("real-header" in text.lower() or _ABOVE.match(text) for text in head),
     parse=_parse,
 )

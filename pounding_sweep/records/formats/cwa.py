@@ -6,20 +6,19 @@ import re
 from dataclasses import replace
 
 from pounding_sweep.records.formats.columns import read_header, read_table
-from pounding_sweep.records.reader import Content, Reader, RecordText
-from pounding_sweep.records.units import StatedUnit
+from pounding_sweep.records.reader import Content, Reader, RecordText, Stated, fields_of
+from pounding_sweep.records.steps import field_step
 
 
 def _parse(source: RecordText) -> Content:
     header, line, row = read_header(source)
-    fields = source.fields(header)
-    names = re.findall(r"[A-Za-z]+", fields.get("DataSequence", "Time U N E"))
-    content = read_table(
-        source, [*header, (line, " ".join(names))], line, row, fields.step("SampleRate(Hz)", rate=True)
-    )
-    unit = re.match(r"[^\s.]*", fields.get("AmplitudeUnit", ""))
-    units = [StatedUnit(unit[0], fields.where("AmplitudeUnit"))] if unit and unit[0] else []
-    return replace(content, units=units, title=f"{fields.get('StationCode', '')} {fields.get('StartTime', '')}".strip())
+    fields = fields_of(header)
+    names = " ".join(re.findall(r"[A-Za-z]+", fields["DataSequence"].text))
+    steps = field_step(source, fields, "SampleRate(Hz)", rate=True)
+    content = read_table(source, [*header, (line, names)], line, row, steps)
+    unit = fields.get("AmplitudeUnit")
+    units = [Stated(re.split(r"[\s.]", unit.text)[0], unit.where)] if unit else []
+    return replace(content, units=units, title=fields.get("StationCode", Stated("", "")).text)
 
 
 READER = Reader(

@@ -8,57 +8,39 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from pounding_sweep.records.reader import NUMBER, Content, Reader, RecordText, StatedStep, to_float, words
+from pounding_sweep.records.reader import Content, Reader, RecordText, Stated, StatedStep, words
 from pounding_sweep.records.steps import choose_step
-from pounding_sweep.records.units import StatedUnit
 
 _FIRST = re.compile(r"\s*(?:un)?corrected accelerogram", re.IGNORECASE)
-_POINTS = re.compile(r"Number of points\s+(\d{1,9})", re.IGNORECASE)
-_STEP = re.compile(rf"\bat (?:intervals of )?({NUMBER.pattern})\s*s(?:ec)?\b", re.IGNORECASE)
-_RAW = re.compile(rf"in units of\s+({NUMBER.pattern})\s*(\S+)", re.IGNORECASE)
-_PEAK = re.compile(rf"Acceleration:\s*peak\s+{NUMBER.pattern}\s*(\S+)", re.IGNORECASE)
+_POINTS = re.compile(r"Number of points +(\d{1,9})", re.IGNORECASE)
+_STEP = re.compile(r"\bat (?:intervals of )?([\d.]+) s(?:ec intervals)?\s*$", re.IGNORECASE)
+_UNIT = re.compile(r"in units of +([\d.]+) +(\S+)|Acceleration: +peak +[-\d.]+ +(\S+)", re.IGNORECASE)
 
 
 def _parse(source: RecordText) -> Content:
-    lines = source.text.split("\n")
-    starts = [index for index, text in enumerate(lines) if _FIRST.match(text)]
-    parts = [list(enumerate(lines))[first:last] for first, last in zip(starts, [*starts[1:], len(lines)], strict=True)]
-    heads = [[item for item in part[:26] if isinstance(words(item[1]), str)] for part in parts]
-    names = [
-        next((m[1] for _, t in head if (m := re.match(r"Component\s+(\S+)", t))), f"{i}")
-        for i, head in enumerate(heads, 1)
-    ]
+    starts = [index for index, text in enumerate(source.lines) if _FIRST.match(text)]
+    parts = zip(starts, [*starts[1:], len(source.lines)], strict=True)
+    heads = [[text for text in source.lines[a : min(a + 26, b)] if isinstance(words(text), str)] for a, b in parts]
+    names = [next((text.split()[1] for text in head if text.startswith("Component ")), "unnamed") for head in heads]
     chosen = source.choose(names)
-    head, part = heads[chosen], parts[chosen]
+    head, start, end = heads[chosen], starts[chosen], [*starts, len(source.lines)][chosen + 1]
 
-    def search(*patterns: re.Pattern[str]) -> tuple[re.Match[str], str] | None:
-        found = ((m, f"{m[0]}, line {i + 1}") for p in patterns for i, text in head if (m := p.search(text)))
-        return next(found, None)
+    def search(pattern: re.Pattern[str]) -> list[tuple[re.Match[str], str]]:
+        lines = enumerate(head, start + 1)
+        return [(match, f"{match[0]!r}, line {line}") for line, text in lines if (match := pattern.search(text))]
 
-    count, unit = search(_POINTS), search(_RAW, _PEAK)
-    if count is None:
-        return source.fail("has no line 'Number of points' in its header; get the file again")
-    points, first = int(count[0][1]), head[-1][0] + 1
-    part_text = "\n" * first + "\n".join(lines[first : part[-1][0] + 1])
-    values = replace(source, text=part_text).numbers(first + 1)
-    steps = [
-        StatedStep(to_float(m[1]), f"{m[0]}, line {i + 1}", firm=True)
-        for i, t in head
-        if "eak" not in t
-        for m in _STEP.finditer(t)
-    ]
-    numbered = len(values) >= points + 100 and points in (values[30], values[33])
-    steps += [StatedStep(float(values[65]), "number 66 of the header", firm=True)] if numbered else []
-    start = 100 if numbered else 0  # velocity and displacement may follow
-    if points == 0 or (
-        len(values) - start not in (points, 3 * points) and not (numbered and len(values) - start > points)
-    ):
-        source.fail(f"its header says {points} points, it holds {len(values) - start}; get the file again")
-    scale = to_float(unit[0][1]) if unit and unit[0].re is _RAW else 1.0
-    units = [StatedUnit(unit[0][unit[0].re.groups], unit[1])] if unit else []
-    title = f"{' '.join(lines[1].split())}, {names[chosen]}"
-    column = names[chosen] if len(names) > 1 else None
-    return Content(values[start : start + points] * scale, choose_step(source, steps), units, title, column=column)
+    points = int(search(_POINTS)[0][0][1])
+    values = replace(source, lines=source.lines[:end]).numbers(start + len(head) + 1)
+    steps = [StatedStep(float(match[1]), where, firm=True) for match, where in search(_STEP)]
+    if len(values) >= points + 100 and points in (values[30], values[33]):
+        steps.append(StatedStep(float(values[65]), "number 66 of the header", firm=True))
+        values = values[100:]
+    if points == 0 or len(values) not in (points, 3 * points):
+        source.fail(f"its header says {points} points, it holds {len(values)}; get the file again")
+    (unit, where), *_ = search(_UNIT)
+    motion = values[:points] * float(unit[1] or 1.0)  # velocity and displacement may follow
+    title, column = f"{source.lines[start + 1].strip()}, {names[chosen]}", names[chosen] if len(names) > 1 else None
+    return Content(motion, choose_step(source, steps), [Stated(unit[2] or unit[3], where)], title, column=column)
 
 
 READER = Reader(

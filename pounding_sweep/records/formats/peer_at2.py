@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import re
 
-from pounding_sweep.records.reader import NUMBER, Content, Reader, RecordText, StatedStep, in_quotes, to_float
+from pounding_sweep.records.reader import (
+    HEAD,
+    NUMBER,
+    Content,
+    Reader,
+    RecordText,
+    StatedStep,
+    in_quotes,
+    not_acceleration,
+    to_float,
+)
 from pounding_sweep.records.steps import choose_step, stated_steps
 from pounding_sweep.records.units import other_quantity, stated_units
 
@@ -18,7 +28,7 @@ _VALUES = re.compile(r"\s*(?:[^\n]*\bDT\b[^\n]*\s+)?[-+]?\.?\d", re.IGNORECASE)
 
 
 def _parse(source: RecordText) -> Content:
-    lines = source.head()
+    lines = list(enumerate(source.lines[:HEAD], 1))
     places = [line for line, text in lines if _NPTS.search(text)]
     # Where headers stand above each other, the last one is that of the values.
     place = next(
@@ -38,7 +48,7 @@ def _parse(source: RecordText) -> Content:
     header = lines[:start]
     step = choose_step(source, steps)
     if other := other_quantity(header):
-        source.fail(f"holds {other[0]}, not acceleration ({other[1]}); take the .AT2 file of the same record")
+        source.fail(not_acceleration(*other))
     values = source.exactly(start + 1, int(points[1]), "NPTS")
     titles = [text.strip() for _, text in lines[: place - 1] if text.strip()]
     title = titles[1] if len(titles) > 1 else "".join(titles)
