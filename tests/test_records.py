@@ -204,7 +204,7 @@ def test_missing_known_record_says_where_to_get_it(folder, monkeypatch):
 
 
 def test_unknown_record_lists_what_is_valid(folder):
-    with pytest.raises(RecordError, match=r"'arlet'; did you mean 'arleta'\? Valid: .*el_centro.*found there: .*Mine"):
+    with pytest.raises(RecordError, match=r"'arlet'; did you mean 'arleta'\? Valid: .*Mine.*el_centro.*looked in"):
         find_record("arlet")
     with pytest.raises(RecordError, match="did you mean 'Mine'"):
         find_record("minne")

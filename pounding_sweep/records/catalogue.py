@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.resources
+import itertools
 import os
 import re
 from collections.abc import Iterable, Sequence
@@ -23,7 +23,6 @@ RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 """Environment variable with the folder or folders (separated as in PATH) of record files."""
 
 _PEER_PLACE = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
-_SHOWN_NAMES = 20
 
 
 @dataclass(frozen=True)
@@ -49,44 +48,26 @@ class KnownRecord:
         return f"{self.event}, {self.title}, {self.component}"
 
 
+def _peer(key: str, title: str, event: str, component: str, rsn: int, name: str, *aliases: str) -> KnownRecord:
+    """Make a record of PEER NGA-West2 whose file goes by its old name, or that behind its number."""
+    files = (f"{name.rpartition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2")
+    return KnownRecord(key, title, event, component, rsn, files, aliases=aliases)
+
+
+_BUNDLED = "elcentro_ns_1940.csv"
+_EL_CENTRO = ("elcentro", "el_centro_ns", "el_centro_1940")
 KNOWN_RECORDS: dict[str, KnownRecord] = {
     entry.key: entry
     for entry in (
         KnownRecord(
-            "el_centro",
-            "El Centro",
-            "Imperial Valley 1940",
-            "N-S",
-            None,
-            ("elcentro_ns_1940.csv",),
-            place="shipped with pounding_sweep",
-            bundled="elcentro_ns_1940.csv",
-            aliases=("elcentro", "el_centro_ns", "el_centro_1940"),
+            *("el_centro", "El Centro", "Imperial Valley 1940", "N-S", None, (_BUNDLED,)),
+            *("shipped with pounding_sweep", _BUNDLED, _EL_CENTRO),
         ),
-        KnownRecord(
-            "arleta",
-            "Arleta - Nordhoff Fire Sta",
-            "Northridge 1994",
-            "90",
-            949,
-            ("ARL090.AT2", "RSN949_NORTHR_ARL090.AT2"),
-        ),
-        KnownRecord(
-            "santa_monica",
-            "Santa Monica City Hall",
-            "Northridge 1994",
-            "90",
-            1077,
-            ("STM090.AT2", "RSN1077_NORTHR_STM090.AT2"),
-        ),
-        KnownRecord(
-            "san_fernando",
-            "Pacoima Dam (upper left abut)",
-            "San Fernando 1971",
-            "254",
-            77,
-            ("PUL254.AT2", "RSN77_SFERN_PUL254.AT2"),
-            aliases=("pacoima_dam",),
+        _peer("arleta", "Arleta - Nordhoff Fire Sta", "Northridge 1994", "90", 949, "NORTHR_ARL090"),
+        _peer("santa_monica", "Santa Monica City Hall", "Northridge 1994", "90", 1077, "NORTHR_STM090"),
+        _peer(
+            *("san_fernando", "Pacoima Dam (upper left abut)", "San Fernando 1971", "254", 77),
+            *("SFERN_PUL254", "pacoima_dam"),
         ),
     )
 }
@@ -112,10 +93,9 @@ def _folders(folders: Folders) -> list[Path]:
 def _files(folder: Path) -> list[Path]:
     """List the record files of a folder in order of name; none if it can't be read."""
     try:
-        found = [path for path in folder.iterdir() if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()]
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in RECORD_SUFFIXES and path.is_file())
     except (OSError, ValueError):
         return []
-    return sorted(found, key=lambda path: path.name)
 
 
 def _searched(folders: Sequence[Path]) -> str:
@@ -124,41 +104,40 @@ def _searched(folders: Sequence[Path]) -> str:
     return "looked in " + ", ".join(f"{folder}{'' if folder.is_dir() else ' (no such folder)'}" for folder in folders)
 
 
+def _rsn(name: str) -> int | None:
+    """Return the record sequence number of a name such as "RSN949" or "949"."""
+    match = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name.lower(), re.ASCII)
+    return int(match[1]) if match else None
+
+
 def _known(name: str) -> KnownRecord | None:
     """Find the known record that `name` means: key, alias or RSN."""
-    plain = plain_name(name)
-    match = re.fullmatch(r"(?:rsn)?_?(\d{1,6})", plain, re.ASCII)
-    for entry in KNOWN_RECORDS.values():
-        if plain == entry.key or plain in entry.aliases or (match and entry.rsn == int(match[1])):
-            return entry
-    return None
+    plain, rsn = plain_name(name), _rsn(name)
+    return next(
+        (e for e in KNOWN_RECORDS.values() if plain in (e.key, *e.aliases) or (rsn is not None and rsn == e.rsn)), None
+    )
 
 
-def _known_file(filename: str) -> KnownRecord | None:
-    plain = filename.lower()
-    stems = {plain, plain.rpartition(".")[0] or plain}
-    for entry in KNOWN_RECORDS.values():
-        if stems & {part for file in entry.files for part in (file.lower(), Path(file).stem.lower())}:
-            return entry
-    return None
+def _known_file(name: str) -> KnownRecord | None:
+    """Find the known record whose file has that name, with or without its ending."""
+    stem = Path(name).stem.lower()
+    return next((e for e in KNOWN_RECORDS.values() if stem in (Path(file).stem.lower() for file in e.files)), None)
 
 
 @cache
 def _bundled(entry: KnownRecord) -> Record:
     with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / str(entry.bundled)) as file:
-        record = read_record(file, name=entry.key)
-    return replace(record, source=f"{entry.description} (bundled {entry.bundled})")
+        return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {entry.bundled})")
 
 
 def _match(name: str, files: Sequence[Path]) -> list[Path]:
     """Find the files of one folder that `name` means; the first way of matching that finds any decides."""
-    plain = name.lower()
-    rsn = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", plain, re.ASCII)
+    plain, rsn = name.lower(), _rsn(name)
     ways = [
         [file for file in files if file.name == name],
         [file for file in files if file.stem == name],
         [file for file in files if plain in (file.name.lower(), file.stem.lower())],
-        [file for file in files if rsn and re.match(rf"rsn0*{int(rsn[1])}(?!\d)", file.name, re.IGNORECASE)],
+        [file for file in files if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)],
     ]
     return next((way for way in ways if way), [])
 
@@ -199,63 +178,40 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         raise RecordError(msg)
     name = name.strip()
     group, _, component = name.partition("/")
-    if plain_name(group) in RECORD_SETS:
-        return _from_set(plain_name(group), component)
+    if (key := plain_name(group)) in RECORD_SETS:
+        if component:
+            return read_component(key, component)
+        msg = (
+            f"{key!r} is a set of {RECORD_SETS[key].components} records; give it as an item of a sweep's records, "
+            f"or one of its records, such as {f'{key}/{next(iter(set_components(key)))}'!r}"
+        )
+        raise RecordError(msg)
     entry = _known(name)
-    if entry is not None and entry.bundled:
-        return _bundled(entry)
     searched = _folders(folders)
-    files = {folder: _files(folder) for folder in searched}
-    for folder in searched:
-        for wanted in (*(entry.files if entry else ()), name):
-            matches = _match(wanted, files[folder])
-            if len(matches) > 1:
-                listing = ", ".join(file.name for file in matches)
-                msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
-                raise RecordError(msg)
-            if matches:
-                return read_record(matches[0], name=entry.key if entry else None, column=column)
+    files = {folder: _files(folder) for folder in searched if entry is None or not entry.bundled}
+    for folder, wanted in itertools.product(files, (*(entry.files if entry else ()), name)):
+        matches = _match(wanted, files[folder])
+        if len(matches) > 1:
+            listing = ", ".join(file.name for file in matches)
+            msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
+            raise RecordError(msg)
+        if matches:
+            return read_record(matches[0], name=entry.key if entry else None, column=column)
     entry = entry or _known_file(name)
     if entry is not None and entry.bundled:
         return _bundled(entry)
     if entry is not None:
-        number = f"under RSN {entry.rsn}" if entry.rsn else "by event and station"
         msg = (
             f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
-            f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, {number}, "
+            f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, under RSN {entry.rsn}, "
             f"and put it into a folder named by {RECORDS_VARIABLE}"
         )
         raise MissingRecordError(msg, entry.key)
-    found = [file for folder in searched for file in files[folder]]
-    raise MissingRecordError(_unknown_record(name, searched, found), Path(name).stem)
-
-
-def _from_set(group: str, component: str) -> Record:
-    if component:
-        return read_component(group, component)
-    first = next(iter(set_components(group)))
-    msg = (
-        f"{group!r} is a set of {RECORD_SETS[group].components} records; give it as an item of a sweep's records, "
-        f"or one of its records, such as {group + '/' + first!r}"
-    )
-    raise RecordError(msg)
-
-
-def _unknown_record(name: str, searched: Sequence[Path], files: Sequence[Path]) -> str:
-    found = sorted({file.stem for file in files})
-    close = difflib.get_close_matches(name.lower(), [stem.lower() for stem in found], n=1)
-    if close and not difflib.get_close_matches(name.lower(), list(KNOWN_RECORDS), n=1, cutoff=0.6):
-        stem = next(stem for stem in found if stem.lower() == close[0])
-        text = unknown("record", name, [*KNOWN_RECORDS, stem])
-        text = text if "did you mean" in text else f"{text}; did you mean {stem!r}?"
-    else:
-        text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS])
-    more = f" and {len(found) - _SHOWN_NAMES} more" if len(found) > _SHOWN_NAMES else ""
-    listing = f"; found there: {', '.join(found[:_SHOWN_NAMES])}{more}" if found else ""
-    return (
-        f"{text}, or a file's name; {_searched(searched)}{listing}. Give the path of a file, "
-        f"or name its folder in {RECORDS_VARIABLE}"
-    )
+    stems = {file.stem for folder in files.values() for file in folder}
+    text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS, *stems])
+    remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
+    msg = f"{text}, or a file's name; {_searched(searched)}. {remedy}"
+    raise MissingRecordError(msg, Path(name).stem)
 
 
 def list_records(folders: Folders = None, column: str | int | None = None) -> list[tuple[str, Record | str]]:

