@@ -76,6 +76,15 @@ def test_statuses_without_a_name():
     assert about(xr.Dataset({"status": ("x", np.array([0, 77], "i1"))}))["statuses"] == {"ok": 1, "code 77": 1}
 
 
+def test_a_cube_that_was_cut_or_joined_tells_its_own_scenarios(tmp_path):
+    cube = made()
+    cut, joined = cube.isel(gap=[0]), xr.concat([cube, cube.assign_coords(gap=cube.gap + 0.1)], "gap")
+    for other, size in ((cut, 4), (joined, 24)):
+        path = write_cube(other, tmp_path / f"{size}.nc")
+        assert f"  {size} scenarios (joined or cut after a run of 12)\n" in info(path)
+        assert json.loads(info(path, "--json"))["cube"]["scenarios"] == size
+
+
 def test_an_unfinished_run(tmp_path):
     parts = tmp_path / "out.nc.parts"
     unfinished(parts)

@@ -128,9 +128,8 @@ def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
 @pytest.mark.parametrize(
     ("law", "n_gaps", "accuracy", "expected"),
     [
-        ("hertz_damped", 64, 1e-3, ["float32", "float64"]),  # some are refined
-        ("hertz_damped", 8, 1e-3, ["float32"]),
-        ("linear", 64, 1e-3, ["float32"]),  # exact at any step
+        ("hertz_damped", 8, 1e-3, ["float32", "float64"]),  # some may be refined
+        ("linear", 8, 1e-3, ["float32", "float64"]),
         ("hertz_damped", 64, 1e-6, ["float64"]),
     ],
 )

@@ -17,6 +17,8 @@ from pounding_sweep.schemes import SCHEMES
 
 #: Outputs that a reader looks at first.
 LEADING = ("impact_force_max", "displacement_max")
+#: Smallest order of convergence that is shown: errors of rounding do not fall with the step.
+LEAST_ORDER = 0.05
 
 
 def check_trade(dataset: xr.Dataset) -> None:
@@ -123,7 +125,7 @@ def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
                 error, step = one["law_error"].values, one["step"].values
                 kept = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
                 fit = np.polyfit(np.log(step[kept]), np.log(error[kept]), 1)[0] if kept.sum() >= 3 else math.nan
-                cells.append(f"{fit:.1f}" if math.isfinite(fit) else "-")
+                cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
             rows.append(cells)
     return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from pathlib import Path
 
@@ -25,3 +26,13 @@ def absolute(path: str | os.PathLike[str]) -> Path:
     except FileNotFoundError:
         msg = f"{shown(os.fspath(path))}: the working folder was removed; change to another one, or give a whole path"
         raise InputError(msg) from None
+
+
+def near_file(path: Path) -> str:
+    """Ask whether a file of nearly that name was meant, such as one in another case; "" if there is none."""
+    try:
+        names = {name.lower(): name for name in sorted(os.listdir(path.parent))}
+    except (OSError, ValueError):
+        return ""
+    close = difflib.get_close_matches(path.name.lower(), names, n=1, cutoff=0.8)
+    return f"did you mean {shown(names[close[0]])}? " if close else ""

@@ -6,6 +6,7 @@ interrupted. Each module holds the commands of one subject and registers them wh
 """
 
 # isort: off
+from pounding_sweep.cli import init
 from pounding_sweep.cli import run
 from pounding_sweep.cli import cubes
 from pounding_sweep.cli import exchange
@@ -28,6 +29,7 @@ __all__ = [
     "exchange",
     "extremes",
     "histories",
+    "init",
     "lists",
     "main",
     "paper",

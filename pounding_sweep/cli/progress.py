@@ -26,6 +26,7 @@ TAKING_UP = 1.0
 #: What the stages of a run are called on the display.
 STAGES = {
     "kernels": "kernels",
+    "compiling": "compiling kernels",
     "no pounding": "runs without pounding",
     "scenarios": "scenarios",
     "audit": "audit",
@@ -144,6 +145,8 @@ class LineProgress(Progress):
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
         self._name, self._total, self._done = STAGES.get(name, name), total, 0
         self._begun = self._clock()
+        if name == "compiling":  # once for a kind of row, but longer than many a run
+            self._print("compiling kernels, once for sweeps of this kind")
         self._since, self._before = self._begun, 0
 
     def advance(self, count: int) -> None:
@@ -164,6 +167,9 @@ class LineProgress(Progress):
         rate = (self._done - self._before) / (now - self._since) if now > self._since else 0.0
         if rate and self._total:
             text += f", about {seconds_text((self._total - self._done) / rate)} left"
+        self._print(text)
+
+    def _print(self, text: str) -> None:
         with suppress(OSError):
             print(text, file=self._stream, flush=True)
 

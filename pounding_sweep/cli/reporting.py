@@ -152,6 +152,8 @@ def open_streams() -> None:
                 os.dup2(handle, number)
                 os.close(handle)
             setattr(sys, name, os.fdopen(number, mode))
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # names on a terminal of ASCII
 
 
 def _left_by(out: Path | None) -> Callable[[], str]:

@@ -53,8 +53,9 @@ def _load(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] |
 def run_command(
     sweep: SweepFile,
     out: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT.nc", help="netCDF file for the cube.", show_default=False)
-    ],
+        Path | None,
+        typer.Option("-o", "--output", metavar="OUT.nc", help="netCDF file for the cube; SWEEP.nc here by default."),
+    ] = None,
     scheduler: Annotated[
         str, typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
     ] = "threads",
@@ -72,6 +73,7 @@ def run_command(
     as_json: AsJson = False,
 ) -> None:
     """Run a sweep, write its cube and print a summary."""
+    named, out = out is not None, out or Path(f"{sweep.stem}.nc")
     with reporting(out) as said:
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
@@ -79,6 +81,8 @@ def run_command(
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         loaded = _load(sweep, accuracy, skip_missing, folders, laws)
+        if not named:
+            say(f"the cube is written to {out}; -o names another file")
         with closing(make_progress(quiet)) as progress:
             cube = loaded.write(
                 out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress, extend=extend
@@ -91,6 +95,7 @@ def run_command(
             **_run_report(loaded.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
+            "accuracy_numbers": json.loads(cube.frame.attrs.get("accuracy_numbers", "null")),
             "records_left_out": list(loaded.spec.records_left_out),
             "own_laws": {law.key: law.sha256 for law in loaded.spec.own_laws},
             "audit": audit_table(cube.frame),
@@ -135,6 +140,7 @@ def plan_command(
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         missing, seconds = still_to_compile(plan.shapes())
         found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
+        found["total_seconds"] = found["seconds"] + seconds / n_workers
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
         found |= {"records_left_out": list(loaded.spec.records_left_out), "warnings": said}
@@ -147,8 +153,7 @@ def plan_command(
         print(printable(str(loaded.spec.title or sweep)))
         _print_row(found["row"])
         print_read(found["records"])
-        compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
-        rows = plan.rows(found, compiling)
+        rows = plan.rows(found)
         rows += _left_out(found)
         print_pairs(rows)
 

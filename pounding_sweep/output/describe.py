@@ -28,11 +28,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _SHOWN_ELSEWHERE = {
-    *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
+    *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256"),
+    *("accuracy_choice", "accuracy_numbers"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
 }
 #: Attributes that are JSON.
-_CODED = frozenset({"records", "records_left_out", "sweep", *ORIGINS})
+_CODED = frozenset({"records", "records_left_out", "sweep", "accuracy_numbers", *ORIGINS})
 #: Counts that a cube keeps of one that its results were taken from.
 _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
@@ -205,7 +206,8 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
         ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
         ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
-        ``statuses``: scenarios by name of their status; ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
+        ``scenarios``: how many there are; ``statuses``: scenarios by name of their status;
+        ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
         ``row``: names and descriptions of `pounding_sweep.spec.overview.overview`.
         Numbers that are not finite are None.
 
@@ -235,6 +237,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
             for name, array in dataset.data_vars.items()
             if AUDIT_DIMS[0] not in array.dims
         },
+        "scenarios": dataset["status"].size if "status" in dataset.data_vars else None,
         "statuses": {labels.get(code, f"code {code}"): count for code, count in counts.items()},
         "audit": audit_table(dataset),
         "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
@@ -289,13 +292,14 @@ def describe(dataset: xr.Dataset) -> str:
 
     lines = [_short(attributes.get("title", "(no title)"))]
     lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
-    if "scenarios_asked" in attributes or "scenarios_run" in attributes:
-        asked, run = (attributes.get(f"scenarios_{what}", "?") for what in ("asked", "run"))
-        lines.append(f"  {asked} scenarios asked, {run} run")
-    elif status is not None:
-        lines.append(f"  {status.size} scenarios")
+    asked, run = (attributes.get(f"scenarios_{what}") for what in ("asked", "run"))
+    if status is not None and status.size != asked:
+        changed = "" if asked is None else f" (joined or cut after a run of {asked})"
+        lines.append(f"  {status.size} scenarios{changed}")
+    elif asked is not None:
+        lines.append(f"  {asked} scenarios asked, {'?' if run is None else run} run")
     if "accuracy_choice" in attributes:
-        lines.append(f"  {attributes['accuracy_choice']}")
+        lines.append(f"  accuracy {attributes['accuracy_choice']}")
 
     versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
     made_from = _origins(attributes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from functools import lru_cache
@@ -336,7 +337,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
     else:
-        found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
+        numbers = json.dumps(plan.choice_numbers)
+        found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice, "accuracy_numbers": numbers}
     if spec.sa_period is not None:
         found["sa_period"] = spec.sa_period
     if spec.records_left_out:

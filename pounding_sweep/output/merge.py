@@ -170,7 +170,8 @@ def case_name(coordinates: Mapping[Any, Any], position: int, names: Sequence[str
 #: Global attributes that say how a part came to be, or are made anew.
 OWN_ATTRIBUTES = frozenset(
     {
-        *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
+        *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step"),
+        *("accuracy_choice", "accuracy_numbers"),
         *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing"),
         *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
         *("source", VERSION_ATTRIBUTE, "xarray_version", *MAKER_ATTRIBUTES, *ORIGINS),

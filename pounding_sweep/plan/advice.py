@@ -220,7 +220,8 @@ class Advice:
     refinement: float  # divisor of the lengths that steps do not set (see `Numerics`)
     steps: np.ndarray  # steps per record interval of each scenario, shape (scenarios,)
     uncoupled: np.ndarray  # those of each run without pounding, shape (records, variants)
-    sentence: str  # what was chosen, and why
+    sentence: str  # what was chosen
+    numbers: dict[str, Any]  # what led to it
 
 
 @lru_cache(maxsize=1)
@@ -346,7 +347,7 @@ def advise(
         _refinement(scheme[0], need),
         np.repeat(steps, alike) if len(some) < len(table) else steps,
         uncoupled,
-        demand.sentence(known, scheme, need, steps, uncoupled, others),
+        *demand.describe(known, scheme, need, steps, uncoupled, others),
     )
 
 
@@ -520,7 +521,7 @@ class _Demand:
                 total += (record.n_points - 1) * float((each_interval * self.alike[rows]).sum())
         return total * self.spec.scene.n_dof * each * 1e-9
 
-    def sentence(
+    def describe(
         self,
         known: Measured,
         scheme: SchemeAndFormat,
@@ -528,36 +529,36 @@ class _Demand:
         steps: np.ndarray,
         uncoupled: np.ndarray,
         others: dict[SchemeAndFormat, float],
-    ) -> str:
-        """Say what was chosen and why."""
-        spec, about = self.spec, known.about
+    ) -> tuple[str, dict[str, Any]]:
+        """Say in one sentence what was chosen, and return the numbers that led to it."""
+        spec, quantile = self.spec, float(known.about["quantile"])
         uncoupled = uncoupled[:, np.unique(self.table.variant)]
         counts = np.concatenate([steps, uncoupled.ravel()])
         interval = np.array([r.dt for r in spec.records])
         lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / uncoupled).ravel()])
-        named = "as the sweep names it" if spec.method else "the cheapest"
-        text = (
-            f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "
-            f"{_range(counts, 'd')} steps per record interval, {_range(lengths, '.3g')} s. "
-            + (
-                "Sub-steps of contacts and long steps of flight are divided by"
-                if SCHEMES[scheme[0]].flies_exactly
-                else "Steps in the shortest contact or half period of the highest mode"
-            )
-            + f", as measured in {about['quantile']:.0%} of scenarios, the others refined: "
-            + ", ".join(f"{law} {value:.3g}" for law, value in need.items())
-            + f"; at least {CONTACT_MARGIN * SCHEMES[scheme[0]].min_steps_located:g} in a contact, for its status. "
-            f"Half period of the highest mode: {_range(self.mode, '.3g')} s"
+        contacts = self.contact[np.isfinite(self.contact)]
+        laws = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
+        cheapest = min(others, key=lambda name: others[name], default=None)
+        more = "" if cheapest is None else f" ({' '.join(cheapest)} would cost {others[cheapest]:.2g} times as much)"
+        sentence = (
+            f"{spec.accuracy:g}: {scheme[0]} scheme, {scheme[1]}, {_range(counts, 'd')} steps per record interval; "
+            f"at these steps {quantile:.0%} of scenarios are within it, the others are refined{more}"
         )
-        lasting = self.contact[np.isfinite(self.contact)]
-        if lasting.size:
-            text += f"; contacts last {_range(lasting, '.3g')} s"
-        bumpers = [bumper.law for bumper in spec.scene.bumpers]
-        own = dict.fromkeys(law.key for law in (*spec.own_laws, *bumpers) if LAWS.get(law.key) != law)
-        if own:
-            text += f". {', '.join(own)}: not measured, taken as the law that asks for most, and refined"
-        text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())
-        return text
+        numbers = {
+            "accuracy": spec.accuracy,
+            "method": scheme[0],
+            "precision": scheme[1],
+            "steps_per_record_interval": [int(counts.min()), int(counts.max())],
+            "step": [float(lengths.min()), float(lengths.max())],
+            "quantile": quantile,
+            "refinement" if SCHEMES[scheme[0]].flies_exactly else "steps_in_shortest_time": need,
+            "least_steps_per_contact": CONTACT_MARGIN * SCHEMES[scheme[0]].min_steps_located,
+            "half_period_of_highest_mode": [float(self.mode.min()), float(self.mode.max())],
+            "contact_duration": [float(contacts.min()), float(contacts.max())] if contacts.size else None,
+            "laws_not_measured": list(dict.fromkeys(law.key for law in laws if LAWS.get(law.key) != law)),
+            "relative_cost_of_others": {" ".join(name): ratio for name, ratio in others.items()},
+        }
+        return sentence, numbers
 
 
 def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:

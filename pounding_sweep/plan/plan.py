@@ -38,9 +38,6 @@ from pounding_sweep.spec.spec import SweepSpec, digest
 
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
-#: Scenarios of a law that is stepped by stages, begun in single precision, of which one is all but sure to be refined,
-#: in double: one in twenty is.
-SURE_TO_REFINE = 60
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 1.0
 #: Largest size (bytes) of the results of one chunk.
@@ -83,7 +80,9 @@ class Plan:
     uncoupled_steps : ndarray of int, shape (records, variants)
         Steps per record interval of the runs without pounding.
     choice : str
-        What was chosen for the accuracy asked for, and why; "" where the sweep gives scheme and step.
+        What was chosen for the accuracy asked for; "" where the sweep gives scheme and step.
+    choice_numbers : dict, optional
+        The numbers that led to it.
     """
 
     spec: SweepSpec
@@ -96,6 +95,7 @@ class Plan:
     steps: np.ndarray
     uncoupled_steps: np.ndarray
     choice: str = ""
+    choice_numbers: Mapping[str, Any] | None = None
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
@@ -160,15 +160,19 @@ class Plan:
         return len(self.variants) == 1 or len(self.unique) >= least * runs
 
     def shapes(self) -> list[KernelSpec]:
-        """Return the kernels that a run needs, none twice; that without contact decides who can touch."""
+        """Return the kernels that a run needs, none twice; that without contact decides who can touch.
+
+        A scenario in single precision that is refined goes on in double: that kernel is among them, so that none is
+        compiled in the middle of a run.
+        """
         last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
         if not len(laws):
             return []
         found = []
-        for law, scenarios in zip(*np.unique(laws[laws != last], return_counts=True), strict=True):
-            kernel = self.kernel(int(law))
+        for law in np.unique(laws[laws != last]).tolist():
+            kernel = self.kernel(law)
             found.append(kernel.shape)
-            if self.spec.accuracy is not None and kernel.shape.staged and scenarios >= SURE_TO_REFINE:
+            if self.spec.accuracy is not None:
                 found.append(kernel.in_double.shape)
         if len(self.uncoupled_to_run):
             found.append(self.kernel(last, closing=True).shape)
@@ -255,7 +259,8 @@ class Plan:
             ``asked``, ``at_most`` (scenarios to run before those that never touch
             are left out), ``refused``, ``kernels``, ``steps`` and ``steps_least`` (most and
             least per scenario of each record), ``seconds`` (estimate, all workers),
-            ``cube_bytes``, ``chunks``, ``accuracy_choice`` ("" where the sweep gives scheme and step).
+            ``cube_bytes``, ``chunks``, ``accuracy_choice`` and ``accuracy_numbers`` ("" and None where the sweep gives
+            scheme and step).
         """
         rows = np.flatnonzero(~self.refused)
         seconds, most, least = 0.0, {}, {}
@@ -276,10 +281,15 @@ class Plan:
             "cube_bytes": self.n_asked * self.bytes_per_scenario,
             "chunks": len(self.chunks(rows)),
             "accuracy_choice": self.choice,
+            "accuracy_numbers": self.choice_numbers,
         }
 
-    def rows(self, summary: Mapping[str, Any] | None = None, compiling: str = "") -> list[tuple[str, str]]:
-        """Say what would be run, at what cost, as names with texts; `summary` is that of the plan, with ``workers``."""
+    def rows(self, summary: Mapping[str, Any] | None = None) -> list[tuple[str, str]]:
+        """Say what would be run, at what cost, as names with texts.
+
+        `summary` is that of the plan, with ``workers``; with ``kernels_to_compile`` and ``compile_seconds`` (CPU time)
+        the time is that with compilation.
+        """
         told = summary or {**self.summary(), "workers": 1}
         axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
         least = told["steps_least"]
@@ -287,14 +297,20 @@ class Plan:
             f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
             for name, count in told["steps"].items()
         )
+        compiling, time = "", f"about {seconds_text(told['seconds'])}"
+        if "kernels_to_compile" in told:
+            missing = told["kernels_to_compile"]
+            compiling = f", {missing} to compile" if missing else ", all compiled"
+            if missing:
+                time = f"about {seconds_text(told['compile_seconds'] / told['workers'])} to compile, then {time} to run"
         workers = f"{told['workers']} worker{'s' * (told['workers'] != 1)}"
         rows = [
             ("axes", axes or (str(self.spec.design) if self.spec.design else f"{told['asked']} listed cases")),
             ("scenarios", f"{told['asked']} asked, at most {told['at_most']} to run"),
-            ("", "(those that never touch are left out once the run without pounding is known)"),
-            ("kernels", f"{told['kernels']}{', ' * bool(compiling)}{compiling}"),
+            ("", "(scenarios that never touch are skipped after the no-contact run)"),
+            ("kernels", f"{told['kernels']}{compiling}"),
             ("steps", f"{steps} per scenario"),
-            ("time", f"about {seconds_text(told['seconds'])} with {workers}, compilation of kernels apart"),
+            ("time", f"{time}, with {workers}{'' if compiling else ', without compilation'}"),
             ("cube", f"{bytes_text(told['cube_bytes'])} of values"),
         ]
         if self.refused.any():
@@ -346,8 +362,8 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
     steps, limit = _once(steps), _once(limit)
-    choice = advice.sentence if advice else ""
-    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, uncoupled, choice)
+    choice = (advice.sentence, advice.numbers) if advice else ()
+    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, uncoupled, *choice)
 
 
 def _once(column: np.ndarray) -> np.ndarray:

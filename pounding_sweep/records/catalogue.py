@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.paths import expanded, near_file
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, read_record_set, set_components
 from pounding_sweep.records.formats import RECORD_SUFFIXES
 from pounding_sweep.records.reading import read_record
@@ -312,6 +312,6 @@ def resolve_record(
         try:
             return find_record(text, folders, column)
         except MissingRecordError as error:
-            msg = f"no file {path}, and as a name: {error}"
+            msg = f"no file {path}, {near_file(path)}and as a name: {error}"
             raise MissingRecordError(msg, error.record) from None
     return read_record(path, column=column)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError
+from pounding_sweep.base.paths import near_file
 from pounding_sweep.base.text import printable
 
 MAX_FILE_BYTES = 64 * 2**20
@@ -246,7 +247,7 @@ def load_text(file: Path, record: str) -> RecordText:
         status = file.stat()
     except FileNotFoundError:
         about = "check the path; by name alone a sweep finds records in the folders of POUNDING_SWEEP_RECORDS"
-        msg = f"{file}: no such file; {about}"
+        msg = f"{file}: no such file; {near_file(file)}{about}"
         raise MissingRecordError(msg, record) from None
     except (OSError, ValueError) as error:
         fail(file, f"can't be read: {getattr(error, 'strerror', None) or error}")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.engine.compile import still_to_compile
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, table_type, to_table
@@ -109,7 +110,8 @@ def execute(
     store = None if writer is None else writer.store
     progress, ledger = progress or Progress(), ReuseLedger(store, earlier)
     shapes = plan.shapes()
-    progress.stage("kernels", len(shapes))
+    to_compile, _ = still_to_compile(shapes)
+    progress.stage("compiling" if to_compile else "kernels", len(shapes))
     started = time.perf_counter()
     compiled = dispatcher.prepare(shapes, progress.advance)
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))

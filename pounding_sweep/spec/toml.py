@@ -16,6 +16,7 @@ from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
+from pounding_sweep.spec.examples import sweep_file_hint
 from pounding_sweep.spec.faults import Faults, spell
 from pounding_sweep.spec.schema import check_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
@@ -81,6 +82,10 @@ def _is_deep(data: dict[str, Any]) -> bool:
     return bool(level)
 
 
+#: A backslash in a text of double quotes, as in paths of Windows.
+_BACKSLASH = re.compile(r'"[^"\n]*\\')
+
+
 def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepError:
     """Put the place of a TOML syntax error in front of what it says."""
     said = str(error)
@@ -89,6 +94,8 @@ def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepE
         place, said = f"{path}:{match[1]}:{match[2]}", said[: match.start()]
     else:
         place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
+    if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string", said):
+        said += "; in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
     problem = f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"
     return SweepError(problem, [problem])
 
@@ -303,7 +310,8 @@ def load_spec(
         msg = f"{named}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise SweepError(msg, [msg]) from None
     except (OSError, ValueError) as error:
-        msg = f"{named}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}"
+        hint = sweep_file_hint(named) if isinstance(error, FileNotFoundError) else ""
+        msg = f"{named}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}{hint}"
         raise SweepError(msg, [msg]) from None
     text = text.replace("\r\n", "\n")
     try:
