@@ -663,7 +663,7 @@ def test_one_error_is_one_line(tmp_path, old, new, below, said):
     assert re.search(said, text)
 
 
-@pytest.mark.parametrize("path", [r"C:\Users\me\new.AT2", r"D:\records\x.AT2", r"D:\new\x.AT2"])
+@pytest.mark.parametrize("path", [r"C:\Users\me\new.AT2", r"D:\records\x.AT2", r"D:\new\x.AT2", r"D:\new\t.AT2"])
 def test_paths_of_windows(tmp_path, path):
     record = TINY.splitlines()[TINY[: TINY.index("records")].count("\n")]
     said = bad("plan", write(tmp_path, edited(record, f'records = ["{path}"]')))

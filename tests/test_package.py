@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -61,9 +62,13 @@ def modules():
 def test_the_wheel_holds_the_package_and_nothing_else(built):
     with zipfile.ZipFile(built[1]) as wheel:
         names = set(wheel.namelist())
+        (about,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = wheel.read(about).decode()
         licences = {name.rpartition("/")[2]: wheel.read(name) for name in names if "/licenses/" in name}
     inside = {name.removeprefix("pounding_sweep/") for name in names if name.startswith("pounding_sweep/")}
     assert DATA | modules() <= inside
+    assert {f"sweeps/{path.name}" for path in (ROOT / "sweeps").glob("*.toml")} | {"sweeps/bumpers.py"} <= inside
+    assert not re.search(r"\]\((?!http)", metadata)  # links to files, of which the wheel has none
     others = {name.partition("/")[0] for name in names} - {"pounding_sweep"}
     assert len(others) == 1
     assert others.pop().endswith(".dist-info")
@@ -115,8 +120,8 @@ def test_an_installed_wheel_works_from_an_empty_folder(installed, tmp_path):
 
 
 def test_an_installed_wheel_runs_the_quickstart(installed, tmp_path):
-    shutil.copy(ROOT / "sweeps" / "quickstart.toml", tmp_path)
-    command = ("run", "quickstart.toml", "-o", "quickstart.nc", "--json", "--quiet")
+    run(installed / "pounding-sweep", "init", cwd=tmp_path)
+    command = ("run", "quickstart.toml", "--json", "--quiet")
     found = json.loads(run(installed / "pounding-sweep", *command, cwd=tmp_path))
     assert found["scenarios"]["asked"] == 1008
     assert sorted(path.name for path in tmp_path.iterdir()) == ["quickstart.nc", "quickstart.nc.log", "quickstart.toml"]

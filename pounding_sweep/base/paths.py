@@ -8,6 +8,9 @@ from pathlib import Path
 
 from pounding_sweep.base.errors import InputError, shown
 
+#: Said where a text of a sweep file has a backslash by accident.
+ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
+
 
 def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError) -> Path:
     """Return a path with the home folder in the place of ``~`` or ``~user``."""

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
-from pounding_sweep.base.paths import expanded, near_file
+from pounding_sweep.base.paths import ESCAPE_HINT, expanded, near_file
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, read_record_set, set_components
 from pounding_sweep.records.formats import RECORD_SUFFIXES
 from pounding_sweep.records.reading import read_record
@@ -294,6 +294,9 @@ def resolve_record(
     if not isinstance(text, str):
         what = "a record must be a Record, a path or a name" if text is None else "a record's path must be text"
         msg = f"{what}, not {shown(item)}"
+        raise RecordError(msg)
+    if {*"\t\n\r\f\b"} & {*text}:
+        msg = f"a record's path has a line break or a tab: {text!r}; {ESCAPE_HINT}"
         raise RecordError(msg)
     separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
     in_set = plain_name(text.partition("/")[0]) in RECORD_SETS

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import Place, SweepError, shown, unknown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.paths import ESCAPE_HINT, expanded
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
@@ -94,8 +94,8 @@ def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepE
         place, said = f"{path}:{match[1]}:{match[2]}", said[: match.start()]
     else:
         place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
-    if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string", said):
-        said += "; in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
+    if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string|llegal", said):
+        said += f"; {ESCAPE_HINT}"
     problem = f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"
     return SweepError(problem, [problem])
 
