@@ -420,3 +420,8 @@ def test_commands_say_which_file_they_run(tmp_path):
     got = CliRunner().invoke(app, ["plan", str(file), "--law", f"{path}:mylaw"])
     assert got.exit_code == 2
     assert "there is no 'mylaw'; laws in it: my_law" in got.stderr
+
+
+def test_a_force_is_a_formula_as_text():
+    with pytest.raises(LawError, match=r"its elastic is <function .*; give a formula as text, such as 'k\*d\*\*1\.5'"):
+        Law(key="mine", exponent=1.5, elastic=lambda d: d**1.5)

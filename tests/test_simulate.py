@@ -159,9 +159,15 @@ def test_a_law_object_is_a_law():
     )
 
 
+def test_gaps_may_be_given():
+    assert shake("kelvin_voigt", gaps=0.03).pair_gap.values.tolist() == [0.03]
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
+        ({"law": None}, "simulate needs law=, one of none, linear"),
+        ({"gaps": [0.01, 0.02]}, "2 gaps for a row of 2; give 1"),
         ({"law": "lineal"}, "linear"),
         ({"law": "linear"}, "stiffness"),  # the scene has no reference
         ({"law": "linear", "stiffness": -1.0}, "stiffness"),
@@ -177,7 +183,7 @@ def test_a_law_object_is_a_law():
 )
 def test_bad_arguments_are_named(options, says):
     with pytest.raises(PoundingSweepError, match=re.escape(says)):
-        ps.simulate(PAIR, SHAKING, **options)
+        ps.simulate(PAIR, SHAKING, **{"law": "none", **options})
 
 
 def test_one_number_moves_every_floor():

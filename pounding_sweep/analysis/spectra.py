@@ -131,7 +131,8 @@ def floor_spectra(
     Examples
     --------
     >>> import pounding_sweep as ps
-    >>> one = ps.simulate("mate2015", ps.pulse_record("sine", amplitude=3.0, period=0.4, dt=0.01, duration=1.0))
+    >>> pulse = ps.pulse_record("sine", amplitude=3.0, period=0.4, dt=0.01, duration=1.0)
+    >>> one = ps.simulate("mate2015", pulse, law="none")
     >>> floor_spectra(one, periods=[0.1, 0.2])["pseudo_acceleration"].dims
     ('building', 'storey', 'period')
     """

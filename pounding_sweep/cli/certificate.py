@@ -52,6 +52,7 @@ def print_check(name: str, nominal: str | None, as_json: bool) -> None:
                 "twin": found.twin,
                 "impacts": found.impacts,
                 "faults": found.faults,
+                "notes": found.notes,
             }
         )
     else:
@@ -75,7 +76,7 @@ def _print_check(found: LawCheck) -> None:
         ]
     )
     print()
-    headings = ["basis", "nominal e", "damping number", "kernels", "solver", "closed form"]
+    headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
     columns = [(table[name], form) for name, form in zip(_CHECKED, (".6g", ".9f", ".9f", ".9f"), strict=True)]
     lines = [
         [str(basis), f"{e:g}", *(_cell(column.values[0, j, i], form) for column, form in columns)]
@@ -95,6 +96,8 @@ def _print_check(found: LawCheck) -> None:
         print(f"fault: {fault}")
     if not found.faults:
         print("All agree: the kernels do what the formulas say.")
+    for note in found.notes:
+        print(f"note: {note}.")
 
 
 def _cell(value: float, form: str) -> str:

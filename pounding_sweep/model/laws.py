@@ -312,6 +312,11 @@ def _completed(law: Law) -> dict[str, Any]:
             "them for a law without damping"
         )
         raise LawError(msg)
+    for name in ("elastic", "damper", "elastic_slope", "damper_slope"):
+        value = getattr(law, name)
+        if not isinstance(value, str):
+            msg = f"its {name} is {shown(value)}; give a formula as text, such as 'k*d**1.5'"
+            raise LawError(msg)
     slopes = {}
     for name, force in (("elastic", elastic), ("damper", law.damper)):
         text = getattr(law, f"{name}_slope")

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.model.laws import Law, realised_restitution
+from pounding_sweep.model.laws import LAWS, Law, realised_restitution
+from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
@@ -39,7 +40,8 @@ def simulate(
     scene: Scene | str,
     record: Record | str,
     *,
-    law: str | Law = "none",
+    law: str | Law | None = None,
+    gaps: float | Sequence[float] | None = None,
     stiffness: float | None = None,
     restitution: float | None = None,
     method: str | None = None,
@@ -63,7 +65,9 @@ def simulate(
     record : Record or str
         Ground motion, or its name or file.
     law : str or Law
-        Contact law.
+        Contact law; "none" for a run without pounding. May be left out for a single building.
+    gaps : float or sequence of float, optional
+        Gap (m) of all pairs, or one of each, instead of the scene's.
     stiffness : float, optional
         Contact stiffness (kN/m**exponent); the scene's reference where not given.
     restitution : float, optional
@@ -127,10 +131,17 @@ def simulate(
     from pounding_sweep.plan.plan import make_plan
 
     motion = resolve_record(record)
-    found = find_law(law)
+    row = get_preset(scene) if isinstance(scene, str) else scene
+    if isinstance(row, Scene):
+        if gaps is not None:
+            row = replace(row, gaps=[gaps] * len(row.gaps) if isinstance(gaps, int | float) else gaps)
+        if law is None and row.gaps:
+            msg = f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
+            raise InputError(msg)
+    found = find_law(law or "none")
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
-        scene=scene,
+        scene=row,
         records=motion,
         laws=found,
         stiffnesses=stiffness if found.has_contact else None,
