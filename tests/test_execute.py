@@ -713,3 +713,38 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_done(reference, tmp_path, m
     sweep = make()
     same(sweep.run(out), reference)
     assert sweep.last_outcome.reused == finished > 0
+
+
+@pytest.mark.parametrize(
+    ("call", "guarded"),
+    [
+        ("run()", False),
+        ("def main():\n    run()\nmain()", False),
+        ('if __name__ == "__main__":\n    run()', True),
+        ('try:\n    if "__main__" == __name__:\n        run()\nfinally:\n    pass', True),
+    ],
+)
+def test_processes_need_a_script_with_a_guard(tmp_path, call, guarded):
+    """A script that its processes would run again ends in one error before any of them is started."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pounding_sweep.run.execute import check_scheduler as check\n\n"
+        f"def run():\n    print(check('processes', 2))\n\n{call}\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    if guarded:
+        assert done.stdout == "2\n"
+    else:
+        assert "RunError" in done.stderr
+        assert 'if __name__ == "__main__":\n        ' in done.stderr
+        assert not list(tmp_path.glob("*.parts"))
+
+
+@pytest.mark.usefixtures("stub_engine")
+def test_a_client_of_a_dask_cluster_is_a_scheduler():
+    from distributed import Client, LocalCluster
+
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster, Client(cluster) as client:
+        cube = make().run(scheduler=client)
+        assert client.status == "running"
+    same(scenarios_of(cube), scenarios_of(make().run()))

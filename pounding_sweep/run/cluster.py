@@ -61,8 +61,11 @@ class IgnoreSignals(WorkerPlugin):
 
 
 @contextmanager
-def cluster_client(scheduler: str, workers: int) -> Iterator[Client]:
+def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
     """Give a client of the cluster at an address, or of processes that are started here and end with it."""
+    if not isinstance(scheduler, str):
+        yield scheduler  # the caller's own, who closes it
+        return
     if "://" in scheduler:
         try:
             client = Client(scheduler, set_as_default=False)

@@ -6,18 +6,22 @@ own scenarios (status ``not_run``), never the batch.
 
 from __future__ import annotations
 
+import ast
+import inspect
 import os
 import re
+import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import still_to_compile
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
@@ -35,6 +39,8 @@ from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from pounding_sweep.resume.reuse import EarlierCube
 
 #: Names of the schedulers that start on this machine.
@@ -74,14 +80,28 @@ def run_chunk(
         return f"{type(error).__name__}: {error}"
 
 
-def check_scheduler(scheduler: str, workers: int | None) -> int:
-    """Return the number of workers; raise `InputError` for an unknown scheduler or no whole number of at least 1."""
-    if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
-        msg = unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT"])
+def is_client(scheduler: object) -> bool:
+    """Whether it is a client of a dask cluster."""
+    return hasattr(scheduler, "submit") and hasattr(scheduler, "scheduler_info")
+
+
+def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
+    """Return the number of workers.
+
+    Raises
+    ------
+    InputError
+        The scheduler is unknown, or `workers` is no whole number of at least 1.
+    RunError
+        Processes are asked for by a script without ``if __name__ == "__main__":``.
+    """
+    if not is_client(scheduler):
+        _check_name(scheduler)
+    elif getattr(scheduler, "asynchronous", False):
+        msg = "the dask client is asynchronous; give one made without asynchronous=True, or the scheduler's address"
         raise InputError(msg)
-    if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
-        msg = f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
-        raise InputError(msg)
+    if scheduler == "processes":
+        check_main_guard()
     if workers is None:
         return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
     if not isinstance(workers, int | np.integer) or workers < 1:
@@ -90,8 +110,48 @@ def check_scheduler(scheduler: str, workers: int | None) -> int:
     return int(workers)
 
 
+def _check_name(scheduler: object) -> None:
+    """Raise `InputError` unless a text names a scheduler."""
+    if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
+        msg = unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"])
+        raise InputError(msg)
+    if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
+        msg = f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
+        raise InputError(msg)
+
+
+def check_main_guard() -> None:
+    """Raise `RunError` if the running script would start its processes again in each of them.
+
+    A new process imports the script; code outside ``if __name__ == "__main__":`` runs again there.
+    """
+    main = sys.modules.get("__main__")
+    file, spec = getattr(main, "__file__", None), getattr(main, "__spec__", None)
+    if main is None or file is None or (spec is not None and spec.name.endswith("__main__")):
+        return  # a notebook or an interpreter, or `python -m PACKAGE`
+    frame = inspect.currentframe()
+    while frame is not None and not (frame.f_code.co_name == "<module>" and frame.f_globals is vars(main)):
+        frame = frame.f_back
+    if frame is None:
+        return
+    try:
+        tree = ast.parse(Path(file).read_text(encoding="utf-8"))
+    except (OSError, SyntaxError, ValueError):
+        return
+    line = frame.f_lineno
+    around = [part for part in ast.walk(tree) if getattr(part, "lineno", line + 1) <= line <= part.end_lineno]  # type: ignore[attr-defined]
+    if not around or any(isinstance(part, ast.If) and "__name__" in ast.unparse(part.test) for part in around):
+        return
+    msg = (
+        f"{file}:{line}: the new processes import this script and would run this line again. Put it below a guard:\n\n"
+        f'    if __name__ == "__main__":\n        {ast.unparse(around[0]).splitlines()[0]}\n\n'
+        'or run with scheduler="threads"'
+    )
+    raise RunError(msg)
+
+
 def dispatcher_for(
-    plan: Plan, scheduler: str = "threads", workers: int | None = None, progress: Progress | None = None
+    plan: Plan, scheduler: str | Client = "threads", workers: int | None = None, progress: Progress | None = None
 ) -> Dispatcher:
     """Return the workers of a run; see `check_scheduler` for what is valid. `progress` hears of them."""
     note = (progress or Progress()).note

@@ -19,6 +19,8 @@ from pounding_sweep.output.results import Outcome
 from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from pounding_sweep.plan.plan import Plan
 
 
@@ -102,11 +104,12 @@ class RunLog(Progress):
             msg = f"the log {str(self.path)!r} can't be written ({error.strerror or error}); the run goes on without"
             warnings.warn(msg, RuntimeWarning, stacklevel=2)
 
-    def begin(self, plan: Plan, scheduler: str, workers: int) -> None:
+    def begin(self, plan: Plan, scheduler: str | Client, workers: int) -> None:
         """Write what is about to run, and on what."""
         from pounding_sweep.run.diagnosis import installed_versions, processor
 
         here = processor()
+        scheduler = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
         workers_text = "" if "://" in scheduler else f", {workers} workers"
         self.say(f"begins: {shlex.join(sys.argv)}")
         self.say(f"process {os.getpid()} on {socket.gethostname()}, in {_working_folder()}")

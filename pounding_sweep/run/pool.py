@@ -18,6 +18,8 @@ from pounding_sweep.records import Record
 from pounding_sweep.resume.reuse import EarlierCube
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from pounding_sweep.run.cluster import ClusterWorkers
 
 #: Chunks under way per thread of this process: one runs, one waits beside it.
@@ -29,7 +31,7 @@ class Dispatcher:
 
     def __init__(
         self,
-        scheduler: str,
+        scheduler: str | Client,
         workers: int,
         records: Sequence[Record],
         run: Run,
@@ -69,7 +71,7 @@ class Dispatcher:
 
     @property
     def _has_cluster(self) -> bool:
-        return self.scheduler == "processes" or "://" in self.scheduler
+        return not isinstance(self.scheduler, str) or self.scheduler == "processes" or "://" in self.scheduler
 
     @cached_property
     def cluster(self) -> ClusterWorkers:

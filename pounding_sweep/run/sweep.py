@@ -18,6 +18,7 @@ from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
     from pounding_sweep.model.laws import Law
     from pounding_sweep.model.scene import Scene
@@ -133,7 +134,7 @@ class Sweep:
         self,
         out: str | os.PathLike[str] | None = None,
         *,
-        scheduler: str = "threads",
+        scheduler: str | Client = "threads",
         workers: int | None = None,
         overwrite: bool = False,
         progress: Progress | None = None,
@@ -148,8 +149,8 @@ class Sweep:
             ``OUT.parts`` until the cube is written, those of the first two seconds in memory,
             and an interrupted run continues there; no more than 16 MiB and a few chunks are in
             memory at a time. ``OUT.log`` tells what ran.
-        scheduler : str
-            "threads", "processes", "synchronous", or the address of a dask scheduler.
+        scheduler : str or distributed.Client
+            "threads", "processes", "synchronous", the address of a dask scheduler, or a client of a dask cluster.
         workers : int, optional
             Threads or processes; one per core by default.
         overwrite : bool
@@ -207,7 +208,7 @@ class Sweep:
         self,
         out: str | os.PathLike[str],
         *,
-        scheduler: str = "threads",
+        scheduler: str | Client = "threads",
         workers: int | None = None,
         overwrite: bool = False,
         progress: Progress | None = None,
@@ -237,7 +238,7 @@ class Sweep:
     def _run(
         self,
         out: str | os.PathLike[str] | None,
-        scheduler: str,
+        scheduler: str | Client,
         workers: int | None,
         overwrite: bool,
         progress: Progress | None,
