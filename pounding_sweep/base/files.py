@@ -12,9 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from filelock import FileLock
-
-from pounding_sweep.base.lock import LOCK
+from pounding_sweep.base.lock import acquire_lock
 
 _TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
@@ -49,12 +47,11 @@ def _own_folder(parent: Path) -> Iterator[Path]:
     while True:
         folder = parent / _temporary_name()
         folder.mkdir()
-        lock = FileLock(folder / LOCK)
         with suppress(FileNotFoundError, FileExistsError):
-            lock.acquire()
+            lock = acquire_lock(folder)
             if folder.exists():
                 break
-        lock.release()  # somebody took the folder for a leftover before it was locked
+            lock.release()  # somebody took the folder for a leftover before it was locked
     try:
         yield folder
     finally:
@@ -70,8 +67,10 @@ def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
     with suppress(OSError):  # it may be written, but not listed
         for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
-            with suppress(OSError), FileLock(left / LOCK, timeout=0):
+            with suppress(OSError):
+                lock = acquire_lock(left, timeout=0)
                 shutil.rmtree(left, ignore_errors=True)
+                lock.release()
 
 
 @contextmanager
@@ -97,7 +96,7 @@ def failure(what: str, error: Exception) -> str:
     """Say of a write that it failed, and what can be done about it."""
     number, reason = getattr(error, "errno", None), str(getattr(error, "strerror", None) or error)
     if number in (errno.EACCES, errno.EPERM, errno.EROFS):
-        remedy = "make the folder writable and run again"
+        remedy = "make the folder writable (on a drive without locks: set HDF5_USE_FILE_LOCKING=FALSE) and run again"
     elif number in (errno.ENOENT, errno.ENOTDIR, errno.ESTALE):
         name = getattr(error, "filename", None)
         reason += "" if name is None else f": {os.fspath(name)!r}"

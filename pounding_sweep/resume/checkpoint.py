@@ -30,7 +30,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import failure, is_temporary, replacing, sync_folder
-from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock
+from pounding_sweep.base.lock import HOLDER, LOCK, SOFT_LOCK, FolderLock
 from pounding_sweep.base.paths import absolute, expanded
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.provenance import libraries, package_digest
@@ -259,7 +259,7 @@ class ChunkStore:
             return []
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
-        passing = (LOCK, HOLDER)
+        passing = (LOCK, SOFT_LOCK, HOLDER)
         return sorted(n for n in names if not (is_temporary(n) or _REMOVED.fullmatch(n) or n in passing))
 
     def write(self, key: str, table: np.ndarray, **more: Any) -> None:
