@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from stub_engine import installed
 
 from benchmarks.work import make_work
 
@@ -35,3 +36,10 @@ def measured(benchmark):
         return found
 
     return measure
+
+
+@pytest.fixture(scope="module")
+def stub_module():
+    """Put the numbers of a formula in the place of compiled kernels."""
+    with installed() as stub:
+        yield stub

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import Peer, Run
+from benchmarks.promises import run_chunks
 from benchmarks.work import Peaks, Work
-from pounding_sweep.accuracy.promises import run_chunks
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.plan.plan import Plan

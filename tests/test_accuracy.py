@@ -16,7 +16,6 @@ from naive import NaiveBuilding, modal_exact, two_mass_impact
 from scenes import OUTPUTS, pair, row
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy import calibrate
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -335,7 +334,7 @@ def test_a_scheme_that_does_not_reach_it_is_not_chosen(monkeypatch):
 def test_a_law_that_was_not_measured(monkeypatch):
     known = measured()
     known.curves.pop(("rk4", "float64", "hertz", "contacts"))
-    with pytest.raises(SweepError, match=r"no errors of law 'hertz' with rk4.*accuracy\.calibrate"):
+    with pytest.raises(SweepError, match=r"no errors of law 'hertz' with rk4.*benchmarks\.calibrate"):
         advised(monkeypatch, known, accuracy=1e-4)
 
 
@@ -404,44 +403,6 @@ def test_every_output_has_a_class():
     assert "closing_max" in CLASSES["motions"]
     assert classes_of(["impact_force_max", "drift_max", "status"]) == ("motions", "contacts")
     assert classes_of(["status"]) == ("motions",)
-
-
-@pytest.mark.slow
-def test_calibration_measures_an_order(monkeypatch):
-    """A short calibration of one law finds the fourth order of RK4, and what it writes can be read."""
-    monkeypatch.setattr(calibrate, "SCENARIOS", 16)
-    monkeypatch.setattr(calibrate, "FEWEST", 8)
-    monkeypatch.setattr(calibrate, "OUTPUTS", tuple(OUTPUTS))
-    monkeypatch.setattr(calibrate, "scenes", lambda: (row(),))
-    law = get_law("kelvin_voigt")
-    cell = calibrate.RandomScenarios.draw(law, row(), calibrate.records()[0], seed=3)
-    monkeypatch.setattr(calibrate, "CLASSES", {"contacts": ("impact_force_max",)})
-    reference = cell.run("rk4", "float64", 128)
-    points = calibrate.curve(calibrate.lines(cell, ("rk4", "float64"), reference, np.arange(16))["contacts"])
-    known = Curve(*zip(*points, strict=True))
-    order = math.log(known.needed(1e-8) / known.needed(1e-6)) / math.log(100.0)
-    assert order == pytest.approx(1 / 4, abs=0.08)
-
-
-def test_written_measurements_can_be_read(tmp_path):
-    data = {
-        "about": {"quantile": 0.9},
-        "cost": {"rk4/float64": 2.5},
-        "errors": {
-            "rk4/float64": {"linear": {"motions": [[1.0, 0.1], [2.0, 0.01]]}, "none": {"motions": [[4.0, 1e-3]]}}
-        },
-    }
-    calibrate.write(data, tmp_path / "m.json")
-    text = (tmp_path / "m.json").read_text()
-    assert json.loads(text) == data
-    known = advice.read_measured(json.loads(text))
-    assert known.curves["rk4", "float64", "linear", "motions"] == Curve((1.0, 2.0), (0.1, 0.01))
-    assert known.cost == {("rk4", "float64"): 2.5}
-    # measuring one scheme again keeps the others
-    again = {"about": {"quantile": 0.95}, "cost": {"newmark/float64": 4.0}, "errors": {"newmark/float64": {}}}
-    both = calibrate.merged(data, again)
-    assert both["about"] == again["about"]
-    assert list(both["cost"]) == list(both["errors"]) == ["rk4/float64", "newmark/float64"]
 
 
 # -- the pieces --------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from scenes import motions, pair
 from test_columns import twins
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.drawn_rows import draw, earthquakes
+from benchmarks.drawn_rows import draw, earthquakes
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import series

@@ -1,6 +1,6 @@
 """The scheme and the steps that reach a relative error, by measurement.
 
-``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``) holds, for every law, scheme and class of
+``measured.json`` (made by ``python -m benchmarks.calibrate``, from a clone) holds, for every law, scheme and class of
 outputs, the relative error against the number of steps in the shortest time of a scenario, the shorter of its shortest
 contact and half the period of the buildings' highest mode. The advice reads off the largest step that keeps most errors
 within what is asked, from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it where stability
@@ -319,7 +319,7 @@ def advise(
     ]
     if not schemes:
         may_be = spec.method is None or SCHEMES[spec.method].ladder
-        how = ", or measure them: python -m pounding_sweep.accuracy.calibrate" if may_be else ""
+        how = ", or measure them, from a clone: python -m benchmarks.calibrate" if may_be else ""
         whose = spec.method or "any scheme that runs this row"
         msg = f"accuracy: no errors of {whose} were measured; give dt instead{how}"
         raise SweepError(msg)
@@ -379,7 +379,7 @@ def _needed(
         if None in curves:
             msg = (
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
-                "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
+                "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
             )
             raise SweepError(msg)
         # the run that is kept has half the step

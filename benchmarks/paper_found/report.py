@@ -1,6 +1,6 @@
 """The paper, found out: the reading of what it leaves open that comes nearest to its Tables 3 to 5, and how near.
 
-python -m pounding_sweep.paper.found -o paper_found
+python -m benchmarks.paper_found -o paper_found
 """
 
 from __future__ import annotations
@@ -16,11 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pounding_sweep.base.tables import print_table
-from pounding_sweep.figures.style import COLOURS, in_style
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.compare import Grid
-from pounding_sweep.paper.fit import (
+from benchmarks.paper_found.fit import (
     FITTED,
     HeldOut,
     Resampled,
@@ -33,10 +29,8 @@ from pounding_sweep.paper.fit import (
     rounding,
     squares,
 )
-from pounding_sweep.paper.plain import plain_program
-from pounding_sweep.paper.published import record_title
-from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION, paper_records
-from pounding_sweep.paper.search import (
+from benchmarks.paper_found.plain import plain_program
+from benchmarks.paper_found.search import (
     INPUTS,
     OF_LAW,
     PLAIN_STEPS,
@@ -57,6 +51,12 @@ from pounding_sweep.paper.search import (
     search,
     taken,
 )
+from pounding_sweep.base.tables import print_table
+from pounding_sweep.figures.style import COLOURS, in_style
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.paper.compare import Grid
+from pounding_sweep.paper.published import record_title
+from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION, paper_records
 from pounding_sweep.records import Record
 from pounding_sweep.records.catalogue import Folders
 
@@ -444,7 +444,7 @@ def _few_ticks(ax: Axes, low: float, high: float) -> None:
 
 def main() -> None:
     """Search, print what was found, and draw it."""
-    parser = argparse.ArgumentParser(prog="python -m pounding_sweep.paper.found", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper_found", description=__doc__)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder of the figure")
     parser.add_argument("--records", type=Path, action="append", metavar="FOLDER", help="folder with the records")
     arguments = parser.parse_args()

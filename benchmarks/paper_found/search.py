@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from benchmarks.paper_found.fit import FARTHEST, FITTED, Numbers, Squares, likelihood, of_paper, squares
 from pounding_sweep.base.errors import UnlikelyWarning
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
 from pounding_sweep.outputs.variables import STATUS
-from pounding_sweep.paper.fit import FARTHEST, FITTED, Numbers, Squares, likelihood, of_paper, squares
 from pounding_sweep.paper.published import BUILDINGS
 from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record

@@ -1,10 +1,10 @@
-"""How often promises are kept: ``python -m pounding_sweep.accuracy.promises``.
+"""How often promises are kept: ``python -m benchmarks.promises``.
 
 Random realistic rows under real and synthetic earthquakes are run as a user's sweep runs them, and compared with
 converged runs of the same scenarios. Two promises are measured: that an accuracy asked for is reached in every output,
 with energies among them, which ask for double precision, and without; and that the peaks of a scenario of status ok
 are within `OK_CLAIM`, by the rules of the status alone and with ``error_estimate`` asked for. The scenes have nothing
-in common with those that the steps were calibrated on (`pounding_sweep.accuracy.calibrate`). No scenario is left out
+in common with those that the steps were calibrated on (`benchmarks.calibrate`). No scenario is left out
 but those of which no converged run is found; they are counted.
 """
 
@@ -21,8 +21,8 @@ from itertools import product
 
 import numpy as np
 
-from pounding_sweep.accuracy.calibrate import OUTPUTS
-from pounding_sweep.accuracy.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
+from benchmarks.calibrate import OUTPUTS
+from benchmarks.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
 from pounding_sweep.accuracy.extreme_scenes import PEAKS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
@@ -169,7 +169,7 @@ def judge(
 
 def main() -> None:
     """Judge, and print the rates."""
-    parser = argparse.ArgumentParser(prog="python -m pounding_sweep.accuracy.promises", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.promises", description=__doc__)
     parser.add_argument("--scenarios", type=int, default=2000, help="scenarios to draw")
     parser.add_argument("--seed", type=int, default=1, help="another seed draws others")
     keys = [key for key, law in LAWS.items() if law.has_contact]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.calibrate import OUTPUTS, closing
+from benchmarks.calibrate import OUTPUTS, closing
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.laws import Law, get_law

@@ -1,4 +1,4 @@
-"""Measures what ``measured.json`` holds: ``python -m pounding_sweep.accuracy.calibrate``.
+"""Measures what ``measured.json`` holds: ``python -m benchmarks.calibrate``.
 
 For every law and scheme, seeded random scenarios of rows as users have them (buildings of one, two and three storeys,
 stiff and soft, beside each other and beside a wall) under synthetic earthquakes of 20 and 40 s are run with ever finer
@@ -253,7 +253,7 @@ def calibrate(
             }
         say(f"{law.key} done after {time.perf_counter() - started:.0f} s")
     about = {
-        "made_by": "python -m pounding_sweep.accuracy.calibrate",
+        "made_by": "python -m benchmarks.calibrate",
         "version": package_version(),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "machine": platform.machine(),
@@ -309,10 +309,9 @@ def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and write the file."""
-    parser = argparse.ArgumentParser(prog="python -m pounding_sweep.accuracy.calibrate", description=__doc__)
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path(__file__).parents[1] / "data" / MEASURED, help="file to write"
-    )
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.calibrate", description=__doc__)
+    data = Path(__file__).parents[1] / "pounding_sweep" / "data"
+    parser.add_argument("-o", "--output", type=Path, default=data / MEASURED, help="file to write")
     names = ["/".join(scheme) for scheme in LADDERS]
     parser.add_argument("--only", nargs="+", choices=names, help="schemes to measure; the file keeps the others")
     parser.add_argument("--laws", nargs="+", choices=list(LAWS), help="laws to measure; the file keeps the others")

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pounding_sweep.accuracy.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
-from pounding_sweep.accuracy.promises import ACCURACIES, ASKED, STEPS, Kept, judge, judged, reference, run_cases
+from benchmarks.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
+from benchmarks.promises import ACCURACIES, ASKED, STEPS, Kept, judge, judged, reference, run_cases
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
 from pounding_sweep.outputs.variables import Status
@@ -49,7 +49,7 @@ def test_tallies_add_up():
 
 
 @pytest.mark.parametrize("number", [2, 5])  # two buildings, and one between a wall and another
-@pytest.mark.usefixtures("stub_engine")
+@pytest.mark.usefixtures("stub_module")
 def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
     found = judge(number, 3, ["kelvin_voigt"], [], ["plain"], status=True)
     shape = "with a wall" if number == 5 else "several storeys"
@@ -66,7 +66,7 @@ def test_a_drawn_row_is_judged_against_what_steps_converge_to(number):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.usefixtures("stub_engine")
+@pytest.mark.usefixtures("stub_module")
 def test_rows_of_all_kinds_can_be_drawn(kind):
     laws, records = ["hertz_damped", "kelvin_voigt"], earthquakes()
     for number, storeys in enumerate(SHAPES):

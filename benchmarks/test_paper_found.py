@@ -10,11 +10,9 @@ import pytest
 import xarray as xr
 
 import pounding_sweep as ps
-from pounding_sweep.model.presets import get_preset
-from pounding_sweep.outputs.variables import STATUS, get_variable
-from pounding_sweep.paper import found as paper_found
-from pounding_sweep.paper import search as paper_search
-from pounding_sweep.paper.fit import (
+from benchmarks.paper_found import report as paper_found
+from benchmarks.paper_found import search as paper_search
+from benchmarks.paper_found.fit import (
     Squares,
     held_out,
     likelihood,
@@ -25,11 +23,9 @@ from pounding_sweep.paper.fit import (
     rounding,
     squares,
 )
-from pounding_sweep.paper.found import figure, find, fitted_sets, grids, verdict
-from pounding_sweep.paper.plain import plain_program
-from pounding_sweep.paper.published import RECORDS, published
-from pounding_sweep.paper.readings import READINGS
-from pounding_sweep.paper.search import (
+from benchmarks.paper_found.plain import plain_program
+from benchmarks.paper_found.report import figure, find, fitted_sets, grids, verdict
+from benchmarks.paper_found.search import (
     DAMPINGS,
     INPUTS,
     OUTPUTS,
@@ -43,6 +39,10 @@ from pounding_sweep.paper.search import (
     scene_at,
     search,
 )
+from pounding_sweep.model.presets import get_preset
+from pounding_sweep.outputs.variables import STATUS, get_variable
+from pounding_sweep.paper.published import RECORDS, published
+from pounding_sweep.paper.readings import READINGS
 
 # --- the measure ---------------------------------------------------------------------------------------------------
 
@@ -342,7 +342,7 @@ def test_the_figure_shows_every_point_and_the_readings(little):
         assert one.low * one.factor <= lines["best"][0, 0] <= one.high * one.factor
 
 
-def test_the_command_prints_and_draws(little, tmp_path, monkeypatch, capsys, not_rendered):
+def test_the_command_prints_and_draws(little, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(paper_found, "find", lambda folders, say: little)
     monkeypatch.setattr("sys.argv", ["found", "-o", str(tmp_path / "new")])
     paper_found.main()
@@ -351,4 +351,3 @@ def test_the_command_prints_and_draws(little, tmp_path, monkeypatch, capsys, not
     assert "How near to Tables 3 and 4" in text
     assert "left out: record 'arleta'" in err
     assert (tmp_path / "new" / "paper_found.png").exists()
-    assert len(not_rendered) == 1
