@@ -352,7 +352,10 @@ def test_chunks_that_cannot_be_removed(tmp_path, monkeypatch):
         (errno.ENOSPC, "free some space and run again"),
         (errno.EDQUOT, "free some space and run again"),
         (errno.EROFS, "make the folder writable"),
-        (errno.EACCES, "on a drive without locks: set HDF5_USE_FILE_LOCKING=FALSE"),
+        (
+            errno.EACCES,
+            r"make the folder writable \(on a drive without locks: set HDF5_USE_FILE_LOCKING=FALSE\) and run again",
+        ),
         (errno.ESTALE, "what is missing was removed meanwhile: run again, and leave it"),
         (errno.EIO, "see to the disk, or give a path on another one, and run again"),
     ],
