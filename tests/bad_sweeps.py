@@ -335,6 +335,7 @@ EDITS = [
     *(("storey_heights = [3.0, 3.5]", text) for text in (
         "yield_strengths = [3.0]", "yield_strengths = [3.0, -1]", "yield_strengths = [nan, 'x']", "hardening = 0.1",
         "yield_strengths = [3.0, inf]\nhardening = 1.0", "yield_strengths = [3.0, inf]\nhardening = 'x'",
+        "yield_strengths = [3.0, inf]\nhardening = [0.1]", "yield_strengths = [3.0, inf]\nhardening = [0.1, 'x', 1]",
         "damping_stiffness = 'tangent'", "yield_strengths = [3.0, inf]\ndamping_stiffness = 'tan'",
         "yield_strengths = [-3.0, 1]\nhardening = -0.1", "yield_strengths = [3.0, 1]",
         "yield_strengths = [3.0, 1]\nbouc_wen = { n = 0.5 }", "bouc_wen = { n = 2 }", "bouc_wen = 3",

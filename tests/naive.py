@@ -66,7 +66,7 @@ class NaiveBuilding:
     slab_depths: list[float] | None = None
     column_stiffnesses: list[float] | None = None  # 12 E I / L^3 of the columns that a slab strikes; the storeys' own
     yield_strengths: list[float] | None = None  # kN; infinite where a storey never yields
-    hardening: float = 0.0
+    hardening: float | list[float] = 0.0  # of all storeys, or of each
     tangent_damping: bool = False
     dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
     p_delta: bool = False
@@ -356,7 +356,7 @@ class _Row:
 
         self.leaning = np.concatenate([b.leaning() for b in real])
 
-        self.softening = np.concatenate([np.full(len(b.masses), 1.0 - b.hardening) for b in real])
+        self.softening = np.concatenate([np.full(len(b.masses), 1.0 - np.asarray(b.hardening)) for b in real])
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
         self.strength = np.concatenate(strengths).astype(float)
         self.yields = bool(np.isfinite(self.strength).any())
@@ -364,7 +364,7 @@ class _Row:
         # what the damper of a storey that yields loses of its coefficient (kN s/m)
         self.undamped = np.concatenate(
             [
-                b.rayleigh_factors()[1] * (1 - b.hardening) * np.asarray(b.stiffnesses) * bool(b.tangent_damping)
+                b.rayleigh_factors()[1] * np.multiply(1 - np.asarray(b.hardening), b.stiffnesses) * b.tangent_damping
                 for b in real
             ]
         )

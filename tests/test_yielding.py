@@ -9,6 +9,7 @@ from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
 from kernels_used import YIELDING, YIELDING_SWEEP
@@ -16,6 +17,7 @@ from naive import run
 from scenes import EVERY, motions, pair, run_in_any_company, yielding_pair
 
 import pounding_sweep as ps
+from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.base.errors import InputError, SceneError, SweepError
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
@@ -24,11 +26,18 @@ from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.flight_yielding import find_sets
 from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.export import export_cube
+from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, Status, reducers_for
+from pounding_sweep.run.one_scenario import simulate_one
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import scene_data, scene_of
 
 PAIR = yielding_pair()
+#: The pair with another hardening in each storey.
+STEPPED = replace(
+    PAIR, row=[replace(b, hardening=r) for b, r in zip(PAIR.buildings, ([0.05, 0.3], [0.2, 0.1]), strict=True)]
+)
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(PAIR)]
 TOWER = ps.Scene(
@@ -48,13 +57,16 @@ TOWER = ps.Scene(
 @pytest.mark.parametrize(
     ("method", "dt", "bound"), [("rk4", 5e-4, 2e-5), ("exact", 5e-4, 1e-6), ("newmark", 2e-4, 3e-3)]
 )
-def test_every_variable_equals_the_twins(method, dt, bound):
-    got, want = simulate(PAIR, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 101, 1.5)
+@pytest.mark.parametrize("scene", [PAIR, STEPPED], ids=["pair", "stepped"])
+def test_every_variable_equals_the_twins(scene, method, dt, bound):
+    got, want = (
+        f(scene, "kelvin_voigt", 101, 1.5, **kw) for f, kw in ((simulate, {"method": method, "dt": dt}), (truth, {}))
+    )
     assert int(got.status) == Status.OK
     assert sum(int(count) for each in want["impact_count"] for count in each) >= 4
     assert set(OUTPUTS) <= set(got.data_vars)
     assert np.count_nonzero(got.ductility_max > 1.5) == 3
-    found = errors(got, want, PAIR)
+    found = errors(got, want, scene)
     assert max(found.values()) < bound, found
     stride = round(0.02 / dt)
     mine = got.plastic_drift.values[-1].ravel()
@@ -469,9 +481,31 @@ def test_the_required_gap_of_a_yielding_row_is_found_at_each_scale():
         assert bool((enough == ~touched.sel(gap=gap)).all())
 
 
+def test_a_hardening_of_each_storey_goes_through_cubes(tmp_path):
+    """An axis replaces that of all storeys; cubes extend, merge, export and give their scenarios back."""
+    part, extended, merged, table = (tmp_path / name for name in ("part.nc", "extended.nc", "merged.nc", "table.csv"))
+    given = YIELDING_SWEEP | {"scene": STEPPED, "laws": ["kelvin_voigt"], "records": motions()[:1], "scales": [1.0]}
+    given |= {"gaps": [0.004], "strength_factors": {"a": 0.5}, "hardenings": {"b": [0.1, 0.2]}, "audit": 1.0}
+    ps.Sweep(**given).run(part)
+    sweep = ps.Sweep(**(given | {"gaps": [0.001, 0.004]}))
+    cube = sweep.run(extended, extend=part)
+    assert json.loads(cube.attrs["extended_from"])["scenarios_taken"] >= 2
+    merge_cubes([part, extended], merged)
+    assert scene_of(stored_sweep(ps.open_cube(merged))["scene"]) == sweep.spec.scene == STEPPED
+    np.testing.assert_array_equal(ps.open_cube(merged).displacement_max, cube.displacement_max)
+    export_cube(cube, table, table=True)
+    assert pd.read_csv(table).audited_error_displacement_max.notna().sum() == cube.sizes["audit"]
+    one = simulate_one(sweep.spec, gap=0.001, hardening_b=0.2)
+    np.testing.assert_allclose(
+        one.displacement_max.values,
+        cube.displacement_max.sel(gap=0.001, hardening_b=0.2).values.reshape(one.displacement_max.shape),
+        1e-9,
+    )
+
+
 def test_a_row_comes_back_from_its_json():
-    text = json.dumps(scene_data(PAIR), allow_nan=False)
-    assert scene_of(json.loads(text)) == PAIR
+    for scene in (PAIR, STEPPED):
+        assert scene_of(json.loads(json.dumps(scene_data(scene), allow_nan=False))) == scene
     assert "yield_strengths" not in json.dumps(scene_data(pair()))
 
 
@@ -593,6 +627,19 @@ def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
         ({"yield_strengths": [1.0, 1.0], "hardening": 1.0}, r"hardening is 1.0; it must be in \[0, 1\)"),
         ({"yield_strengths": [1.0, 1.0], "hardening": -0.1}, r"hardening is -0.1; it must be in \[0, 1\)"),
         ({"yield_strengths": [1.0, 1.0], "hardening": True}, r"hardening is True; it must be in \[0, 1\)"),
+        (
+            {"yield_strengths": [1.0, 1.0], "hardening": [0.1]},
+            "1 values of hardening for 2 masses; give one number for",
+        ),
+        (
+            {"yield_strengths": [1.0, 1.0], "hardening": [0.1, 1]},
+            r"hardening of storey 2 is 1.0; it must be in \[0, 1\)",
+        ),
+        (
+            {"yield_strengths": [1.0, 1.0], "hardening": ["x", 0]},
+            r"hardening must be a list of numbers \(in \[0, 1\)\)",
+        ),
+        ({"hardening": [0.1, 0.0]}, "building 'a': hardening is that of storeys that yield"),
         ({"hardening": 0.1}, r"building 'a': hardening is that of storeys that yield; give yield_strengths too"),
         ({"damping_stiffness": "tangent"}, r"damping_stiffness is that of storeys that yield"),
         ({"yield_strengths": [1.0, 1.0], "damping_stiffness": "tan"}, r"unknown damping_stiffness 'tan'"),
@@ -609,6 +656,7 @@ def test_bad_buildings_are_refused(given, message):
         ({"locate": False}, r"locate: storeys of building 'a' yield, .* give locate = true"),
         ({"strength_factors": {"a": 0.0}}, r"strength_factors.a\[0\]: factor is 0.0; it must be in"),
         ({"hardenings": {"a": 1.0}}, r"hardenings.a\[0\]: hardening is 1.0; it must be in \[0, 1\)"),
+        ({"hardenings": {"a": [[0.1, 0.2]]}}, r"hardenings.a\[0\]: \[0.1, 0.2\] is not a number"),
         ({"hardenings": {"c": 0.1}}, r"hardenings.c: unknown building 'c'"),
     ],
 )

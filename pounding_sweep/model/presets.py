@@ -127,7 +127,7 @@ def base_isolated(
     Raises
     ------
     SceneError
-        A value is out of range, or storeys of the building yield.
+        A value is out of range.
 
     References
     ----------
@@ -151,9 +151,6 @@ def base_isolated(
         ("damping_ratio", damping_ratio, "of critical", False),
     ):
         quantity(value, f"{name}: {what}", unit, positive=positive)
-    if any(building.yields):
-        msg = f"{name}: storeys of the building yield too, and hardening is one for all; leave out its yield_strengths"
-        raise SceneError(msg)
     masses, n = [base_mass, *building.masses], building.n_storeys
     w, total = 2.0 * math.pi / period, sum(masses)
     soft = total * w**2
@@ -162,14 +159,16 @@ def base_isolated(
     share = 2.0 * ratio / float(building.frequencies[0])
     own = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
     assert building.storey_heights is not None
+    first_yield, first_hardening = (stiff * yield_drift, soft / stiff) if strength else (math.inf, 0.0)
+    storeys = building.yield_strengths or [math.inf] * n
     return replace(
         building,
         masses=masses,
         stiffnesses=[stiff, *building.stiffnesses],
         damping_ratio=0.0,
         storey_heights=[height, *building.storey_heights],
-        yield_strengths=[stiff * yield_drift, *[math.inf] * n] if strength else None,
-        hardening=soft / stiff if strength else 0.0,
+        yield_strengths=[first_yield, *storeys] if strength or any(building.yields) else None,
+        hardening=[first_hardening, *building.hardenings] if any(building.yields) else first_hardening,
         damping_stiffness="initial",
         slab_depths=None if building.slab_depths is None else [0.0, *building.slab_depths],
         column_stiffnesses=None if building.column_stiffnesses is None else [stiff, *building.column_stiffnesses],

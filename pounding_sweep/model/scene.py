@@ -9,7 +9,7 @@ import math
 import numbers
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,9 +151,18 @@ _LISTS = {
     "column_stiffnesses": ("kN/m", True, False),
     "dashpots": ("kN s/m", False, False),
 }
+
+
+def _hardening(value: Any) -> float | tuple[float, ...]:
+    """Return the hardening of all storeys, or of each; `SceneError` unless a number in [0, 1)."""
+    if isinstance(value, list | tuple):
+        return tuple(fraction(number, f"hardening of storey {i}") for i, number in enumerate(value, start=1))
+    return fraction(value, "hardening")
+
+
 #: Its other parts, with what checks and converts them.
 _PARTS: dict[str, Callable[[Any], Any]] = {
-    "hardening": partial(fraction, what="hardening"),
+    "hardening": _hardening,
     "damping_ratio": _damping_ratio,
     "bouc_wen": _bouc_wen,
     "foundation": _foundation,
@@ -175,8 +184,15 @@ def building_faults(given: Mapping[str, Any]) -> Iterator[Fault]:
             if not (infinite and value == math.inf):
                 what = f"{name} of storey {i + 1}"
                 yield from _told((name, i), quantity, value, what, unit, positive=positive)
+    hardening = given.get("hardening")
+    if isinstance(hardening, list | tuple):
+        if n and len(hardening) != n:
+            remedy = "give one number for all storeys, or a list of one per storey"
+            yield ("hardening",), f"{len(hardening)} values of hardening for {n} masses; {remedy}"
+        for i, value in enumerate(hardening):
+            yield from _told(("hardening", i), fraction, value, f"hardening of storey {i + 1}")
     for name, check in _PARTS.items():
-        if name in given:
+        if name in given and not (name == "hardening" and isinstance(hardening, list | tuple)):
             yield from _told((name,), check, given[name])
     p_delta, follows = given.get("p_delta", False), given.get("damping_stiffness", "initial")
     if follows not in DAMPING_STIFFNESSES:
@@ -231,8 +247,9 @@ class Building:
     yield_strengths : sequence of float, optional
         Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
         is elastic.
-    hardening : float
-        Stiffness of a storey that yields over its elastic one, in [0, 1): bilinear with kinematic hardening.
+    hardening : float or sequence of float
+        Stiffness of a storey that yields over its elastic one, in [0, 1): bilinear with kinematic hardening. One number
+        for all storeys, or one per storey, bottom first.
     damping_stiffness : {"initial", "tangent"}
         Stiffness that Rayleigh damping follows in storeys that yield.
     slab_depths : sequence of float, optional
@@ -273,7 +290,7 @@ class Building:
     damping_ratio: float | tuple[float, float] = 0.05
     storey_heights: Sequence[float] | None = None
     yield_strengths: Sequence[float] | None = None
-    hardening: float = 0.0
+    hardening: float | Sequence[float] = 0.0
     damping_stiffness: str = "initial"
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
@@ -288,6 +305,9 @@ class Building:
             if (values := getattr(self, name)) is not None:
                 what = f"building {self.name!r}: {name}"
                 object.__setattr__(self, name, _numbers(what, unit, values))
+        if isinstance(self.hardening, Iterable) and not isinstance(self.hardening, str | bytes):
+            values = _numbers(f"building {self.name!r}: hardening", "in [0, 1)", self.hardening)
+            object.__setattr__(self, "hardening", values)
         if self.storey_heights is None:
             object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
         self._refuse(building_faults(vars(self)))
@@ -337,6 +357,16 @@ class Building:
         """Whether each storey may yield."""
         given = self.yield_strengths
         return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
+
+    @property
+    def hardenings(self) -> tuple[float, ...]:
+        """Hardening of each storey."""
+        return self.hardening if isinstance(self.hardening, tuple) else (self.hardening,) * self.n_storeys  # type: ignore[return-value]
+
+    @property
+    def uniform_hardening(self) -> float:
+        """Hardening of all storeys, NaN if they differ."""
+        return self.hardenings[0] if len(set(self.hardenings)) == 1 else math.nan
 
     @cached_property
     def geometric_stiffnesses(self) -> tuple[float, ...]:

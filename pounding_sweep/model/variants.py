@@ -10,7 +10,7 @@ by multiplication, for any number of scenarios at once:
   both apply to its foundation too;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building;
-- a hardening replaces that of a building.
+- a hardening replaces that of all storeys of a building.
 """
 
 from __future__ import annotations
@@ -131,8 +131,9 @@ class Variants:
     @cached_property
     def elastic_hardenings(self) -> np.ndarray:
         """Hardening of the storeys themselves, shape (n, floors)."""
-        own = np.array([b.hardening for b in self.scene.buildings])
-        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
+        varied = self.hardening[:, self._owner]
+        of_scene = np.concatenate([b.hardenings for b in self.scene.buildings])
+        return np.asarray(np.where(np.isnan(varied), of_scene, varied))
 
     @cached_property
     def hardenings(self) -> np.ndarray:

@@ -23,6 +23,7 @@ from pounding_sweep.output.tidy import Cells, Column, column_of, exists, scenari
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records.measures import RecordMeasures
 from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
+from pounding_sweep.spec.spec import scene_of
 
 #: Dimension of histories.
 TIME = "time"
@@ -203,7 +204,7 @@ def _known(
             if axis.kind == kind:
                 own = xr.where(part["building"] == axis.building, part[axis.dimension], own)
         given[kind] = own
-    hardening = [each.get("hardening", np.nan) for each in told["scene"]["row"] if "masses" in each]
+    hardening = [building.uniform_hardening for building in scene_of(told["scene"]).buildings]
     given["hardening"] = given["hardening"].where(given["hardening"] != xr.DataArray(hardening, dims="building"))
     given["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
     ratios = {json.dumps(each["damping_ratio"]) for each in told["scene"]["row"] if "masses" in each}

@@ -337,7 +337,7 @@ def _own_hardening(scene: Scene, hardening: np.ndarray) -> np.ndarray:
     """Replace a hardening that a building has of its own by NaN."""
     if np.isnan(hardening).all():
         return hardening
-    return np.where(hardening == [building.hardening for building in scene.buildings], np.nan, hardening)
+    return np.where(hardening == [building.uniform_hardening for building in scene.buildings], np.nan, hardening)
 
 
 def _own_ratio(scene: Scene, ratios: np.ndarray) -> np.ndarray:

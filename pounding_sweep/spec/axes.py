@@ -310,7 +310,8 @@ class AxisValues:
     )})
     hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
         "hardening", "hardening", "hardening", "hardenings", lambda value, *_: fraction(value, "hardening"),
-        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each.",
+        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
+        "One number for all storeys, in place of the building's own, which may differ by storey.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
         of_buildings=True, by_building=True, unsaid=True,
     )})

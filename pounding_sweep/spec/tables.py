@@ -82,7 +82,7 @@ class BuildingTable(Table):
     yield_strengths: list[Any] | None = Field(
         None, description="a list of numbers, storey shears at first yield in kN, bottom first"
     )
-    hardening: Any = Field(0.0, description="a number")
+    hardening: Any = Field(0.0, description="a number, or a list of one per storey")
     damping_stiffness: str = Field("initial", description="a text")
 
     slab_depths: list[Any] | None = Field(
