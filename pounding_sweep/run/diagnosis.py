@@ -116,8 +116,8 @@ def _threads() -> dict[str, Any]:
 def _memory() -> dict[str, Any]:
     from pounding_sweep.base.memory import free_memory
 
-    found = free_memory()
-    return {"free_bytes": found and found.bytes, "limit": found and found.limit}
+    free = free_memory()
+    return {"free_bytes": free.bytes, "limit": free.limit}
 
 
 def _output(problems: list[str]) -> dict[str, Any]:

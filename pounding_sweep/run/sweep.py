@@ -350,7 +350,7 @@ def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
     from pounding_sweep.base.tables import bytes_text
 
     free = free_memory()
-    if free is not None and scenarios * each > free.bytes:
+    if scenarios * each > free.bytes:
         msg = (
             f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
             f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
