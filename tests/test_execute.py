@@ -28,7 +28,7 @@ from pounding_sweep.plan.chunks import ChunkTask, cut
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import IDENTITY, ChunkStore
-from pounding_sweep.run import async_writer
+from pounding_sweep.run import chunk_writer
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.sweep import Sweep
@@ -337,7 +337,7 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
 @pytest.fixture
 def held(monkeypatch):
     """Files of chunks in the order in which they are written; none is before it must."""
-    monkeypatch.setattr(async_writer, "HELD_SECONDS", 600.0)
+    monkeypatch.setattr(chunk_writer, "HELD_SECONDS", 600.0)
     true_write, written = ChunkStore.write, []
 
     def write(self, key, table):
@@ -393,7 +393,7 @@ def test_what_was_held_is_written_where_chunks_fail(tmp_path, monkeypatch, held)
 
 @pytest.mark.usefixtures("small_chunks")
 def test_chunks_are_written_once_they_are_many(tmp_path, monkeypatch, held):
-    monkeypatch.setattr(async_writer, "HELD_BYTES", 2000)
+    monkeypatch.setattr(chunk_writer, "HELD_BYTES", 2000)
     make().run(tmp_path / "out.nc", workers=2)
     assert len(held) > 2
 

@@ -30,7 +30,6 @@ from pounding_sweep.base.files import is_temporary
 from pounding_sweep.base.lock import HOLDER, LOCK
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
-from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
 #: In this process; those that are started, and what they are compared with, have kernels.
@@ -82,11 +81,7 @@ def record(folder, *, before=None, **how):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the run before was killed
         recorder = power_cut.Recorder(folder, patch, before)
-        submit, write = AsyncWriter._submit, ChunkStore.write
-
-        def waits(self, what):  # one thread at a time touches the folder: the calls then have an order
-            submit(self, what)
-            self._waiting[-1].result()
+        write = ChunkStore.write
 
         def promises(self, key, table):
             write(self, key, table)
@@ -94,7 +89,6 @@ def record(folder, *, before=None, **how):
 
         numbers = itertools.count()
         patch.setattr("secrets.token_hex", lambda size: f"{next(numbers):0{2 * size}x}")  # the same names every time
-        patch.setattr(AsyncWriter, "_submit", waits)
         patch.setattr(ChunkStore, "write", promises)
         try:
             make().run(folder / OUT, scheduler="synchronous", **how).close()
@@ -287,10 +281,10 @@ RUN = ["run", "sweep.toml", "-o", f"study/{OUT}", "--workers", "1", "--quiet", "
 NURSERY = r"""
 import os, sys
 from pounding_sweep import cli
-from pounding_sweep.run import async_writer
+from pounding_sweep.run import chunk_writer
 from pounding_sweep.run.sweep import load_sweep
 
-async_writer.HELD_SECONDS = 0.0
+chunk_writer.HELD_SECONDS = 0.0
 load_sweep("warm.toml").run(scheduler="synchronous")
 for line in sys.stdin:
     if line == "start\n":

@@ -428,7 +428,7 @@ class At(Progress):
     ],
 )
 def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, after, held):
-    monkeypatch.setattr("pounding_sweep.run.async_writer.HELD_SECONDS", held)
+    monkeypatch.setattr("pounding_sweep.run.chunk_writer.HELD_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
     sweep = Sweep(scene=row(), records=motions(), **AXES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import math
@@ -37,7 +38,7 @@ from pounding_sweep.output.summary import Tally
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
-from pounding_sweep.run.async_writer import AsyncWriter
+from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.axes import Case
 
@@ -395,44 +396,24 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == [out.name, "out.nc.log"]
 
 
-# -- writing beside the run --------------------------------------------------------------------------------------------
+# -- writing of chunks -------------------------------------------------------------------------------------------------
 
 
-def saved(results, store, error=None):
-    """Save three tables, and fail in between."""
-    with AsyncWriter(store) as writer:
-        for key in "abc":
-            table = to_table({"status": np.zeros(2, "i1")}, ["status"], row())
+@pytest.mark.parametrize(("ends", "written"), [("well", ""), ("interrupted", "ab"), ("flushed", "ab"), ("full", "")])
+def test_what_was_held_is_written_unless_the_run_ends_well(tmp_path, monkeypatch, ends, written):
+    monkeypatch.setattr("pounding_sweep.run.chunk_writer.HELD_SECONDS", 600.0)
+    if ends == "full":
+        monkeypatch.setattr(ChunkStore, "write", Mock(side_effect=WriteError("no space")))
+    store, table = ChunkStore(tmp_path, "x"), to_table({"status": np.zeros(2, "i1")}, ["status"], row())
+    results = Results(["status"], row(), 2)
+    with contextlib.suppress(KeyboardInterrupt), ChunkWriter(store) as writer:
+        for key in "ab":
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
             writer.save(key, table, partial(results.move, index))
-            if error is not None and key == "b":
-                raise error
-        writer.settle(begin=False)
-
-
-def test_what_was_to_be_saved_is_saved_whatever_ends_the_run(tmp_path):
-    for error, keys in ((None, "abc"), (KeyboardInterrupt(), "ab")):
-        store = ChunkStore(tmp_path / keys, "x").open()
-        results = Results(["status"], row(), 2)
-        if error is None:
-            saved(results, store)
-            assert results.gather(np.arange(2))["status"].tolist() == [0, 0]
-        else:
-            with pytest.raises(KeyboardInterrupt):
-                saved(results, store, error)
-        assert store.completed() == set(keys)
-
-
-def test_a_failed_write_is_told_once_and_by_its_cause(tmp_path, monkeypatch):
-    def full(self, key, table):
-        msg = f"no space for {key}"
-        raise OutputError(msg)
-
-    monkeypatch.setattr(ChunkStore, "write", full)
-    results = Results(["status"], row(), 2)
-    store = ChunkStore(tmp_path / "parts", "x").open()
-    with pytest.raises(OutputError, match="no space for a"):
-        saved(results, store)
-    with pytest.raises((KeyboardInterrupt, OutputError)):
-        saved(results, store, KeyboardInterrupt())
+        if ends == "flushed":
+            writer.flush()
+        elif ends != "well":
+            raise KeyboardInterrupt  # told even where what it finished finds no room
+    assert store.completed() == set(written)
+    assert results.gather(np.arange(2))["status"].tolist() == [0, 0]

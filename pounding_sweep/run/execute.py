@@ -34,7 +34,7 @@ from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
 from pounding_sweep.resume.reuse import ReuseLedger
 from pounding_sweep.resume.survey import chunk_lines, expected, stages_before
-from pounding_sweep.run.async_writer import AsyncWriter
+from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
 
@@ -162,7 +162,7 @@ def execute(
     plan: Plan,
     dispatcher: Dispatcher,
     *,
-    writer: AsyncWriter | None = None,
+    writer: ChunkWriter | None = None,
     progress: Progress | None = None,
     earlier: EarlierCube | None = None,
 ) -> Outcome:
@@ -183,8 +183,8 @@ def execute(
         stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
         stages.without_pounding()
         stages.scenarios()
-        if writer is not None:
-            writer.settle(begin=bool(outcome.failures))  # the next run makes what is missing
+        if writer is not None and outcome.failures:
+            writer.flush()  # the next run makes what is missing
     outcome.run_seconds = time.perf_counter() - started
     outcome.taken, outcome.taken_from = ledger.scenarios, ledger.origin
     if ledger.origin is not None:
@@ -206,7 +206,7 @@ class _Stages:
     plan: Plan
     outcome: Outcome
     store: ChunkStore | None
-    writer: AsyncWriter | None
+    writer: ChunkWriter | None
     dispatcher: Dispatcher
     progress: Progress
     ledger: ReuseLedger

@@ -7,10 +7,8 @@ import platform
 import shlex
 import socket
 import sys
-import threading
 import time
 import warnings
-from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,42 +22,23 @@ if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan
 
 
-class _Hook:
-    """Tells all open logs of warnings, in the place of `warnings.showwarning` from the first log to the last."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._logs: list[RunLog] = []
-        self._installed: Callable[..., None] | None = None
-        self._before: Callable[..., None] = warnings.showwarning
-
-    def add(self, log: RunLog) -> None:
-        """Tell a log of what is shown from now on."""
-        with self._lock:
-            self._logs.append(log)
-            if warnings.showwarning is not self._installed:
-                self._install()
-
-    def remove(self, log: RunLog) -> None:
-        """Tell a log no more."""
-        with self._lock:
-            self._logs.remove(log)
-            if not self._logs and warnings.showwarning is self._installed:  # else somebody put theirs over it
-                warnings.showwarning, self._installed = self._before, None
-
-    def _install(self) -> None:
-        before = warnings.showwarning
-
-        def show(message: Warning | str, *more: Any, **named: Any) -> None:
-            for log in tuple(self._logs):
-                log.warned(str(message))
-            before(message, *more, **named)
-
-        self._before, self._installed = before, show
-        warnings.showwarning = show
+#: Logs of the runs of this process, which hear of every warning that is shown.
+_OPEN: list[RunLog] = []
 
 
-_HOOK = _Hook()
+def _log_warnings() -> None:
+    """Have `warnings.showwarning` tell the open logs, too."""
+    show = warnings.showwarning
+    if hasattr(show, "tells_logs"):
+        return
+
+    def show_and_log(message: Warning | str, *args: Any, **kwargs: Any) -> None:
+        for log in tuple(_OPEN):
+            log.warned(str(message))
+        show(message, *args, **kwargs)
+
+    show_and_log.tells_logs = True  # type: ignore[attr-defined]
+    warnings.showwarning = show_and_log
 
 
 class RunLog(Progress):
@@ -71,27 +50,25 @@ class RunLog(Progress):
         self._stage: tuple[str, float] | None = None
         self._count = 0
         self._warned: set[str] = set()
-        self._lock = threading.Lock()
         self._writable = True
 
     def __enter__(self) -> RunLog:
-        _HOOK.add(self)
+        _OPEN.append(self)
+        _log_warnings()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: Any) -> None:
-        try:
-            self.close()
-            after = f"after {time.perf_counter() - self._started:.1f} s"
-            if error is None:
-                self.say(f"ended {after}")
-            elif isinstance(error, KeyboardInterrupt):
-                self.say(f"interrupted {after}")
-            else:
-                self.say(f"failed {after}: {type(error).__name__}: {error}")
-        finally:
-            _HOOK.remove(self)
+        self.close()
+        after = f"after {time.perf_counter() - self._started:.1f} s"
+        if error is None:
+            self.info(f"ended {after}")
+        elif isinstance(error, KeyboardInterrupt):
+            self.info(f"interrupted {after}")
+        else:
+            self.info(f"failed {after}: {type(error).__name__}: {error}")
+        _OPEN.remove(self)
 
-    def say(self, text: str) -> None:
+    def info(self, text: str) -> None:
         """Write a line with the time in front."""
         if not self._writable:
             return
@@ -108,24 +85,28 @@ class RunLog(Progress):
         """Write what is about to run, and on what."""
         from pounding_sweep.run.diagnosis import installed_versions, processor
 
-        here = processor()
+        cpu = processor()
         scheduler = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
         workers_text = "" if "://" in scheduler else f", {workers} workers"
-        self.say(f"begins: {shlex.join(sys.argv)}")
-        self.say(f"process {os.getpid()} on {socket.gethostname()}, in {_working_folder()}")
-        self.say(f"sweep {plan.digest} {plan.spec.title}".rstrip())
-        self.say(
-            f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions"
-        )
-        self.say("versions: " + ", ".join(f"{name} {version}" for name, version in installed_versions().items()))
-        self.say(
-            f"machine: {platform.platform()}, {here['name']}, vectors of {here['vector_bits']} bits, "
-            f"{here['cores_usable']} of {here['cores']} cores; scheduler {scheduler}{workers_text}"
-        )
+        versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items())
+        try:
+            folder = str(Path.cwd())
+        except OSError:
+            folder = "a folder that is gone"
+        for line in (
+            f"begins: {shlex.join(sys.argv)}",
+            f"process {os.getpid()} on {socket.gethostname()}, in {folder}",
+            f"sweep {plan.digest} {plan.spec.title}".rstrip(),
+            f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions",
+            f"versions: {versions}",
+            f"machine: {platform.platform()}, {cpu['name']}, vectors of {cpu['vector_bits']} bits, "
+            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {scheduler}{workers_text}",
+        ):
+            self.info(line)
 
     def result(self, outcome: Outcome, cube: Path) -> None:
         """Write what came of it."""
-        self.say(
+        self.info(
             f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
             f"{outcome.untouched} never touch, {len(outcome.failures)} chunks failed, "
             f"{outcome.compiled} kernels compiled; {cube} has {cube.stat().st_size} bytes"
@@ -135,7 +116,7 @@ class RunLog(Progress):
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
         self._end_stage()
         self._stage, self._count = (name, time.perf_counter()), 0
-        self.say(f"stage {name} begins" + (f": {total}" if total else ""))
+        self.info(f"stage {name} begins" + (f": {total}" if total else ""))
         self._display.stage(name, total)
 
     def advance(self, count: int) -> None:
@@ -145,7 +126,7 @@ class RunLog(Progress):
 
     def note(self, text: str) -> None:
         """Write a line."""
-        self.say(text)
+        self.info(text)
         self._display.note(text)
 
     def close(self) -> None:
@@ -156,20 +137,11 @@ class RunLog(Progress):
     def _end_stage(self) -> None:
         if self._stage is not None:
             name, since = self._stage
-            self.say(f"stage {name} ends: {self._count} done in {time.perf_counter() - since:.3f} s")
+            self.info(f"stage {name} ends: {self._count} done in {time.perf_counter() - since:.3f} s")
             self._stage = None
 
     def warned(self, text: str) -> None:
         """Write a warning, once."""
-        with self._lock:  # in whatever thread it was shown
-            known = text in self._warned
+        if text not in self._warned:
             self._warned.add(text)
-        if not known:
-            self.say(f"warning: {text}")
-
-
-def _working_folder() -> str:
-    try:
-        return str(Path.cwd())
-    except OSError:
-        return "a folder that is gone"
+            self.info(f"warning: {text}")

@@ -250,8 +250,8 @@ class Sweep:
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
-        from pounding_sweep.run.async_writer import AsyncWriter
         from pounding_sweep.run.audit import audit
+        from pounding_sweep.run.chunk_writer import ChunkWriter
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
         from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
         from pounding_sweep.run.log import RunLog
@@ -280,7 +280,7 @@ class Sweep:
             try:
                 with ExitStack() as writing:
                     if store is not None:
-                        writer = writing.enter_context(AsyncWriter(store, at_once=begun))
+                        writer = writing.enter_context(ChunkWriter(store, at_once=begun))
                     with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
                         runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
                         outcome = execute(plan, runs, writer=writer, progress=progress, earlier=earlier)

@@ -1,0 +1,67 @@
+"""Finished chunks on their way to the store: held in memory at first, so that short runs write nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.resume.checkpoint import ChunkStore
+
+#: Seconds for which finished chunks are held in memory, and most bytes of them.
+HELD_SECONDS, HELD_BYTES = 2.0, 2**24
+
+
+class ChunkWriter:
+    """Writes finished chunks to a store, once a run has lasted `HELD_SECONDS` or holds `HELD_BYTES`, or `at_once`.
+
+    A run that fails or is interrupted writes all that it has; one that ends well before, nothing.
+    """
+
+    def __init__(self, store: ChunkStore, *, at_once: bool = False) -> None:
+        self.store = store
+        self._bytes, self._due, self._is_open = 0, time.monotonic() + HELD_SECONDS, False
+        self._waiting: list[Callable[[], None]] = []
+        if at_once:
+            self.flush()
+
+    def __enter__(self) -> ChunkWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: Any) -> None:
+        if error is not None:
+            try:
+                self.flush()
+            except Exception as failure:  # what ended the run is told, not what followed
+                error.add_note(str(failure))
+
+    def expect(self, chunks: Mapping[str, Any]) -> None:
+        """Note of which chunks the sweep will consist."""
+        self._write(partial(self.store.expect, chunks))
+
+    def save(self, key: str, table: np.ndarray, moved: Callable[[Callable[[], np.ndarray]], None], **more: Any) -> None:
+        """Write a chunk, with `more` in its line; `moved` then hears how it is read from its file."""
+
+        def write() -> None:
+            self.store.write(key, table, **more)
+            moved(partial(self.store.read, key))
+
+        self._bytes += table.nbytes
+        self._write(write)
+
+    def flush(self) -> None:
+        """Write all that is held."""
+        if not self._is_open:
+            self.store.folder.stat()  # it is there since it was locked; one that was removed is not made again
+            self.store.open()
+            self._is_open = True
+        while self._waiting:
+            self._waiting.pop(0)()
+
+    def _write(self, write: Callable[[], None]) -> None:
+        self._waiting.append(write)
+        if self._is_open or self._bytes > HELD_BYTES or time.monotonic() >= self._due:
+            self.flush()
