@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import naive
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.text import Text
@@ -18,13 +18,12 @@ import pounding_sweep as ps
 from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
 from pounding_sweep.accuracy.tradeoff import (
     POPULATIONS,
-    Compared,
     draw,
     find_touching,
-    make_dataset,
     measure,
     pareto_front,
     statistics,
+    summarise,
     tradeoff,
     warn_of_doubt,
 )
@@ -231,27 +230,29 @@ def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
         plot(found, "work-precision", "never.png")
 
 
+def measured_of(sweep):
+    axes = {"scheme": ["rk4"], "located": [True], "precision": ["float64"], "step": [2e-3, 1e-3]}
+    return measure(sweep.spec, axes, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
+
+
 @pytest.fixture(scope="module")
 def measured(sweep):
-    compared = Compared(("rk4",), (True,), ("float64",), (2e-3, 1e-3), 0.25, 0.5)
-    return measure(sweep.spec, compared, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
+    return measured_of(sweep)
 
 
 def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
-    steady = make_dataset(measured, {})
+    steady = summarise(measured)
     assert steady.attrs["sensitive_scenarios"] == 0
     assert (steady.sensitivity < 1e-3).all()
-    sensitivity = measured.sensitivity.copy()
-    sensitivity[2] = 0.3
-    errors = measured.errors.copy()
-    errors[..., 2, :] = 0.5
-    found = make_dataset(replace(measured, sensitivity=sensitivity, errors=errors), {})
+    third = measured.scenario == 3
+    sensitivity, errors = measured.sensitivity.where(~third, 0.3), measured.scenario_error.where(~third, 0.5)
+    found = summarise(measured.assign(sensitivity=sensitivity, scenario_error=errors))
     assert found.attrs["sensitive_scenarios"] == 1
     assert found.sensitive.values.tolist() == [0, 0, 1, 0, 0, 0]
     assert (found.error.sel(population=["all", "sensitive", "ok"], statistic="worst") == 0.5).all()
-    rest = np.delete(measured.errors, 2, axis=-2)
-    np.testing.assert_array_equal(
-        found.error.sel(population="steady", statistic="worst").squeeze(), rest.max(axis=-2).squeeze()
+    rest = measured.scenario_error.where(~third).max("scenario")
+    xr.testing.assert_equal(
+        found.error.sel(population="steady", statistic="worst", drop=True), rest.transpose(..., "output")
     )
 
 
@@ -270,26 +271,25 @@ def run_without_pounding():
 
 
 def test_errors_below_the_converged_solution_are_marked(measured):
-    doubtful = replace(measured, reference_errors=np.full_like(measured.reference_errors, 1e-3))
-    found = make_dataset(doubtful, {})
+    doubtful = measured.scenario_reference_error * 0.0 + 1e-3
+    found = summarise(measured.assign(scenario_reference_error=doubtful))
     assert (found.resolved.sel(population="all") == 0).all()
-    assert make_dataset(measured, {}).resolved.sel(population="all", output="impact_force_max").all()
+    assert summarise(measured).resolved.sel(population="all", output="impact_force_max").all()
     headings, rows = table_of(found)
     assert all(row[headings.index("force worst")].startswith("< 3.0e-03") for row in rows)
-    front = found.pareto.sel(population="all", statistic="worst", output="impact_force_max").squeeze()
-    assert front.values.tolist() == (found.cost == found.cost.min()).squeeze().astype(int).values.tolist()
+    front = found.pareto.sel(population="all", statistic="worst", output="impact_force_max")
+    assert (front == (found.cost == found.cost.min())).all()
 
 
 def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured):
     warn_of_doubt(measured)  # says nothing: warnings are errors here
-    doubtful = measured.reference_errors.copy()
-    doubtful[1] = 2e-3
-    gap = float(measured.plan.unique.gaps[measured.sample.rows[1], 0])
+    second = measured.scenario == 2
+    doubtful = measured.assign(scenario_reference_error=measured.scenario_reference_error.where(~second, 2e-3))
+    gap = measured.scenario_gap[1, 0].item()
     with pytest.warns(RuntimeWarning, match=rf"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt, gaps {gap:g} m"):
-        warn_of_doubt(replace(measured, reference_errors=doubtful))
-    sensitivity = np.where(np.arange(6) == 1, 1.0, measured.sensitivity)
+        warn_of_doubt(doubtful)
     with pytest.warns(RuntimeWarning, match="of 1 of 6"):  # however sensitive
-        warn_of_doubt(replace(measured, reference_errors=doubtful, sensitivity=sensitivity))
+        warn_of_doubt(doubtful.assign(sensitivity=measured.sensitivity.where(~second, 1.0)))
 
 
 @pytest.mark.slow
@@ -323,16 +323,14 @@ def test_lane_groups_are_whole_in_large_sweeps():
     other = ps.Record("other", SHORT.dt, 0.8 * SHORT.acceleration)
     plan = make_sweep(records=[SHORT, other], gaps=list(np.linspace(0.001, 0.005, 40))).plan()
     sample = draw(plan, 4 * LANES, seed=0)
-    assert [len(group.rows) for group in sample.groups] == [LANES] * 4
-    for group in (*sample.groups, *sample.timed):
-        assert set(plan.unique.law[group.rows]) == {group.law}
-        assert set(plan.unique.record[group.rows]) == {group.record}
-        assert len(group.rows) % LANES == 0
+    assert [len(rows) for rows in sample.groups] == [LANES] * 4
+    for rows in (*sample.groups, *sample.timed):
+        assert len(set(plan.unique.law[rows])) == len(set(plan.unique.record[rows])) == 1
+        assert len(rows) % LANES == 0
     assert len(np.unique(sample.rows)) == 4 * LANES
-    for group in sample.timed:  # side by side: neighbouring gaps
-        assert np.ptp(np.argsort(np.argsort(plan.unique.gaps[group.rows, 0]))) == len(group.rows) - 1
-        assert np.diff(np.sort(plan.unique.gaps[group.rows, 0])).max() < 1.5 * 0.004 / 39
-    assert {group.law for group in sample.groups} == {group.law for group in sample.timed}
+    for rows in sample.timed:  # side by side: neighbouring gaps
+        assert np.diff(np.sort(plan.unique.gaps[rows, 0])).max() < 1.5 * 0.004 / 39
+    assert {plan.unique.law[rows[0]] for rows in sample.groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
 
 
 def test_without_touching_scenarios_there_is_nothing_to_measure():
@@ -360,9 +358,13 @@ def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points
     assert front.any() == bool(usable)
 
 
+def statistics_of(errors):
+    return statistics(xr.DataArray(errors, dims=("scenario", "output"))).transpose("statistic", "output").values
+
+
 @given(st.lists(st.floats(0, 1) | st.just(np.inf), min_size=1, max_size=40))
 def test_statistics_are_errors_of_scenarios(errors):
-    median, p90, worst = statistics(np.array(errors)[:, None])[0]
+    median, p90, worst = statistics_of(np.array(errors)[:, None])[:, 0]
     assert worst == max(errors)
     assert sum(e <= median for e in errors) >= 0.5 * len(errors)
     assert sum(e < median for e in errors) < 0.5 * len(errors)
@@ -372,8 +374,8 @@ def test_statistics_are_errors_of_scenarios(errors):
 
 def test_scenarios_without_an_error_do_not_count():
     errors = np.array([[0.1, 0.2], [np.nan, np.nan], [0.3, 0.1]])
-    np.testing.assert_array_equal(statistics(errors)[:, 2], [0.3, 0.2])
-    assert np.isnan(statistics(errors[1:2])).all()
+    np.testing.assert_array_equal(statistics_of(errors)[2], [0.3, 0.2])
+    assert np.isnan(statistics_of(errors[1:2])).all()
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -417,11 +419,8 @@ def test_true_steps_are_reported_and_equal_ones_measured_once():
 
 def test_the_sweeps_own_numerics_do_not_matter(measured):
     """Neither its scheme, step and number format nor an accuracy asked for, which leaves them to be chosen."""
-    compared = measured.compared
     for settings in ({"accuracy": 1e-3}, {"method": "newmark", "dt": 1e-2, "locate": False, "precision": "float32"}):
-        spec = make_sweep(**settings).spec
-        found = measure(spec, compared, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
-        np.testing.assert_array_equal(found.errors, measured.errors)
+        xr.testing.assert_equal(measured_of(make_sweep(**settings)).scenario_error, measured.scenario_error)
 
 
 def test_orders_of_convergence_are_fitted(trade):

@@ -39,48 +39,32 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
     """Return one row per configuration."""
     check_trade(trade)
     trade = trade.load()
-    outputs, populations, statistics = (
-        [str(v) for v in trade[d].values] for d in ("output", "population", "statistic")
-    )
+    dims = ("output", "population", "statistic")
+    outputs, populations, statistics = (trade[dim].values.tolist() for dim in dims)
     rows = []
     for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
         one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
-        scheme = SCHEMES.get(str(one["scheme"].values))
-        if scheme is not None and scheme.flies_exactly and not bool(one["located"].values):
+        row: dict[str, Any] = {name: one[name].item() for name in CONFIGURATION} | {"located": bool(one["located"])}
+        if (scheme := SCHEMES.get(row["scheme"])) is not None and scheme.flies_exactly and not row["located"]:
             continue  # there is no such thing: it flies exactly between located touches
-        values, limits, front = (one[name].values for name in ("error", "resolution", "pareto"))
-        rows.append(
-            {
-                "scheme": str(one["scheme"].item()),
-                "located": bool(one["located"].item()),
-                "precision": str(one["precision"].item()),
-                "step": float(one["step"].item()),
-                "time_steps": {
-                    str(r): float(s) for r, s in zip(one["record"].values, one["time_step"].values, strict=True)
-                },
-                "cost": finite(one["cost"].item()),
-                "cost_median": finite(one["cost_median"].item()),
-                "statuses": {
-                    str(label): int(count)
-                    for label, count in zip(one["status"].values, one["status_count"].values, strict=True)
-                    if count
-                },
-                "errors": {
-                    output: {
-                        population: {
-                            statistic: {
-                                "value": finite(float(values[i, j, k])),
-                                "resolution": finite(float(limits[i, j, k])),
-                                "pareto": bool(front[i, j, k]),
-                            }
-                            for k, statistic in enumerate(statistics)
-                        }
-                        for j, population in enumerate(populations)
-                    }
-                    for i, output in enumerate(outputs)
-                },
+        row["time_steps"] = dict(zip(one["record"].values.tolist(), one["time_step"].values.tolist(), strict=True))
+        row |= {name: finite(one[name].item()) for name in ("cost", "cost_median")}
+        counts = zip(one["status"].values.tolist(), one["status_count"].values.tolist(), strict=True)
+        row["statuses"] = {label: count for label, count in counts if count}
+        values, limits, front = (one[name].transpose(*dims).values for name in ("error", "resolution", "pareto"))
+
+        def cell(*at: int, values: Any = values, limits: Any = limits, front: Any = front) -> dict[str, Any]:
+            numbers = {"value": finite(float(values[at])), "resolution": finite(float(limits[at]))}
+            return numbers | {"pareto": bool(front[at])}
+
+        row["errors"] = {
+            output: {
+                population: {statistic: cell(i, j, k) for k, statistic in enumerate(statistics)}
+                for j, population in enumerate(populations)
             }
-        )
+            for i, output in enumerate(outputs)
+        }
+        rows.append(row)
     return rows
 
 

@@ -1,10 +1,9 @@
 """The speed-accuracy trade of a sweep, measured on a sample of its own scenarios.
 
-Every scheme, step, number format, located or not, is run on the same scenarios and compared with a converged solution;
-its cost is measured beside it. The converged solution is itself checked, by its own double step.
-
-Errors are measured on scenarios drawn at random, costs on scenarios that stand side by side in the sweep: neighbouring
-gaps share a lane group there, and contacts that fall together cost less.
+Every scheme, step, number format, located or not, is run on the same scenarios and compared with a converged solution,
+which is itself checked by its own double step. Errors are measured on scenarios drawn at random, costs on scenarios
+that stand side by side in the sweep: neighbouring gaps share a lane group there, and contacts that fall together cost
+less.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -25,8 +23,7 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.engine.compile import prepare
-from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
@@ -41,59 +38,136 @@ from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, to_json
 
+#: Steps (s) compared by default.
+DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
 CLOSING_STEP = 1.0e-3
 #: Lane groups of one timed call.
 TIMED_GROUPS = 2
+#: The converged solution's step is the finest compared over this, and at most that share of the stability limit.
+REFINEMENT, REFERENCE_SHARE = 8, 0.125
+#: Errors below this many times the converged solution's own error are not resolved.
+RESOLUTION = 3.0
+#: A converged solution with a larger error of its own is worth a warning.
+DOUBTFUL = 1e-5
+#: Shares of the scenarios whose error is at most the statistic.
+STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
+#: Sets of scenarios that statistics are made of.
+POPULATIONS = {
+    "all": "every scenario that was not refused",
+    "steady": "those that are not sensitive",
+    "sensitive": "those that are",
+    "ok": "those whose status is ok in this configuration",
+    "ok_steady": "those whose status is ok in this configuration and that are not sensitive",
+}
+#: Dimensions of a configuration.
+CONFIGURATION = ("scheme", "located", "precision", "step")
+#: Attribute by which a dataset is known as a trade.
+KIND_ATTRIBUTE = "pounding_sweep_kind"
+KIND = "tradeoff"
 
+_ERROR = (
+    "relative error",
+    "1",
+    "Largest difference over floors or pairs over the largest value of the scenario; infinite: diverged.",
+)
+_ONE_CORE = "Processor time of one core, kernels compiled, lane groups full; missing where any scenario is refused."
+_REFERENCE_ERROR = ("upper estimate of the converged solution's own relative error", "1")
+#: Long name, units (or meanings of flags) and comment of all that a trade holds; ``law_error`` has those of ``error``.
+_ABOUT: dict[str, tuple[str, ...]] = {
+    "error": _ERROR,
+    "resolution": ("least relative error that can be told from the converged solution's own", "1"),
+    "resolved": (f"error at least {RESOLUTION:g} times the converged solution's own", "no yes"),
+    "pareto": ("no other configuration is as good in cost and error and better in one", "no yes"),
+    "cost": ("time per thousand scenarios, best of the passes", "s", _ONE_CORE),
+    "cost_median": ("time per thousand scenarios, median of the passes", "s", _ONE_CORE),
+    "status_count": ("scenarios of the sample by status", "1"),
+    "reference_error": _REFERENCE_ERROR,
+    "scenario_error": _ERROR,
+    "scenario_status": ("status of the scenario", " ".join(s.label for s in STATUS)),
+    "scenario_reference_error": _REFERENCE_ERROR,
+    "sensitivity": (f"largest relative change of an output when all inputs change by {CHANGE:g}", "1"),
+    "sensitive": (f"sensitivity above {OK_CLAIM:g}", "steady sensitive"),
+    "scheme": ("time-stepping scheme", ""),
+    "located": ("contacts and peaks located inside the step", "no yes"),
+    "precision": ("number format of the kernels", ""),
+    "step": ("largest time step", "s"),
+    "time_step": ("time step: the record's own, divided evenly", "s"),
+    "output": ("output of the sweep", ""),
+    "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
+    "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
+    "status": ("status of a scenario", ""),
+    "law": ("contact law", ""),
+    "record": ("ground-motion record", ""),
+    "pair": ("pair of neighbours, left-right", ""),
+    "scenario": ("scenario of the sample", "1"),
+    "scenario_law": ("contact law", ""),
+    "scenario_record": ("ground-motion record", ""),
+    "scenario_scale": ("factor on the record", "1"),
+    "scenario_gap": ("gap of the pair", "m"),
+    "scenario_stiffness": ("contact stiffness", "", "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"),
+    "scenario_restitution": ("nominal coefficient of restitution", "1"),
+}
 
-@dataclass(frozen=True)
-class KernelCall:
-    """Scenarios of one law and one record: one kernel call."""
-
-    #: index into the plan's laws and records
-    law: int
-    record: int
-    rows: np.ndarray  # rows of the plan's table of unique scenarios
-
-
-@dataclass(frozen=True)
-class TradeSample:
-    """What is run to measure a trade."""
-
-    groups: tuple[KernelCall, ...]  # random scenarios, for errors
-    #: one per law: scenarios that stand side by side in the sweep, in whole lane groups, for costs
-    timed: tuple[KernelCall, ...]
-    touching: np.ndarray  # rows of the plan's table in which floors can meet
-
-    @property
-    def rows(self) -> np.ndarray:
-        """Rows of all scenarios whose errors are measured, group by group."""
-        return np.concatenate([group.rows for group in self.groups])
+Values = dict[str, np.ndarray]
 
 
 def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
-    last = len(plan.laws) - 1
-    contacts = plan.spec.scene.contacts
+    last, contacts, runs = len(plan.laws) - 1, plan.spec.scene.contacts, plan.uncoupled_runs
     if not contacts:
         return np.zeros(len(plan.unique), bool)
     one = np.ones(len(plan.variants))
     limit = largest_step(plan.variants, plan.laws[last], 0.0 * one, one, method="rk4")
-    step = min(CLOSING_STEP, 0.5 * float(limit.min()))
-    kernel = replace(plan.kernel(last, closing=True), numerics=Numerics("rk4", step))
-    motions = plan.uncoupled_runs
-    closing = np.full((len(motions), len(contacts)), np.inf)
-    for record in np.unique(motions.record):
-        rows, motion = np.flatnonzero(motions.record == record), plan.spec.records[record]
-        table = motions[rows]
-        variants = plan.variants[table.variant]
-        values: dict[str, Any] = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
-        raw = kernel.run(motion, gaps=table.gaps, variants=variants, **values)
-        found = variables_of(kernel, raw, ("closing_max",), motion, variants)["closing_max"]
-        for j, contact in enumerate(contacts):
-            closing[rows, j] = found[:, contact.place, contact.storey - 1]
+    numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())))
+    kernel = replace(plan.kernel(last, closing=True), numerics=numerics)
+    pairs, storeys = np.array([(contact.place, contact.storey - 1) for contact in contacts]).T
+    closing = np.full((len(runs), len(contacts)), np.inf)
+    for i in np.unique(runs.record):
+        rows = np.flatnonzero(runs.record == i)
+        variants = plan.variants[runs.variant[rows]]
+        values = run_once(kernel, plan.spec.records[i], runs[rows], variants, ("closing_max",))
+        closing[rows] = values["closing_max"][:, pairs, storeys]
     return ~untouched(plan, closing)
+
+
+@dataclass(frozen=True)
+class TradeSample:
+    """Scenarios of a sweep that are run to measure a trade, as rows of its plan's table."""
+
+    plan: Plan
+    groups: tuple[np.ndarray, ...]  # for errors: random scenarios, those of a group of one law and record
+    timed: tuple[np.ndarray, ...]  # for costs: whole lane groups of each law, side by side in the sweep
+    touching: np.ndarray  # which rows can touch, shape (unique,)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows of all scenarios whose errors are measured, group by group."""
+        return np.concatenate(self.groups)
+
+    def kernel(self, rows: np.ndarray, numerics: Numerics) -> RowKernel:
+        """Return the kernel of the sweep for the law of some rows."""
+        return replace(self.plan.kernel(int(self.plan.unique.law[rows[0]])), numerics=numerics)
+
+    def run(self, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False) -> Values:
+        """Run rows of one law and record as a sweep does; variables of shape (rows, *inner)."""
+        table = self.plan.unique[rows]
+        record, variants = self.plan.spec.records[table.record[0]], self.plan.variants[table.variant]
+        return run_once(self.kernel(rows, numerics), record, changed(table) if change else table, variants, outputs)
+
+    def run_all(self, numerics: Numerics, outputs: Sequence[str], refused: np.ndarray, change: bool = False) -> Values:
+        """Run all groups but for the rows that are refused, shape (unique,)."""
+        rows = self.rows
+        result = {name: np.full((len(rows), *inner_shape(name, self.plan.spec.scene)), np.nan) for name in outputs}
+        result["status"] = np.full(len(rows), int(Status.BEYOND_STABILITY_LIMIT))
+        places = np.split(np.arange(len(rows)), np.cumsum([len(group) for group in self.groups])[:-1])
+        for group, place in zip(self.groups, places, strict=True):
+            runs = ~refused[group]
+            if runs.any():
+                found = self.run(group[runs], numerics, outputs, change)
+                for name, values in result.items():
+                    values[place[runs]] = found[name]
+        return result
 
 
 def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
@@ -108,155 +182,89 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
     size = min(LANES, -(-scenarios // len(laws)))
     n_groups = max(len(laws), round(scenarios / size))
     groups, timed = [], []
-    for place, law in enumerate(laws):
+    for i, law in enumerate(laws):
         free = np.flatnonzero(touching & (table.law == law))
-        record = int(table.record[rng.choice(free)])
-        timed.append(KernelCall(law, record, _side_by_side(plan, free[table.record[free] == record], rng)))
-        for _ in range(n_groups // len(laws) + (place < n_groups % len(laws))):
-            if not len(free):
-                break
-            record = int(table.record[rng.choice(free)])
-            mine = free[table.record[free] == record]
-            rows = np.sort(rng.choice(mine, min(size, len(mine)), replace=False))
-            groups.append(KernelCall(law, record, rows))
-            free = np.setdiff1d(free, rows)
-    return TradeSample(tuple(groups), tuple(timed), touching)
-
-
-def _side_by_side(plan: Plan, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Whole lane groups out of `rows` of one law and record, in the order in which a sweep runs them."""
-    order = np.concatenate([chunk.rows for chunk in plan.chunks(rows)])
-    size = TIMED_GROUPS * LANES
-    first = int(rng.integers(max(1, len(order) - size + 1)))
-    return np.resize(order[first : first + size], size)
-
-
-#: The converged solution's step is the finest compared over this; it is checked at twice its step.
-REFINEMENT = 8
-#: And it is at most this share of the stability limit.
-REFERENCE_SHARE = 0.125
-
-Values = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Schemes, modes, number formats and steps of which every combination is measured."""
-
-    methods: tuple[str, ...]
-    located: tuple[bool, ...]  # with contacts located inside the step, without, or both
-    precisions: tuple[str, ...]
-    steps: tuple[float, ...]  # largest time steps (s), from the largest to the smallest
-    #: Newmark's parameters
-    beta: float
-    gamma: float
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Number of methods, modes, number formats and steps."""
-        return len(self.methods), len(self.located), len(self.precisions), len(self.steps)
-
-    @cached_property
-    def configurations(self) -> tuple[Numerics, ...]:
-        """Every combination, in C order of `shape`."""
-        every = product(self.methods, self.located, self.precisions, self.steps)
-        return tuple(Numerics(m, step, mode, self.beta, self.gamma, p) for m, mode, p, step in every)
-
-
-@dataclass(frozen=True)
-class MeasuredTrade:
-    """Everything measured, before it is summed up."""
-
-    spec: SweepSpec  # the sweep as it was given
-    plan: Plan  # its scenarios
-    sample: TradeSample  # those that were run
-    outputs: tuple[str, ...]  # outputs whose errors were measured
-    compared: Compared  # what was compared
-    reference: Numerics  # how the converged solution was integrated
-    reference_errors: np.ndarray  # upper estimate of its relative error; NaN where it has no values; shape (n, outputs)
-    sensitivity: np.ndarray  # largest relative change of an output when all inputs change by `CHANGE`; shape (n,)
-    #: relative errors; infinite where the scenario diverged, NaN where it was refused; shape (*compared.shape, n,
-    #: outputs)
-    errors: np.ndarray
-    statuses: np.ndarray  # `Status` of each scenario; shape (*compared.shape, n)
-    #: processor time (s) of one scenario; NaN where the law is refused in some scenario of the sweep; shape
-    #: (*compared.shape, timed groups, repeats)
-    seconds: np.ndarray
-
-    @property
-    def sensitive(self) -> np.ndarray:
-        """Scenarios (n,) of which a change of the inputs that nobody can tell changes an output beyond `OK_CLAIM`."""
-        return np.asarray(self.sensitivity > OK_CLAIM)
+        rows = free[table.record[free] == table.record[rng.choice(free)]]
+        order = np.concatenate([chunk.rows for chunk in plan.chunks(rows)])
+        first = int(rng.integers(max(1, len(order) - TIMED_GROUPS * LANES + 1)))
+        timed.append(np.resize(order[first : first + TIMED_GROUPS * LANES], TIMED_GROUPS * LANES))
+        for _ in range(n_groups // len(laws) + (i < n_groups % len(laws))):
+            if len(free):
+                rows = free[table.record[free] == table.record[rng.choice(free)]]
+                groups.append(np.sort(rng.choice(rows, min(size, len(rows)), replace=False)))
+                free = np.setdiff1d(free, groups[-1])
+    return TradeSample(plan, tuple(groups), tuple(timed), touching)
 
 
 def measure(
     spec: SweepSpec,
-    compared: Compared,
+    axes: Mapping[str, Sequence[Any]],
     *,
     scenarios: int,
     seed: int,
     repeats: int,
     workers: int | None,
     progress: Progress,
-) -> MeasuredTrade:
-    """Run a sample of a sweep's scenarios in every configuration; see `pounding_sweep.accuracy.tradeoff.tradeoff`."""
+) -> xr.Dataset:
+    """Run a sample of a sweep's scenarios in every configuration of `axes`: errors and costs, not summed up yet."""
     outputs = comparable(spec.outputs)
     if not outputs:
         msg = f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
         raise InputError(msg)
-    finest = compared.steps[-1]
+    finest = axes["step"][-1]
     base = replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None)
-    plan = Sweep.from_spec(base).plan()
-    sample = draw(plan, scenarios, seed)
+    sample = draw(Sweep.from_spec(base).plan(), scenarios, seed)
+    plan, n = sample.plan, len(sample.rows)
     stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
     reference = Numerics("rk4", min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
-    grid = compared.configurations
-    limits = {name: make_plan(replace(base, method=name)).limit for name in compared.methods}
-    beyond = [_beyond_limit(plan, numerics, limits[numerics.method]) for numerics in grid]
-    able = [numerics for numerics, refused in zip(grid, beyond, strict=True) if not refused.all()]
-    _compile(plan, sample, [reference, *able], workers, progress)
-
-    progress.stage("converged solution", 3 * len(sample.rows))
-    converged = _run(plan, sample.groups, reference, outputs, progress)
-    double = replace(reference, dt=2.0 * reference.dt)
-    checked = _run(plan, sample.groups, double, outputs, progress)
-    moved = _run(plan, sample.groups, double, outputs, progress, change=True)
-    reference_errors = _errors(outputs, checked, converged)
-    sensitivity = _errors(outputs, moved, checked).max(axis=1)
-
-    progress.stage("comparisons", len(grid) * len(sample.rows))
-    errors, statuses = [], []
-    for numerics, refused in zip(grid, beyond, strict=True):
-        values = _run(plan, sample.groups, numerics, outputs, progress, skip=refused[sample.rows])
-        errors.append(np.where(np.isnan(reference_errors), np.nan, _errors(outputs, values, converged)))
-        statuses.append(values["status"])
-    seconds = _time(plan, sample, grid, beyond, repeats, progress)
-    return MeasuredTrade(
-        spec,
-        plan,
-        sample,
-        outputs,
-        compared,
-        reference,
-        reference_errors,
-        sensitivity,
-        np.array(errors).reshape(*compared.shape, *errors[0].shape),
-        np.array(statuses).reshape(*compared.shape, -1),
-        seconds.reshape(*compared.shape, *seconds.shape[1:]),
-    )
-
-
-def _compile(
-    plan: Plan, sample: TradeSample, every: Sequence[Numerics], workers: int | None, progress: Progress
-) -> None:
-    """Make every kernel ready before anything is timed."""
-    laws = [group.law for group in sample.timed]
-    shapes = list(dict.fromkeys(replace(plan.kernel(law), numerics=n).shape for n in every for law in laws))
+    grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
+    limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
+    refused = [_refused(plan, numerics, limits[numerics.method]) for numerics in grid]
+    able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
+    shapes = list(dict.fromkeys(sample.kernel(rows, numerics).shape for numerics in able for rows in sample.timed))
     progress.stage("kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
+    def run(numerics: Numerics, refused: np.ndarray, change: bool = False) -> Values:
+        values = sample.run_all(numerics, outputs, refused, change)
+        progress.advance(n)
+        return values
 
-def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
+    progress.stage("converged solution", 3 * n)
+    none, double = np.zeros(len(plan.unique), bool), replace(reference, dt=2.0 * reference.dt)
+    converged, checked, moved = run(reference, none), run(double, none), run(double, none, change=True)
+    reference_error = _errors(outputs, checked, converged)
+
+    progress.stage("comparisons", len(grid) * n)
+    ran = [run(numerics, rows) for numerics, rows in zip(grid, refused, strict=True)]
+    errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
+    errors[np.isnan(reference_error)] = np.nan
+    seconds = np.full((len(sample.timed), len(grid), repeats), np.nan)
+    progress.stage("costs", repeats * len(grid))
+    for repeat, i in product(range(repeats), range(len(grid))):
+        for j, rows in enumerate(sample.timed):
+            if not (refused[i] & sample.touching & (plan.unique.law == plan.unique.law[rows[0]])).any():
+                started = time.thread_time()
+                sample.run(rows, grid[i], plan.spec.outputs)
+                seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
+        progress.advance(1)
+    shape, each = [len(values) for values in axes.values()], ("scenario", *CONFIGURATION)
+    statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
+    sensitivity = _errors(outputs, moved, checked).max(axis=1)
+    found = {
+        "scenario_error": (("scenario", "output", *CONFIGURATION), errors.reshape(n, len(outputs), *shape)),
+        "scenario_status": (each, statuses.reshape(n, *shape)),
+        "scenario_reference_error": (("scenario", "output"), reference_error),
+        "sensitivity": (("scenario",), sensitivity),
+        "sensitive": (("scenario",), (sensitivity > OK_CLAIM).astype(np.int8)),
+        **_costs(sample, seconds.reshape(-1, *shape, repeats)),
+    }
+    settings = {"seed": seed, "repeats": repeats}
+    about = _provenance(spec, sample, reference) | settings
+    return xr.Dataset(found, _coordinates(spec, sample, axes, outputs), about)
+
+
+def _refused(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
     """Rows of the plan's table that a sweep refuses: a step beyond the stability limit, or `exact` without locating."""
     if numerics.scheme.flies_exactly and not numerics.locate:
         return np.ones(len(plan.unique), bool)
@@ -264,141 +272,91 @@ def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarr
     return np.zeros(len(step), bool) if plan.spec.force_unstable else step > limit
 
 
-def _run_rows(
-    plan: Plan, group: KernelCall, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False
-) -> Values:
-    """Run scenarios of one group as a sweep does; returns shape (rows, *inner)."""
-    kernel = replace(plan.kernel(group.law), numerics=numerics)
-    record, table = plan.spec.records[group.record], plan.unique[rows]
-    return run_once(kernel, record, changed(table) if change else table, plan.variants[table.variant], outputs)
-
-
-def _run(
-    plan: Plan,
-    groups: Sequence[KernelCall],
-    numerics: Numerics,
-    outputs: Sequence[str],
-    progress: Progress,
-    *,
-    change: bool = False,
-    skip: np.ndarray | None = None,
-) -> Values:
-    """Run all scenarios of a sample but those to `skip`, which are given as refused."""
-    n = sum(len(group.rows) for group in groups)
-    result = {name: np.full((n, *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
-    result["status"] = np.full(n, int(Status.BEYOND_STABILITY_LIMIT))
-    first = 0
-    for group in groups:
-        places = np.arange(first, first + len(group.rows))
-        first += len(group.rows)
-        kept = np.ones(len(places), bool) if skip is None else ~skip[places]
-        if kept.any():
-            found = _run_rows(plan, group, group.rows[kept], numerics, outputs, change)
-            for name, values in result.items():
-                values[places[kept]] = found[name]
-        progress.advance(len(places))
-    return result
-
-
 def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
     """Relative errors (n, outputs): infinite where the run diverged, NaN where it or the reference has no values."""
     found = relative_errors(outputs, values, reference)
     table = np.stack([found[name] for name in outputs], axis=1)
     table[values["status"] == Status.DIVERGED] = np.inf
-    absent = (values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)
-    table[absent] = np.nan
+    table[(values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)] = np.nan
     return table
 
 
-def _time(
-    plan: Plan,
-    sample: TradeSample,
-    grid: Sequence[Numerics],
-    beyond: Sequence[np.ndarray],
-    repeats: int,
-    progress: Progress,
-) -> np.ndarray:
-    """Processor time (s) of one scenario: shape (configurations, timed groups, repeats)."""
-    seconds = np.full((len(grid), len(sample.timed), repeats), np.nan)
-    progress.stage("costs", repeats * len(grid))
-    for repeat in range(repeats):
-        for i, numerics in enumerate(grid):
-            for j, group in enumerate(sample.timed):
-                if not (beyond[i] & sample.touching & (plan.unique.law == group.law)).any():
-                    started = time.thread_time()
-                    _run_rows(plan, group, group.rows, numerics, plan.spec.outputs)
-                    seconds[i, j, repeat] = (time.thread_time() - started) / len(group.rows)
-            progress.advance(1)
-    return seconds
+def _costs(sample: TradeSample, seconds: np.ndarray) -> dict[str, Any]:
+    """Time per thousand scenarios: of each law, and of the sweep's mix of laws (best and median of the passes)."""
+    table, touching = sample.plan.unique, sample.touching
+    durations = np.array([record.duration for record in sample.plan.spec.records])[table.record]
+    mine = [touching & (table.law == table.law[rows[0]]) for rows in sample.timed]
+    shares = np.array([rows.sum() / touching.sum() for rows in mine])
+    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(mine, sample.timed, strict=True)]
+    best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
+    per_law = ("law", *CONFIGURATION)
+    return {
+        "law_cost": (per_law, best.T),
+        "cost": (CONFIGURATION, (best @ shares).T),
+        "cost_median": (CONFIGURATION, (median @ shares).T),
+    }
 
 
-#: Errors below this many times the converged solution's own error are not resolved.
-RESOLUTION = 3.0
-#: Shares of the scenarios whose error is at most the statistic.
-STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
-#: Sets of scenarios that statistics are made of.
-POPULATIONS = {
-    "all": "every scenario that was not refused",
-    "steady": "those that are not sensitive",
-    "sensitive": "those that are",
-    "ok": "those whose status is ok in this configuration",
-    "ok_steady": "those whose status is ok in this configuration and that are not sensitive",
-}
-#: Dimensions of a configuration.
-CONFIGURATION = ("scheme", "located", "precision", "step")
-_SUMMED = ("output", "population", "statistic")
-#: Attribute by which a dataset is known as a trade.
-KIND_ATTRIBUTE = "pounding_sweep_kind"
-KIND = "tradeoff"
+def _coordinates(
+    spec: SweepSpec, sample: TradeSample, axes: Mapping[str, Sequence[Any]], outputs: Sequence[str]
+) -> dict[str, Any]:
+    plan, table = sample.plan, sample.plan.unique[sample.rows]
+    laws, records = np.array([law.key for law in plan.laws]), np.array([record.name for record in spec.records])
+    steps = [[r.dt / Numerics("rk4", step).steps(r) for step in axes["step"]] for r in spec.records]
+    timed = [plan.unique.law[rows[0]] for rows in sample.timed]
+    return {
+        **{name: list(values) for name, values in axes.items()},
+        "located": np.array(axes["located"], np.int8),
+        "time_step": (("record", "step"), steps),
+        "output": list(outputs),
+        "status": [s.label for s in STATUS],
+        "law": laws[timed].tolist(),
+        "record": records.tolist(),
+        "pair": list(spec.scene.pair_labels),
+        "scenario": np.arange(1, len(table) + 1),
+        "scenario_law": ("scenario", laws[table.law].tolist()),
+        "scenario_record": ("scenario", records[table.record].tolist()),
+        "scenario_scale": ("scenario", table.scale),
+        "scenario_gap": (("scenario", "pair"), table.gaps[:, spec.scene.pair_of_label]),
+        "scenario_stiffness": ("scenario", table.stiffness),
+        "scenario_restitution": ("scenario", table.restitution),
+    }
 
-_FLAGS = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "no yes"}
-_ERROR = {
-    "units": "1",
-    "long_name": "relative error",
-    "comment": "Largest difference over floors or pairs over the largest value of the scenario; infinite: diverged.",
-}
-_OWN = {"units": "1", "long_name": "upper estimate of the converged solution's own relative error"}
-_RESOLVED = _FLAGS | {"long_name": f"error at least {RESOLUTION:g} times the converged solution's own"}
-_PARETO = _FLAGS | {"long_name": "no other configuration is as good in cost and error and better in one"}
-_COST = {
-    "units": "s",
-    "comment": "Processor time of one core, kernels compiled, lane groups full; missing where any scenario is refused.",
-}
-_STATUSES = {
-    "flag_values": np.array([int(s) for s in STATUS], np.int8),
-    "flag_meanings": " ".join(s.label for s in STATUS),
-}
-_EACH = ("scenario",)
-_SUMMARY = (*CONFIGURATION, *_SUMMED)
-#: Every variable: dimensions and attributes.
-_VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
-    "error": (_SUMMARY, _ERROR),
-    "resolution": (
-        _SUMMARY,
-        {"units": "1", "long_name": "least relative error that can be told from the converged solution's own"},
-    ),
-    "resolved": (_SUMMARY, _RESOLVED),
-    "pareto": (_SUMMARY, _PARETO),
-    "cost": (CONFIGURATION, _COST | {"long_name": "time per thousand scenarios, best of the passes"}),
-    "cost_median": (CONFIGURATION, _COST | {"long_name": "time per thousand scenarios, median of the passes"}),
-    "status_count": ((*CONFIGURATION, "status"), {"units": "1", "long_name": "scenarios of the sample by status"}),
-    "law_error": (("law", *_SUMMARY), _ERROR),
-    "law_resolved": (("law", *_SUMMARY), _RESOLVED),
-    "law_pareto": (("law", *_SUMMARY), _PARETO),
-    "law_cost": (("law", *CONFIGURATION), _COST | {"long_name": "time per thousand scenarios, best of the passes"}),
-    "reference_error": (_SUMMED, _OWN),
-    "scenario_error": ((*_EACH, "output", *CONFIGURATION), _ERROR),
-    "scenario_status": ((*_EACH, *CONFIGURATION), _STATUSES | {"long_name": "status of the scenario"}),
-    "scenario_reference_error": ((*_EACH, "output"), _OWN),
-    "sensitivity": (
-        _EACH,
-        {"units": "1", "long_name": f"largest relative change of an output when all inputs change by {CHANGE:g}"},
-    ),
-    "sensitive": (
-        _EACH,
-        _FLAGS | {"flag_meanings": "steady sensitive", "long_name": f"sensitivity above {OK_CLAIM:g}"},
-    ),
-}
+
+def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
+    """Return attributes: settings, machine and sweep."""
+    import numba
+
+    machine = diagnose()
+    processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}
+    records = [
+        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
+        for r in spec.records
+    ]
+    return {
+        **made_here(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
+        KIND_ATTRIBUTE: KIND,
+        "sample_scenarios": len(sample.rows),
+        "touching_scenarios": int(sample.touching.sum()),
+        "unique_scenarios": len(sample.plan.unique),
+        "reference": f"{reference.method}, located, {reference.precision}",
+        "reference_step": reference.dt,
+        "reference_check": "the same at twice the step; their difference is reference_error",
+        "resolution_factor": RESOLUTION,
+        "input_change": CHANGE,
+        "sensitive_change": OK_CLAIM,
+        "newmark_beta": spec.beta,
+        "newmark_gamma": spec.gamma,
+        "machine": json.dumps({"system": machine["system"], **processor}, sort_keys=True),
+        "records": json.dumps(records, sort_keys=True, ensure_ascii=False),
+        "unit_system": "kN, t, m, s",
+        "sweep": to_json(spec),
+        "sweep_sha256": digest(spec),
+        "python_version": str(machine["versions"]["python"]),
+        "numba_version": numba.__version__,
+        "numpy_version": np.__version__,
+        "xarray_version": xr.__version__,
+    }
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -426,202 +384,52 @@ def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     return finite & ~(as_good & better).any(axis=1)
 
 
-def statistics(errors: np.ndarray) -> np.ndarray:
+def statistics(errors: xr.DataArray, among: xr.DataArray | bool = True) -> xr.DataArray:
     """Return the statistics of scenarios' errors; each is the error of one of them, so that infinity stays infinity."""
-    kept = np.sort(errors[~np.isnan(errors).any(axis=1)], axis=0)
-    if not len(kept):
-        return np.full((errors.shape[1], len(STATISTICS)), np.nan)
-    places = [math.ceil(share * len(kept)) - 1 for share in STATISTICS.values()]
-    return np.asarray(kept[places].T)
+    valid = errors.notnull().all("output") & among
+    errors = errors.where(valid)
+    rising = errors.copy(data=np.sort(errors, axis=errors.get_axis_num("scenario")))
+    share = xr.DataArray(list(STATISTICS.values()), dims="statistic", coords={"statistic": list(STATISTICS)})
+    last = np.ceil(share * valid.sum("scenario")).astype(int) - 1
+    return rising.reset_coords(drop=True).drop_vars("scenario", errors="ignore").isel(scenario=last.clip(0))
 
 
-def make_dataset(measured: MeasuredTrade, settings: Mapping[str, Any]) -> xr.Dataset:
-    """Sum up and label what was measured."""
-    m = measured
-    rows_law = m.plan.unique.law[m.sample.rows]
-    populations = _populations(np.broadcast_to(m.sensitive, m.statuses.shape), m.statuses == Status.OK)
-    law_cost, cost, cost_median = _costs(m)
-    error, resolution = _sums(m, populations, np.ones(len(rows_law), bool))
-    by_law = [_sums(m, populations, rows_law == group.law) for group in m.sample.timed]
-    values = {
-        "error": error,
-        "resolution": resolution,
-        "resolved": _flag(error >= resolution),
-        "pareto": _fronts(cost, error, resolution),
-        "cost": cost,
-        "cost_median": cost_median,
-        "status_count": np.stack([(m.statuses == int(s)).sum(axis=-1) for s in STATUS], axis=-1).astype(np.int32),
-        "law_error": np.stack([found for found, _ in by_law]),
-        "law_resolved": np.stack([_flag(found >= limit) for found, limit in by_law]),
-        "law_pareto": np.stack([_fronts(law_cost[i], *found) for i, found in enumerate(by_law)]),
-        "law_cost": law_cost,
-        "reference_error": _reference_sums(m),
-        "scenario_error": np.moveaxis(m.errors, (-2, -1), (0, 1)),
-        "scenario_status": np.moveaxis(m.statuses, -1, 0).astype(np.int8),
-        "scenario_reference_error": m.reference_errors,
-        "sensitivity": m.sensitivity,
-        "sensitive": _flag(m.sensitive),
-    }
-    data = {name: (dims, values[name], attributes) for name, (dims, attributes) in _VARIABLES.items()}
-    return xr.Dataset(data, coords=_coordinates(m), attrs=_attributes(m, settings))
+def summarise(measured: xr.Dataset) -> xr.Dataset:
+    """Sum up what `measure` found, over all laws and by law."""
+    each = measured.assign(sensitive=(measured.sensitivity > OK_CLAIM).astype(np.int8))
+    sensitive, ok = each.sensitive == 1, each.scenario_status == Status.OK
+    compared = each.scenario_error.notnull().all("output")
 
+    def populations(ok: xr.DataArray) -> xr.DataArray:
+        masks = [xr.ones_like(ok), ~sensitive, sensitive, ok, ok & ~sensitive]
+        together = xr.Dataset(dict(enumerate(masks))).to_array("population")
+        return together.assign_coords(population=list(POPULATIONS))
 
-def _fronts(cost: np.ndarray, error: np.ndarray, resolution: np.ndarray) -> np.ndarray:
-    """Pareto front of the configurations for each output, population and statistic."""
-    result = np.zeros(error.shape, np.int8)
-    for i in np.ndindex(error.shape[len(CONFIGURATION) :]):
-        every = (..., *i)
-        reached = np.maximum(error[every], resolution[every])  # below it, two errors can't be told apart
-        result[every] = pareto_front(cost.ravel(), reached.ravel()).reshape(cost.shape)
-    return result
+    def summary(mine: xr.DataArray | bool, cost: xr.DataArray) -> xr.Dataset:
+        among = populations(ok) & mine
+        error = statistics(each.scenario_error, among).transpose(*CONFIGURATION, "output", "population", ...)
+        resolution = RESOLUTION * statistics(each.scenario_reference_error, among & compared).transpose(*error.dims)
+        reached = np.maximum(error.values, resolution.values)  # below it, two errors can't be told apart
+        front = [pareto_front(cost.values.ravel(), column) for column in reached.reshape(cost.size, -1).T]
+        pareto = error.copy(data=np.stack(front, axis=-1).astype(np.int8).reshape(error.shape))
+        resolved = (error >= resolution).astype(np.int8)
+        return xr.Dataset({"error": error, "resolution": resolution, "resolved": resolved, "pareto": pareto})
 
-
-def _flag(values: np.ndarray) -> np.ndarray:
-    return np.asarray(values, np.int8)
-
-
-def _populations(sensitive: np.ndarray, ok: np.ndarray) -> dict[str, np.ndarray]:
-    """Masks of the scenarios."""
-    masks = {
-        "all": np.ones(ok.shape, bool),
-        "steady": ~sensitive,
-        "sensitive": sensitive,
-        "ok": ok,
-        "ok_steady": ok & ~sensitive,
-    }
-    return {name: masks[name] for name in POPULATIONS}
-
-
-def _sums(m: MeasuredTrade, populations: dict[str, np.ndarray], mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Statistics of the errors and of their resolution, shape (*configurations, outputs, populations, statistics)."""
-    shape = m.statuses.shape[:-1]
-    error = np.full((*shape, len(m.outputs), len(populations), len(STATISTICS)), np.nan)
-    resolution = error.copy()
-    for i in np.ndindex(shape):
-        for j, population in enumerate(populations.values()):
-            rows = population[i] & mine
-            error[i][:, j] = statistics(m.errors[i][rows])
-            compared = ~np.isnan(m.errors[i]).any(axis=1)
-            resolution[i][:, j] = RESOLUTION * statistics(m.reference_errors[rows & compared])
-    return error, resolution
-
-
-def _reference_sums(m: MeasuredTrade) -> np.ndarray:
-    """Statistics of the converged solution's own error, shape (outputs, populations, statistics)."""
-    chosen = _populations(m.sensitive, np.ones(m.sensitive.shape, bool))
-    return np.stack([statistics(m.reference_errors[rows]) for rows in chosen.values()], axis=1)
-
-
-def _costs(m: MeasuredTrade) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time per thousand scenarios: of each law, and of the sweep's mix of laws (best and median of the passes)."""
-    table, touching = m.plan.unique, m.sample.touching
-    durations = np.array([record.duration for record in m.spec.records])
-    best, median = m.seconds.min(axis=-1), np.median(m.seconds, axis=-1)
-    shares, lengths = [], []
-    for group in m.sample.timed:
-        rows = touching & (table.law == group.law)
-        shares.append(rows.sum() / touching.sum())
-        lengths.append(durations[table.record[rows]].mean() / durations[group.record])
-    per_law = 1e3 * best * np.array(lengths)
-    mixed = [1e3 * found * np.array(lengths) @ np.array(shares) for found in (best, median)]
-    return np.moveaxis(per_law, -1, 0), mixed[0], mixed[1]
-
-
-def _coordinates(m: MeasuredTrade) -> dict[str, Any]:
-    spec, plan = m.spec, m.plan
-    table = plan.unique[m.sample.rows]
-    by_step = m.compared.configurations[: len(m.compared.steps)]
-    steps = [[r.dt / numerics.steps(r) for numerics in by_step] for r in spec.records]
-    labels: dict[str, tuple[Any, str]] = {
-        "scheme": (list(m.compared.methods), "time-stepping scheme"),
-        "precision": (list(m.compared.precisions), "number format of the kernels"),
-        "output": (list(m.outputs), "output of the sweep"),
-        "population": (list(POPULATIONS), "; ".join(f"{k}: {v}" for k, v in POPULATIONS.items())),
-        "statistic": (list(STATISTICS), "the error that this share of the scenarios does not exceed: 0.5, 0.9, 1"),
-        "status": ([s.label for s in STATUS], "status of a scenario"),
-        "law": ([plan.laws[group.law].key for group in m.sample.timed], "contact law"),
-        "record": ([r.name for r in spec.records], "ground-motion record"),
-        "pair": (list(spec.scene.pair_labels), "pair of neighbours, left-right"),
-    }
-    found: dict[str, Any] = {name: ((name,), values, {"long_name": text}) for name, (values, text) in labels.items()}
-    per = ("scenario",)
-    return {
-        **found,
-        "located": (
-            ("located",),
-            np.array(m.compared.located, np.int8),
-            _FLAGS | {"long_name": "contacts and peaks located inside the step"},
-        ),
-        "step": (("step",), np.array(m.compared.steps), {"units": "s", "long_name": "largest time step"}),
-        "time_step": (
-            ("record", "step"),
-            np.array(steps),
-            {"units": "s", "long_name": "time step: the record's own, divided evenly"},
-        ),
-        "scenario": (per, np.arange(1, len(table) + 1), {"units": "1", "long_name": "scenario of the sample"}),
-        "scenario_law": (per, [plan.laws[i].key for i in table.law], {"long_name": "contact law"}),
-        "scenario_record": (per, [spec.records[i].name for i in table.record], {"long_name": "ground-motion record"}),
-        "scenario_scale": (per, table.scale, {"units": "1", "long_name": "factor on the record"}),
-        "scenario_gap": (
-            ("scenario", "pair"),
-            table.gaps[:, spec.scene.pair_of_label],
-            {"units": "m", "long_name": "gap of the pair"},
-        ),
-        "scenario_stiffness": (
-            per,
-            table.stiffness,
-            {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
-        ),
-        "scenario_restitution": (
-            per,
-            table.restitution,
-            {"units": "1", "long_name": "nominal coefficient of restitution"},
-        ),
-    }
-
-
-def _attributes(m: MeasuredTrade, settings: Mapping[str, Any]) -> dict[str, Any]:
-    import numba
-    import xarray
-
-    machine = diagnose()
-    processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}
-    records = [
-        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
-        for r in m.spec.records
-    ]
-    return {
-        **made_here(f"Speed-accuracy trade: {m.spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
-        KIND_ATTRIBUTE: KIND,
-        "sample_scenarios": len(m.sample.rows),
-        "sensitive_scenarios": int(m.sensitive.sum()),
-        "touching_scenarios": int(m.sample.touching.sum()),
-        "unique_scenarios": len(m.plan.unique),
-        "reference": f"{m.reference.method}, located, {m.reference.precision}",
-        "reference_step": m.reference.dt,
-        "reference_check": "the same at twice the step; their difference is reference_error",
-        "resolution_factor": RESOLUTION,
-        "input_change": CHANGE,
-        "sensitive_change": OK_CLAIM,
-        "newmark_beta": m.spec.beta,
-        "newmark_gamma": m.spec.gamma,
-        **settings,
-        "machine": json.dumps({"system": machine["system"], **processor}, sort_keys=True),
-        "records": json.dumps(records, sort_keys=True, ensure_ascii=False),
-        "unit_system": "kN, t, m, s",
-        "sweep": to_json(m.spec),
-        "sweep_sha256": digest(m.spec),
-        "python_version": str(machine["versions"]["python"]),
-        "numba_version": numba.__version__,
-        "numpy_version": np.__version__,
-        "xarray_version": xarray.__version__,
-    }
-
-
-#: Steps (s) compared by default.
-DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)
-#: A converged solution with a larger error of its own is worth a warning.
-DOUBTFUL = 1e-5
+    costs = [(each.scenario_law == law, each.law_cost.sel(law=law, drop=True)) for law in each.law.values]
+    by_law = xr.concat([summary(*law) for law in costs], each.law).drop_vars("resolution")
+    codes = xr.DataArray([int(status) for status in STATUS], {"status": each.status}, dims="status")
+    reference = statistics(each.scenario_reference_error, populations(xr.ones_like(sensitive)))
+    trade = each.merge(summary(True, each.cost)).merge(
+        by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
+    )
+    trade["status_count"] = (each.scenario_status == codes).sum("scenario").astype(np.int32)
+    trade["reference_error"] = reference.transpose("output", "population", "statistic")
+    for name, variable in trade.variables.items():
+        text, units, *comment = _ABOUT[str(name).removeprefix("law_")]
+        flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
+        variable.attrs = {"long_name": text} | (flags if " " in units else {"units": units} if units else {})
+        variable.attrs |= dict(zip(["comment"], comment, strict=False))
+    return trade.assign_attrs(sensitive_scenarios=int(sensitive.sum()))
 
 
 def tradeoff(
@@ -690,41 +498,33 @@ def tradeoff(
         if count < 1:
             msg = f"{name} = {count!r} must be at least 1"
             raise InputError(msg)
-    compared = Compared(
-        _chosen("method", measured_schemes() if methods is None else methods, METHODS),
-        modes,
-        _chosen("precision", precisions, PRECISIONS),
-        _distinct_steps(spec, steps),
-        spec.beta,
-        spec.gamma,
-    )
-    found = measure(
-        spec,
-        compared,
-        scenarios=scenarios,
-        seed=seed,
-        repeats=repeats,
-        workers=workers,
-        progress=progress or Progress(),
-    )
-    warn_of_doubt(found)
-    return make_dataset(found, {"seed": seed, "repeats": repeats})
+    axes = {
+        "scheme": _chosen("method", measured_schemes() if methods is None else methods, METHODS),
+        "located": modes,
+        "precision": _chosen("precision", precisions, PRECISIONS),
+        "step": _distinct_steps(spec, steps),
+    }
+    progress = progress or Progress()
+    sizes = {"scenarios": scenarios, "seed": seed, "repeats": repeats}
+    measured = measure(spec, axes, workers=workers, progress=progress, **sizes)
+    warn_of_doubt(measured)
+    return summarise(measured)
 
 
-def warn_of_doubt(measured: MeasuredTrade) -> None:
+def warn_of_doubt(measured: xr.Dataset) -> None:
     """Warn, with the worst case by name, where the converged solution is not converged."""
-    own = np.nan_to_num(measured.reference_errors, posinf=np.inf)
-    doubtful = int((own.max(axis=1) > DOUBTFUL).sum())
+    error = measured.scenario_reference_error.fillna(0.0)
+    doubtful = int((error.max("output") > DOUBTFUL).sum())
     if not doubtful:
         return
-    row, output = np.unravel_index(np.argmax(own), own.shape)
-    table = measured.plan.unique[measured.sample.rows]
-    gaps = ", ".join(f"{gap:g}" for gap in table.gaps[row])
+    one = measured.isel(error.argmax(...))
+    gaps = ", ".join(f"{gap:g}" for gap in one.scenario_gap.values)
     warnings.warn(
-        f"the converged solution of {doubtful} of {len(own)} scenarios differs from that of twice its step by more "
-        f"than {DOUBTFUL:g}, so their smaller errors can't be told; worst {own[row, output]:.1e} in "
-        f"{measured.outputs[output]} of law {measured.plan.laws[table.law[row]].key}, gaps {gaps} m, stiffness "
-        f"{table.stiffness[row]:g}, restitution {table.restitution[row]:g}. Compare a smaller finest step",
+        f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of twice "
+        f"its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst "
+        f"{one.scenario_reference_error.item():.1e} in {one.output.item()} of law {one.scenario_law.item()}, "
+        f"gaps {gaps} m, stiffness {one.scenario_stiffness.item():g}, restitution {one.scenario_restitution.item():g}. "
+        "Compare a smaller finest step",
         RuntimeWarning,
         stacklevel=3,
     )
