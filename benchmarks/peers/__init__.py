@@ -53,6 +53,6 @@ class Peer:
 
 def all_peers() -> dict[str, Peer]:
     """Every peer by key, installed or not."""
-    modules = ("opensees", "scipy_ivp", "numbalsoda_ivp", "cyrk_ivp", "jax_scan")
+    modules = ("opensees", "scipy_ivp", "numbalsoda_ivp", "cyrk_ivp", "jax_scan", "heyoka_taylor")
     found: Iterable[Peer] = (p for name in modules for p in import_module(f"benchmarks.peers.{name}").PEERS)
     return {peer.key: peer for peer in found}
