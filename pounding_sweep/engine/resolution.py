@@ -29,8 +29,6 @@ MAX_PHASE_ERROR = 0.01
 SECOND_MODE = 0.25
 #: Most energy, in multiples of `energy_limit`, of a motion that has not diverged.
 MAX_ENERGY = 2.0
-#: Steps of the largest ground acceleration that the range of the ground's velocity must exceed.
-MIN_GROUND_STEPS = 8.0
 
 
 def phase_errors(row: Scene | Variants, record: Record) -> Callable[[Numerics], np.ndarray]:
@@ -54,21 +52,21 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:
-    """Whether the ground turns back within single steps of a scheme that sees only its values at their ends."""
-    steps = numerics.steps(record)
+    """Whether the ground turns back within more of single steps than the scheme follows."""
+    steps, need = numerics.steps(record), numerics.scheme.min_ground_steps
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
-    if numerics.scheme.follows_ground or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
+    if steps >= 4.0 * need or not record.duration or not record.pga:
         return False
-    return _turns_back(record, steps)
+    return _ground_steps(record, steps) < need * (1.0 - 1e-9)
 
 
 @lru_cache(maxsize=256)
-def _turns_back(record: Record, steps: int) -> bool:
-    """Whether the ground does so within so many steps per record interval."""
+def _ground_steps(record: Record, steps: int) -> float:
+    """Range of the ground's velocity at the ends of steps, in steps of its largest acceleration."""
     points = np.arange((record.n_points - 1) * steps + 1) / steps
     a = np.interp(points, np.arange(record.n_points), record.acceleration)
     gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step
-    return bool(max(gained.max(), 0.0) - min(gained.min(), 0.0) < MIN_GROUND_STEPS * record.pga * (1.0 - 1e-9))
+    return float(max(gained.max(), 0.0) - min(gained.min(), 0.0)) / record.pga
 
 
 def energy_limit(

@@ -68,6 +68,8 @@ OVER = 1.05
 BEYOND = 0.25
 #: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
 GRADED = 0.8
+#: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
+LATE = 0.01
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
 
@@ -495,6 +497,18 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
                 s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
             s["mode", j] = where(due, target, mode)
     return switched.now
+
+
+def is_late(group: Group) -> Any:
+    """Lanes in which an open contact would be switched on, now or later, deeper than `LATE` of its duration."""
+    s, late = group.state, Cell(group.lanes_where(False))
+    for j in group.each_contact():
+        d, v = s["d1", j], s["w1", j]
+        mine = (s["mode", j] == OPEN) & (d > group.limit.exact) & (v > 0.0)
+        with when_any(mine):
+            lasts = group.law_of(j).duration(group.stiffness(j), v, group.prop("reduced", j))
+            late.now = late.now | (mine & (d > LATE * v * lasts))
+    return late.now
 
 
 def note_touch(group: Group, j: Any, lanes: Any, fresh: Any, v: Any, h: Any) -> None:

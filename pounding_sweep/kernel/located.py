@@ -10,6 +10,9 @@ from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 
+#: Landings on the same touch that Newton improves, and those in all.
+MAX_NEWTON, MAX_LANDINGS = 4.0, 40.0
+
 
 def kind_of(group: Group) -> ModuleType:
     """Return the module of the contacts: those that press by a law, or those whose floors rest on each other."""
@@ -88,13 +91,18 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
     if group.spec.implicit and group.touching:
         # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
-        lands = ongoing & landing & (s["land"] <= 4.0)
+        lands = ongoing & landing & (s["land"] <= MAX_NEWTON)
         with when_any(lands):
             change = group.scheme.touch_miss(group)
             again = lands & ~(change == 0.0)
             s["ahead"] = where(again, minimum(maximum(h - change, 0.0), s["time_left"]), s["ahead"])
             with when_any(again):
                 refuse(group, again)
+        # on the way that Newton changed, another contact may have touched before
+        again = Cell(ongoing & landing & (s["taken"] > 0.0) & (s["land"] <= MAX_LANDINGS))
+        with when_any(again.now):
+            again.now = again.now & forces.is_late(group)
+        asks = asks | again.now
     with when_any(asks):
         fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
         if group.spec.yielding:

@@ -74,7 +74,7 @@ class Status(IntEnum):
     UNDER_RESOLVED_MOTION = (
         6,
         "the time step is too long for a building's fundamental period, or for the ground motion",
-        "use a smaller dt, or the rk4 scheme",
+        "use a smaller dt, or the exact scheme",
         True,
     )
     UNSETTLED = (

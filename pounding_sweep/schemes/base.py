@@ -26,7 +26,9 @@ class Scheme(ABC):
     order: int  # order of its error, contacts included
     implicit = False  # contact forces are found together with the step that they act on
     flies_exactly = False  # buildings move without error between contacts, which must be located
-    follows_ground = True  # a ground acceleration that is linear over the step is integrated twice without error
+    #: steps of its largest acceleration that the range of the ground's velocity must exceed: where the ground turns
+    #: back within steps, sums over stages give wrong energies, and ends of steps alone miss the motion too
+    min_ground_steps = 0.0
     follows_smooth = False  # it takes rows whose storeys have the hysteresis of Bouc and Wen
     parameters: tuple[str, ...] = ()  # settings of a sweep that are its own
     without_limit = "the newmark scheme"  # what has no stability limit instead, as the end of "give dt <= ..., "

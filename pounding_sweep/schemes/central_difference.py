@@ -29,7 +29,7 @@ class CentralDifference(Explicit):
     title = "explicit central differences (velocity Verlet), dampers by a predicted velocity"
     source = "Newmark 1959 (beta = 0); Swope et al. 1982"
     order = 2
-    follows_ground = False
+    min_ground_steps = 8.0
     min_steps_located = 1.5
     step_cost = 1.6
     undamped_radius = 2.0

@@ -32,7 +32,7 @@ class Newmark(Scheme):
     source = "Newmark 1959"
     order = 2
     implicit = True
-    follows_ground = False
+    min_ground_steps = 8.0
     follows_smooth = True
     parameters = ("beta", "gamma")
     without_limit = "beta >= (gamma + 0.5)^2 / 4, which has no limit,"

@@ -27,6 +27,7 @@ class Rk4(Explicit):
     order = 4
     follows_smooth = True
     min_steps_located = 1.5
+    min_ground_steps = 1.0
     step_cost = 2.6
     ladder = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
     finest_float32 = 64
