@@ -157,6 +157,20 @@ def test_order_of_convergence(method):
     )
 
 
+@pytest.mark.slow
+def test_peaks_of_forces_in_steps_of_stages_are_of_their_order():
+    """A link's force is largest where that quintic of the motion turns which other peaks are read from."""
+    a, b = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4]), ps.Building("b", [80.0, 110.0], [1.4e4, 1.0e4])
+    scene = ps.Scene([a, b], [0.05], LINKED.contact, links=[ps.Link("a-b", [2], damping=50.0)])
+    gaps = 0.05 * np.linspace(0.2, 1.0, 64)[:, None]
+    *found, want = (
+        _link_forces(scene, "hertz_damped", "exact", dt, "float64", gaps, 1e6, 2e7) for dt in (1e-3, 5e-4, 1.25e-4)
+    )
+    early, late = (np.quantile(np.abs(each / want - 1.0), 0.95) for each in found)
+    assert late < 2e-10
+    assert early / late > 2.0**4.5
+
+
 @pytest.mark.parametrize("method", ["rk4", "newmark"])
 def test_energy_closes(method):
     """What buildings give to links is what springs hold and dashpots have lost, and the rest of the balance stands."""
@@ -536,11 +550,11 @@ def test_a_sweep_is_its_scenarios_one_by_one(precision):
     np.testing.assert_allclose(twice.values[np.isfinite(twice.values)], 2.0, rtol=1e-3)
 
 
-def _link_forces(scene, law, method, dt, precision, gaps):
+def _link_forces(scene, law, method, dt, precision, gaps, soft=1e7, stiff=1e9):
     """Largest forces of the only link over 64 scales, stiffnesses and restitutions."""
     kernel = RowKernel(scene, LAWS[law], Numerics(method, dt, precision=precision), reducers_for(["link_force_max"]))
     n = len(gaps)
-    given = {"scale": np.linspace(0.3, 2.0, n), "stiffness": np.geomspace(1e7, 1e9, n)}
+    given = {"scale": np.linspace(0.3, 2.0, n), "stiffness": np.geomspace(soft, stiff, n)}
     return kernel.run(motion(121, 1.5), gaps=gaps, restitution=np.linspace(0.3, 0.9, n), **given)["link_force"][:, 0]
 
 

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel import foundation
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import fma, maximum, size, where
 
 #: Shortest step (s) over which a rate is a difference: one that no lane takes.
@@ -106,9 +106,11 @@ def conclude(group: Group) -> None:
 
 
 def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
-    """Force of a link at an end of the step (``u``, ``u0``), or its rate (``v``, ``v0``), d being a cubic."""
+    """Force of a link at an end of the step (``u``, ``u0``), its rate (``v``, ``v0``), or what its polynomial has."""
     if name.startswith("u"):
         return force(group, j, ends, name, name.replace("u", "v"))
+    if group.spec.staged:  # d is a quintic
+        return _staged(group, j, ends, name)
     d0, d1, v0, v1 = (_across(group, ends, row) for row in ("u0", "u", "v0", "v"))
     h = group.full(group.state["h"])
     per = 1.0 / maximum(h, _LEAST_STEP)
@@ -119,6 +121,23 @@ def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
     moves = h * (size(v0) + size(v1)) > group.limit.moved * far
     bend = where(moves, bend, v1 - v0)
     return fma(group.prop("link_c", j), bend * per, group.prop("link_k", j) * (v0 if name == "v0" else v1))
+
+
+def _staged(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
+    """Rate of the force, d being the quintic of the stages, or what its own polynomial has in a row of that of d."""
+    per = 1.0 / maximum(group.full(group.state["h"]), _LEAST_STEP)
+    factors = {
+        "v": dict(zip(("a0", *BENDS), (1.0, 6.0, 12.0, 20.0), strict=True)),
+        "v0": {"a0": 1.0},
+        "a0": {"c3": 6.0 * per},
+        "c3": {"c4": 4.0 * per},
+        "c4": {"c5": 5.0 * per},
+        "c5": {},
+    }[name]
+    force = group.prop("link_k", j) * _across(group, ends, name)
+    for row, factor in factors.items():
+        force = fma(group.prop("link_c", j) * factor, _across(group, ends, row), force)
+    return force
 
 
 def sample(group: Group) -> None:

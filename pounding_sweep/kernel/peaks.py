@@ -189,8 +189,7 @@ def turns(group: Group) -> None:
         if least is not None:
             above = maximum(above, s[least] - minimum(x0, x1) + reach)
         with when_any(asks := (v0 * v1 <= 0.0) & (above > 0.0)):
-            moves = isinstance(motion.shear, int) and motion.shear < 0 and not motion.pulls
-            if group.spec.staged and moves:
+            if group.spec.staged and isinstance(motion.shear, int) and motion.shear < 0:
                 bends = (0.5 * motion.of("a0"), *(motion.of(name) for name in BENDS))
                 p = quintic_extreme((x0, h * v0, *(h * h * b for b in bends)), h * v1)
             else:
