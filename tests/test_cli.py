@@ -31,7 +31,6 @@ from pounding_sweep.cli.progress import LineProgress, TerminalProgress, make_pro
 from pounding_sweep.cli.reporting import INTERRUPTS, open_streams
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import as_stored
-from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.slabs import slabs
 from pounding_sweep.output.summary import Tally
 from pounding_sweep.outputs.variables import STATUS, Status
@@ -737,7 +736,7 @@ def part(row, keys):
 
 def seen(dataset, shape=(2, 1)):
     """The tally of a cube that came slab by slab; it knows nothing of its outer axes but their names."""
-    frame = Frame.of(dataset)
+    frame = dataset
     outer = frame.data_vars["status"].dims
     tally = Tally(frame, outer)
     for slab in slabs(frame.data_vars["status"].values.shape, shape[: len(outer)]):

@@ -9,8 +9,6 @@ import math
 import os
 import pickle
 import re
-import subprocess
-import sys
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -395,222 +393,10 @@ def test_attributes_beyond_ascii_are_characters_too(tmp_path):
         assert again.identical(cube)
 
 
-FORKED = """
-import multiprocessing, sys, threading
-from pounding_sweep.output.netcdf import NETCDF_LOCK, open_cube
-
-def fork():
-    child = multiprocessing.get_context("fork").Process(target=open_cube, args=sys.argv[1:])
-    child.start()
-    child.join(60)
-    sys.exit(child.exitcode)
-
-thread = threading.Thread(target=NETCDF_LOCK.acquire)  # and never gives it back
-thread.start()
-thread.join()
-fork()
-"""
-
-
-@pytest.mark.slow
-def test_the_lock_is_free_in_a_child_process(tmp_path):
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED, path], check=True, timeout=120)
-
-
 def test_a_cube_can_be_sent_to_another_process(tmp_path):
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     with open_cube(path) as cube, pickle.loads(pickle.dumps(cube)) as again:
         assert again.identical(cube)
-
-
-def _link(file, name, other):
-    file[name] = h5py.ExternalLink(other, "/displacement_max")
-
-
-def _soft_link(file, name, other):
-    file[name] = h5py.SoftLink("/status")
-
-
-def _group(file, name, other):
-    file.create_group(name)["values"] = h5py.ExternalLink(other, "/displacement_max")
-
-
-def _external(file, name, other):
-    file.create_dataset(name, (2,), "f8", external=[(other, 0, 16)])
-
-
-def _virtual(file, name, other):
-    layout = h5py.VirtualLayout((2,), "f8")
-    layout[:] = h5py.VirtualSource(other, "/displacement_max", (2,))
-    file.create_virtual_dataset(name, layout)
-
-
-@pytest.mark.parametrize(
-    ("refer", "why"),
-    [
-        (_link, "'secret' is a link to something else"),
-        (_soft_link, "'secret' is a link to something else"),
-        (_group, "groups, or types of its own"),
-        (_external, "the values of 'secret' stand in other files"),
-        (_virtual, "the values of 'secret' stand in other files"),
-    ],
-)
-def test_cubes_that_refer_to_other_files_are_refused(tmp_path, refer, why):
-    """The netCDF library would give what stands in any file that it may read."""
-    cube = write_cube(small_cube(), tmp_path / "cube.nc")
-    with h5py.File(cube, "r+") as file:
-        refer(file, "secret", str(tmp_path / "other"))
-    with pytest.raises(OutputError, match=why):
-        open_cube(cube)
-
-
-@pytest.mark.parametrize(
-    ("at", "becomes", "why"),
-    [
-        (4, b"\x01", "blocks of the values of 'displacement_max' are missing, or without checksums"),
-        (8, b"\x01", r"can't be read as netCDF \(.*chunk"),
-        (16, b"\x03", "blocks of the values of 'displacement_max' are missing, or without checksums"),
-        (
-            8 + 6 * 8 + 8 + 8,
-            bytes(6 * 8),
-            "blocks of the values of 'displacement_max' are missing, or without checksums",
-        ),
-    ],
-    ids=["checksum left out", "no place", "another place", "the next place"],
-)
-def test_blocks_that_would_not_be_found_or_checked(tmp_path, at, becomes, why):
-    """The tree by which blocks are found carries no checksum; its keys: size, filters left out, place of a block."""
-    cube = write_cube(small_cube(), tmp_path / "cube.nc")
-    data = bytearray(cube.read_bytes())
-    with h5py.File(cube) as file:
-        values = file["displacement_max"]
-        size = values.id.get_chunk_info(0).size
-        key = size.to_bytes(4, "little") + bytes(4 + 8 * (values.ndim + 1))
-    assert data.count(key) == 1
-    start = data.index(key) + at
-    data[start : start + len(becomes)] = becomes
-    cube.write_bytes(data)
-    with pytest.raises(OutputError, match=why):
-        open_cube(cube)
-
-
-def _gap(file, size=3):
-    file.createDimension("gap", size)
-
-
-def _huge_coordinate(file):
-    _gap(file, 10**11)
-    file.createVariable("gap", "f8", ("gap",), chunksizes=(1024,), zlib=True)
-
-
-def _huge_output(file):
-    _gap(file, 10**6)
-    file.createDimension("law", 10**6)
-    file.createVariable("displacement_max", "f8", ("gap", "law"), chunksizes=(1024, 1024), zlib=True)
-
-
-def _huge_in_one_piece(file):
-    _gap(file, 10**11)
-    file.createVariable("x", "f8", ("gap",), contiguous=True)
-
-
-def _variable(kind="f8", name="x", dims=("gap",), **attributes):
-    def make(file):
-        _gap(file)
-        variable = file.createVariable(name, kind, dims)
-        if variable.dtype.kind == "f":
-            variable[...] = 1.0
-        variable.setncatts(attributes)
-
-    return make
-
-
-def _own_types(file):
-    _gap(file)
-    file.createVariable("x", file.createVLType(np.int32, "ragged"), ("gap",))
-
-
-def _compound(file):
-    _gap(file)
-    file.createVariable("status", file.createCompoundType(np.dtype([("a", "f8"), ("b", "i4")]), "pairs"), ("gap",))
-
-
-def _audit_numbers(file):
-    _gap(file)
-    for name, size in (("audit", 2), ("output", 1), ("length", 1)):
-        file.createDimension(name, size)
-    file.createVariable("audit_error", "f8", ("audit", "output"))[...] = 0.0
-    for name in ("audit_sensitive", "audit_undecided"):
-        file.createVariable(name, "i1", ("audit",))[...] = 0
-    file.createVariable("output", "S1", ("output", "length"))._Encoding = "utf-8"
-    file.setncatts({"audit_touching": "many"})
-
-
-def _long_axis(file):
-    file.createDimension("gap", 2**24 + 1)
-    file.createVariable("gap", "i1", ("gap",), zlib=True)[...] = 0
-
-
-def _characters(name, texts, length):
-    def make(file):
-        for dim, size in ((name, texts), ("length", length)):
-            file.createDimension(dim, size)
-        labels = file.createVariable(name, "S1", (name, "length"), zlib=True)
-        labels._Encoding = "utf-8"
-        labels.set_auto_chartostring(False)
-        labels[...] = np.full((texts, length), b"a")
-
-    return make
-
-
-@pytest.mark.parametrize(
-    ("make", "why"),
-    [
-        (_huge_coordinate, "blocks of the values of 'gap' are missing"),
-        (_huge_output, "blocks of the values of 'displacement_max' are missing"),
-        (_huge_in_one_piece, "'x' has 100000000000 values, more than a file"),
-        (_variable(scale_factor="abc"), "'x' has an attribute 'scale_factor'"),
-        (_variable(coordinates=3), "attribute 'coordinates' of variable 'x' is no text"),
-        (_variable(units=3), "attribute 'units' of variable 'x' is no text"),
-        (_variable(dims=("gap", "gap")), "'x' has a dimension twice"),
-        (lambda file: file.createVariable("x", str, ()), "'x' has type <U0, neither number nor characters"),
-        (_variable("S1", "status"), "'status' is text"),
-        (_variable("S1"), "'x' has no attribute '_Encoding' of 'utf-8'"),
-        (_variable("S1", _Encoding="rot13"), "'x' has no attribute '_Encoding' of 'utf-8'"),
-        (_variable(_Encoding="utf-8"), "'x' has an attribute '_Encoding'"),
-        (_long_axis, "axis 'gap' has 16777217 values, more than"),
-        (_characters("law", 3, 5000), "texts of 'law' have 5000 characters, more than"),
-        (_variable(name="audit_error"), "'audit_error' has dimensions"),
-        (_audit_numbers, "attribute 'audit_touching' is 'many', no number"),
-        (_own_types, "groups, or types of its own"),
-        (_compound, "groups, or types of its own"),
-    ],
-)
-def test_a_file_of_another_form_is_refused(make, why, tmp_path):
-    path = tmp_path / "odd.nc"
-    with netCDF4.Dataset(path, "w") as file:
-        file.setncattr(VERSION_ATTRIBUTE, "0.1.0")
-        make(file)
-    with pytest.raises(OutputError, match="is damaged, or not made by this package") as error:
-        open_cube(path)
-    assert why in str(error.value)
-
-
-def test_texts_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("pounding_sweep.output.netcdf.MOST_CHARACTERS", 50)
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    with pytest.raises(OutputError, match=r"its texts have \d\d+ characters, more than 50"):
-        open_cube(path)
-
-
-def test_units_that_look_like_times_stay_numbers(tmp_path):
-    path = tmp_path / "odd.nc"
-    with netCDF4.Dataset(path, "w") as file:
-        file.setncattr(VERSION_ATTRIBUTE, "0.1.0")
-        _variable(units="days since forever")(file)
-    with open_cube(path) as cube:
-        assert cube["x"].values.tolist() == [1.0, 1.0, 1.0]
 
 
 def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
@@ -637,32 +423,8 @@ def test_a_damaged_label_is_noticed(tmp_path):
     data = bytearray(path.read_bytes())
     data[place.byte_offset + place.size // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(OutputError, match=r"can't be read as netCDF \(NetCDF: HDF error\); it is damaged"):
+    with pytest.raises(OutputError, match=r"can't be read as netCDF \(NetCDF: HDF error\): it is damaged"):
         open_cube(path)
-
-
-OPENED = """
-import random, sys
-import netCDF4
-
-random.seed(1)
-held = []
-for _ in range(1500):
-    turn = random.random()
-    if turn < 0.5 and len(held) < 4:
-        held.append(netCDF4.Dataset(sys.argv[1]))
-    elif turn < 0.8 and held:
-        held.pop(random.randrange(len(held))).close()
-    elif held:
-        random.choice(held)["law"][...]
-"""
-
-
-@pytest.mark.slow
-def test_any_program_may_have_a_cube_open_several_times(tmp_path):
-    """The library crashed at texts of any length (HDF5, issue 5359)."""
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    subprocess.run([sys.executable, "-c", OPENED, path], check=True, timeout=300)
 
 
 def test_a_cube_may_be_open_several_times(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
 import math
 import os
@@ -13,7 +12,6 @@ import sys
 import tempfile
 from collections import namedtuple
 from functools import partial
-from pathlib import Path
 from unittest.mock import Mock, patch
 
 import netCDF4
@@ -30,7 +28,6 @@ from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.audited import audit_sentence, audit_table
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.describe import describe
-from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
@@ -203,7 +200,7 @@ def test_slabs_change_no_bit(reference, tmp_path):
 
 def tally_of(cube):
     """What is counted of a cube that comes at once."""
-    frame = Frame.of(cube)
+    frame = cube
     tally = Tally(frame, frame.data_vars["status"].dims)
     whole = (slice(None),) * len(frame.data_vars["status"].dims)
     tally.add(
@@ -309,14 +306,6 @@ def test_what_is_made_ahead_comes_in_order_and_says_what_went_wrong():
         found.extend(filling._ahead(made()))
     assert found == [(0, "a"), (1, "b")]
     assert list(filling._ahead(iter([]))) == []
-
-
-def test_a_disk_that_fails_while_slabs_are_written_is_told(tmp_path, monkeypatch):
-    """A disk tells of it once, to whoever asks first."""
-    with (tmp_path / "file").open("wb") as file:
-        monkeypatch.setattr(os, "fsync", Mock(side_effect=[OSError(errno.EIO, "broken"), None]))
-        with pytest.raises(OSError, match="broken"), writing._lasting(Path(file.name)) as begin:
-            begin()
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.output.frame import Frame
-
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -17,17 +15,17 @@ if TYPE_CHECKING:
 AUDIT_DIMS = ("audit", "output")
 
 
-def has_audit(cube: xr.Dataset | Frame) -> bool:
+def has_audit(cube: xr.Dataset) -> bool:
     """Whether a cube carries the measured errors of a sample of its scenarios."""
     return "audit_error" in cube.data_vars
 
 
-def audit_table(cube: xr.Dataset | Frame) -> list[dict[str, Any]]:
+def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     """Summarise an audit, one row per output.
 
     Parameters
     ----------
-    cube : xarray.Dataset or Frame
+    cube : xarray.Dataset
         A cube.
 
     Returns
@@ -60,7 +58,7 @@ def audit_table(cube: xr.Dataset | Frame) -> list[dict[str, Any]]:
     ]
 
 
-def audit_sentence(cube: xr.Dataset | Frame) -> str:
+def audit_sentence(cube: xr.Dataset) -> str:
     """Say in one line what was audited, how much of it is sensitive, and what is set apart; "" without an audit."""
     if not has_audit(cube):
         return ""

@@ -18,7 +18,6 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable, inner_shape, mask_invalid
 
@@ -240,7 +239,7 @@ def assemble(
         msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
         raise InputError(msg)
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
-    return label(scene, axes, data, attributes, extra_coords).to_dataset()
+    return label(scene, axes, data, attributes, extra_coords)
 
 
 def frame(
@@ -249,8 +248,8 @@ def frame(
     names: Iterable[str],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> Frame:
-    """Make the frame of results that are still to come: like `assemble`, its values zeros that take no memory."""
+) -> xr.Dataset:
+    """Make the cube of results that are still to come: like `assemble`, its values zeros that take no memory."""
     lengths = tuple(axis.size for axis in axes)
     data = {
         name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
@@ -265,8 +264,10 @@ def label(
     data: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> Frame:
+) -> xr.Dataset:
     """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
+    import xarray as xr
+
     coordinates: dict[str, Any] = {}
     for axis in axes:
         details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
@@ -278,26 +279,26 @@ def label(
 
     outer = tuple(axis.name for axis in axes)
     labelled = {
-        name: Array((*outer, *variable.dims), data[name], _data_attributes(variable))
+        name: xr.Variable((*outer, *variable.dims), data[name], _data_attributes(variable))
         for name, variable in VARIABLES.items()
         if name in data and variable.exists_in(scene)
     }
     found = {**made_here("Parametric sweep of seismic pounding of adjacent buildings"), **(attributes or {})}
-    coords = {k: Array(tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
+    coords = {k: xr.Variable(dims, _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
     for part in (labelled, coords):
         for key, stored in part.items():
             stored.encoding = stored_as(key, stored, part is coords)
-    return Frame(labelled, coords, _attributes(found))
+    return xr.Dataset(labelled, coords, _attributes(found))
 
 
-def stored_as(name: Hashable, values: xr.Variable | Array, is_coordinate: bool) -> dict[str, Any]:
+def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
     """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
     if values.dtype.kind in "OSUT":
         return dict(TEXT)
     return {"_FillValue": None} if is_coordinate else encoding_of(name, values)
 
 
-def encoding_of(name: Hashable, values: xr.Variable | Array) -> dict[str, Any]:
+def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
     """Return how a variable of numbers is stored: its type and what stands for a missing value."""
     if name in VARIABLES:
         variable = VARIABLES[str(name)]

@@ -20,8 +20,7 @@ from pounding_sweep.base.errors import InputError, OutputError, WriteError, unkn
 from pounding_sweep.base.files import failure, replacing, sync, sync_folder
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.output.dataset import encoding_of
-from pounding_sweep.output.integrity import reading
-from pounding_sweep.output.netcdf import check_output
+from pounding_sweep.output.netcdf import check_output, reading
 from pounding_sweep.output.provenance import plain
 from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
 from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of

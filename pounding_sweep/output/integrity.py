@@ -9,14 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.output.audited import AUDIT_DIMS
+from pounding_sweep.output.netcdf import reading
 from pounding_sweep.output.provenance import ORIGINS, origins
 from pounding_sweep.output.scenario_key import MOTION
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES
@@ -48,16 +48,6 @@ def damaged(path: str, what: str) -> InputError:
     return InputError(
         f"{path!r} is damaged, or was changed after it was made: {what}; {REMEDY}, or run its sweep again"
     )
-
-
-@contextmanager
-def reading(path: str) -> Iterator[None]:
-    """Read values of a cube in the block: where that fails, the file is named."""
-    try:
-        yield
-    except Exception as error:  # the libraries raise anything at a damaged file
-        msg = f"values of cube {path!r} can't be read ({error}): it is damaged; run its sweep again, or leave it out"
-        raise OutputError(msg) from error
 
 
 def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
@@ -151,8 +141,6 @@ def check_variables(path: str, cube: xr.Dataset, names: Iterable[str]) -> None:
         if kind != variable.dtype or not missing:
             wanted = f"{np.dtype(variable.dtype)}, missing as {variable.fill}"
             raise damaged(path, f"variable {name!r} is stored as {kind}, missing as {fill}, not as {wanted}")
-        if not array.encoding.get("fletcher32"):  # its numbers may also stand in another file, which HDF5 allows
-            raise damaged(path, f"variable {name!r} has no checksums, which sweeps write")
 
 
 def check_statuses(path: str, status: np.ndarray) -> None:

@@ -21,7 +21,6 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
-from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.integrity import (
     AXIS_KEYS,
     BUILDING_AXES,
@@ -36,11 +35,10 @@ from pounding_sweep.output.integrity import (
     differing_laws,
     load_labels,
     outer_dims,
-    reading,
     recorded_axes,
     recorded_sweep,
 )
-from pounding_sweep.output.netcdf import check_output, check_space, open_cube, write_in_slabs
+from pounding_sweep.output.netcdf import check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
 from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, numbered, scenario_keys
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
@@ -615,7 +613,7 @@ def merge_cubes(
         merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
-        merge.found.path = write_in_slabs(Frame.of(merge.frame()), target, blocks, values, overwrite=overwrite)
+        merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
     return merge.found
 
 

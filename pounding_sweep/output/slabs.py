@@ -53,7 +53,7 @@ def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, .
     yield from itertools.product(*along)
 
 
-def cuts(variable: xr.DataArray) -> Iterator[dict[str, slice]]:
+def cuts(variable: xr.DataArray | xr.Variable) -> Iterator[dict[str, slice]]:
     """Go through a variable in parts that fit into memory."""
     if variable.nbytes <= SLAB_BYTES:
         yield {}

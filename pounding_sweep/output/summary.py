@@ -6,19 +6,21 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.frame import Frame
 from pounding_sweep.outputs.variables import INTEGER_FILL, STATUS, Status
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Tally:
     """Impacts by law and pair, and statuses, of a cube that is being made and shown one slab after another."""
 
-    def __init__(self, cube: Frame, outer: Sequence[str]) -> None:
+    def __init__(self, cube: xr.Dataset, outer: Sequence[str]) -> None:
         law = cube.coords["law"]
         self._along, self._laws, self._titles = outer.index(law.dims[0]), law.values, _titles(cube.coords)
         self._pairs = [str(name) for name in cube.coords["pair"].values] if "pair" in cube.coords else []

@@ -36,11 +36,10 @@ from pounding_sweep.output.integrity import (
     differing_laws,
     load_labels,
     other_values,
-    reading,
     recorded_sweep,
 )
 from pounding_sweep.output.labels import scenario_axes
-from pounding_sweep.output.netcdf import check_space, open_cube
+from pounding_sweep.output.netcdf import check_space, open_cube, reading
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, origin, plain
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys

@@ -26,7 +26,6 @@ import numpy as np
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import stored_as
-from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import STATUS, Status
@@ -37,6 +36,8 @@ from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import SINGLE_HALVINGS, halved
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
 
@@ -362,8 +363,10 @@ def _warn(plan: Plan, found: Audit) -> None:
     )
 
 
-def add_to_cube(cube: Frame, plan: Plan, found: Audit) -> Frame:
+def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
     """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output."""
+    import xarray as xr
+
     table = plan.unique[found.rows]
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
     errors, rows = ("audit", "output"), ("audit",)
@@ -398,16 +401,13 @@ def add_to_cube(cube: Frame, plan: Plan, found: Audit) -> Frame:
         for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
             coordinates[name] = (dims, values, about["long_name"], about["units"])
 
-    def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> Array:
-        stored = Array(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
+    def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> xr.Variable:
+        stored = xr.Variable(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
         stored.encoding = stored_as("", stored, is_coordinate=True)
         return stored
 
-    result = Frame(
-        cube.data_vars | {name: array(*item) for name, item in data.items()},
-        cube.coords | {name: array(*item) for name, item in coordinates.items()},
-        dict(cube.attrs),
-    )
+    result = cube.assign({name: array(*item) for name, item in data.items()})
+    result = result.assign_coords({name: array(*item) for name, item in coordinates.items()})
     for name, flags in FLAGS.items():
         result[name].attrs |= flags
     result["audit_status"].attrs |= about_status

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.output.dataset import as_read, frame, label
-from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
@@ -46,7 +45,7 @@ def cube_in_memory(
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
     attributes = {**global_attributes(plan, outcome), **more}
-    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found).to_dataset()
+    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Written:
 
     # `frame` has labels, attributes and the audit, no values of scenarios; `tally` counts impacts and statuses
 
-    frame: Frame
+    frame: xr.Dataset
     tally: Tally
 
 
@@ -110,7 +109,7 @@ def _told(items: Iterator[Slab], progress: Progress) -> Iterator[Slab]:
         progress.advance(values["status"].size)
 
 
-def _with_audit(cube: Frame, plan: Plan, found: Audit | None) -> Frame:
+def _with_audit(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
     from pounding_sweep.run.audit import add_to_cube
 
     return cube if found is None else add_to_cube(cube, plan, found)
