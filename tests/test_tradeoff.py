@@ -276,7 +276,7 @@ def test_errors_below_the_converged_solution_are_marked(measured):
     assert (found.resolved.sel(population="all") == 0).all()
     assert summarise(measured).resolved.sel(population="all", output="impact_force_max").all()
     headings, rows = table_of(found)
-    assert all(row[headings.index("force worst")].startswith("< 3.0e-03") for row in rows)
+    assert all(row[headings.index("force worst")].startswith("<3.0e-03") for row in rows)
     front = found.pareto.sel(population="all", statistic="worst", output="impact_force_max")
     assert (front == (found.cost == found.cost.min())).all()
 
@@ -439,7 +439,7 @@ def test_the_table_has_a_row_per_configuration(trade):
     assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS)  # exact flight is always located
     refused = next(row for row in rows if row[0] == "rk4" and row[3] == "0.02")
     assert refused[headings.index("s per 1000")] == "-"
-    assert "6 beyond_stability_limit" in refused[headings.index("not ok")]
+    assert "6 beyond stability limit" in refused[headings.index("not ok")]
     marked = {row[0] for row in rows if row[headings.index("force worst")].endswith("*")}
     assert marked
 
@@ -513,7 +513,7 @@ def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_render
     done = command(tiny, "-o", out, "--steps", "2e-3", "--scenarios", "2", "--plot", figure, "--quiet")
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert lines[0].split()[:3] == ["scheme", "located", "precision"]
+    assert done.stdout.split()[:3] == ["scheme", "located", "precision"]
     assert sum(line.startswith(("rk4", "newmark")) for line in lines) == 8
     assert "2 of 2 touching scenarios are measured" in done.stdout
     assert lines[-2:] == [str(figure), str(out)]

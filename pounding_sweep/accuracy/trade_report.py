@@ -90,7 +90,7 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
         for name in shown:
             found = row["errors"][name][population]
             cells += [_error_text(found[statistic], refused) for statistic in ("median", "worst")]
-        cells += [str(ok), ", ".join(f"{count} {label}" for label, count in statuses.items()) or "-"]
+        cells += [str(ok), ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items()) or "-"]
         rows.append(cells)
     return headings, rows
 
@@ -116,14 +116,14 @@ def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
 
 def _error_text(found: dict[str, Any], refused: bool) -> str:
     value, resolution = found["value"], found["resolution"]
-    mark = " *" if found["pareto"] else "  "
+    mark = "*" if found["pareto"] else " "
     if value is None:
         return f"{'-' if refused or resolution is None else 'diverged'}{mark}"
     if resolution is not None and value < resolution:
-        return f"< {resolution:.1e}{mark}"
+        return f"<{resolution:.1e}{mark}"
     return f"{value:.1e}{mark}"
 
 
 def _short(name: str) -> str:
     """Name an output briefly."""
-    return {"impact_force_max": "force", "displacement_max": "displacement"}.get(name, get_variable(name).name)
+    return {"impact_force_max": "force", "displacement_max": "displ."}.get(name, get_variable(name).name)

@@ -1,7 +1,8 @@
-"""Plain tables and numbers for the command line; nothing is cut off when the output is no terminal."""
+"""Plain tables and numbers for the command line."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import shutil
@@ -12,6 +13,9 @@ from html import escape
 from typing import Any
 
 from pounding_sweep.base.text import printable
+
+#: Lines that a cell of a table may be folded into.
+_MOST_LINES = 4
 
 
 def print_json(value: Any) -> None:
@@ -25,17 +29,19 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
-    """Print names with their texts, aligned; long texts are folded on a terminal. Control characters are escaped."""
-    rows = [(printable(name), printable(text)) for name, text in rows]
-    width = max((len(name) for name, _ in rows), default=0)
+def _width() -> int:
+    return shutil.get_terminal_size((100, 24)).columns
+
+
+def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | None = None) -> None:
+    """Print names with their texts, aligned; long texts are folded, by default on a terminal only."""
+    width = max((len(printable(name)) for name, _ in rows), default=0)
     for name, text in rows:
-        lead = f"{'':{indent}}{name:{width}}  "
-        if sys.stdout.isatty():
-            columns = max(len(lead) + 20, shutil.get_terminal_size().columns)
-            print(textwrap.fill(text, columns, initial_indent=lead, subsequent_indent=" " * len(lead)))
-        else:
-            print(lead + text)
+        lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
+        if sys.stdout.isatty() if fold is None else fold:
+            columns = max(len(lead) + 20, _width())
+            line = textwrap.fill(line, columns, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
+        print(lead + line)
 
 
 def pairs_text(rows: Sequence[tuple[str, str]]) -> str:
@@ -57,33 +63,32 @@ def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), capt
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
-    """Print a table; on a terminal too narrow for it, row by row as names with their texts."""
+    """Print a table, its texts folded to the terminal's width (100 without one); row by row if it is too narrow."""
     lines = [[printable(cell) for cell in line] for line in (headings, *rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(headings))]
-    if not sys.stdout.isatty():
-        for line in lines:
-            cells = [
-                cell.rjust(width) if index in right else cell.ljust(width)
-                for index, (cell, width) in enumerate(zip(line, widths, strict=True))
-            ]
-            print("  ".join(cells).rstrip())
-    elif sum(widths) + 3 * len(widths) > shutil.get_terminal_size().columns:
+    columns = list(zip(*lines, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    # of texts and headings words stay together, of numbers the cell
+    parts = [
+        [*column[0].split(), *(column[1:] if i in right else " ".join(column[1:]).split())]
+        for i, column in enumerate(columns)
+    ]
+    words = [max(map(len, column), default=0) for column in parts]
+    free = _width() - 2 * (len(widths) - 1)
+    while sum(widths) > free and widths != words:  # the widest column that can be folded gives way
+        widths[max((i for i in range(len(widths)) if widths[i] > words[i]), key=widths.__getitem__)] -= 1
+    folded = [
+        [textwrap.wrap(cell, width) if len(cell) > width else [cell] for cell, width in zip(line, widths, strict=True)]
+        for line in lines
+    ]
+    if sum(widths) > free or max(len(cell) for row in folded for cell in row) > _MOST_LINES:
         for number, row in enumerate(lines[1:]):
-            if number:
-                print()
-            print_pairs(list(zip(lines[0], row, strict=True)))
-    else:
-        from rich.box import SIMPLE_HEAD
-        from rich.console import Console
-        from rich.table import Table
-        from rich.text import Text
-
-        table = Table(box=SIMPLE_HEAD, pad_edge=False)
-        for index, heading in enumerate(lines[0]):
-            table.add_column(heading, justify="right" if index in right else "left")
-        for row in lines[1:]:
-            table.add_row(*(Text(cell) for cell in row))
-        Console().print(table)
+            print("\n" * bool(number), end="")
+            print_pairs(list(zip(lines[0], row, strict=True)), fold=True)
+        return
+    for wrapped in folded:
+        for texts in itertools.zip_longest(*wrapped, fillvalue=""):
+            cells = (f"{part:{'>' if i in right else '<'}{widths[i]}}" for i, part in enumerate(texts))
+            print("  ".join(cells).rstrip())
 
 
 def number_text(value: float | None) -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
+from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, app, axis_values
+from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -23,173 +26,169 @@ SHOWN = 12
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
 
-What = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--what",
-        metavar="COMPARISON",
-        help=f"One of: {', '.join(COMPARISONS)}; repeat for several. A summary of all that the cube allows by default.",
-    ),
-]
 
+@dataclass
+class CompareOptions:
+    """What is compared, and how."""
 
-@app.command("compare")
-def compare_command(
-    cube: CubeFile,
-    what: What = None,
+    cube: CubeFile
+    what: Annotated[
+        list[str] | None,
+        Option(
+            metavar="COMPARISON",
+            help=f"One of: {', '.join(COMPARISONS)}; repeat for several. "
+            "By default a summary of all that the cube allows.",
+        ),
+    ] = None
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
-    ] = None,
+        Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
+    ] = None
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
-    ] = False,
-    reference: Annotated[
-        str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")
-    ] = None,
+        bool, Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
+    ] = False
+    reference: Annotated[str | None, Option(metavar="LAW", help="Law that the others are compared with.")] = None
     event: Annotated[
         str | None,
-        typer.Option(
-            "--event", metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default."
-        ),
-    ] = None,
-    level: Annotated[
-        float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
-    ] = None,
+        Option(metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default."),
+    ] = None
+    level: Annotated[float | None, Option(metavar="X", help="What the event must exceed, in its own unit.")] = None
     one_dispersion: Annotated[
         list[str] | None,
-        typer.Option(
-            "--one-dispersion",
+        Option(
             metavar="AXIS",
             help="Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross.",
         ),
-    ] = None,
-    at: At = None,
+    ] = None
+    at: At = None
     over: Annotated[
         list[str] | None,
-        typer.Option("--over", metavar="AXIS", help="Take all values of record, scale or pga together in tables."),
-    ] = None,
+        Option(metavar="AXIS", help="Take all values of record, scale or pga together in tables."),
+    ] = None
     quantiles: Annotated[
         list[float] | None,
-        typer.Option("--quantile", metavar="Q", help="Fractile of the values, 0 to 1; repeat for several."),
-    ] = None,
+        Option("--quantile", metavar="Q", help="Fractile of the values, 0 to 1; repeat for several."),
+    ] = None
     probabilities: Annotated[
         list[float] | None,
-        typer.Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
-    ] = None,
-    intensity: Intensity = None,
+        Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
+    ] = None
+    intensity: Intensity = None
     levels: Annotated[
         list[float] | None,
-        typer.Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
-    ] = None,
+        Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
+    ] = None
     hazard: Annotated[
         str | None,
-        typer.Option(
-            "--hazard",
+        Option(
             metavar="CURVE",
             help="CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa.",
         ),
-    ] = None,
+    ] = None
     hazard_units: Annotated[
-        str | None,
-        typer.Option("--hazard-units", metavar="UNIT", help="Of the intensities of --hazard: g, m/s2, cm/s2, m/s ..."),
-    ] = None,
+        str | None, Option(metavar="UNIT", help="Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")
+    ] = None
     years: Annotated[
-        float | None,
-        typer.Option("--years", metavar="N", help="Years of the probability with --hazard; 50 by default."),
-    ] = None,
-    folders: Folders = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare laws, gaps, buildings and records of a cube."""
-    given: dict[str, Any] = locals()
-    with reporting():
+        float | None, Option(metavar="N", help="Years of the probability with --hazard; 50 by default.")
+    ] = None
+    folders: Folders = None
+
+    def checked(self) -> tuple[list[str], dict[str, Any]]:
+        """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
         from pounding_sweep.analysis.along import check_quantiles
         from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
         from pounding_sweep.analysis.hazard import hazard_of
-        from pounding_sweep.analysis.intensity import check_intensity, intensity_of, with_intensity
+        from pounding_sweep.analysis.intensity import check_intensity
+
+        keys = list(dict.fromkeys(self.what)) if self.what else list(COMPARISONS)
+        for key in keys:
+            if key not in COMPARISONS:
+                raise InputError(unknown("comparison", key, COMPARISONS))
+        arguments = {name: vars(self)[name] for name in ARGUMENTS.values() if vars(self)[name] not in (None, [])}
+        for option, name in ARGUMENTS.items():
+            # tables of most comparisons have fractiles and intensities; the latter may need records
+            tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
+            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and c.rows is None)]
+            if name in arguments and not set(takers) & set(keys):
+                of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
+                msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
+                raise InputError(msg)
+        if self.hazard is None and (self.years is not None or self.hazard_units is not None):
+            option = "--hazard-units" if self.years is None else "--years"
+            msg = f"{option} are those of a hazard; add --hazard, or leave them out"
+            raise InputError(msg)
+        if self.quantiles:
+            check_quantiles(self.quantiles)
+        check_numbers(self.probabilities or PROBABILITIES, years=YEARS if self.years is None else self.years)
+        if self.intensity is not None:
+            check_intensity(self.intensity)
+        if self.hazard is not None:
+            arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
+        for axis in self.over or ():
+            if axis not in MOTION_DIMS:
+                raise InputError(unknown("axis to take together", axis, MOTION_DIMS))
+        if any("event" in COMPARISONS[key].arguments for key in keys):
+            get_event(self.event or DEFAULT_EVENT, self.level)
+        if self.out is not None:
+            _check_data(self.out, keys, self.overwrite)
+        return keys, arguments
+
+
+@command("compare")
+def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
+    """Compare laws, gaps, buildings and records of a cube."""
+    with reporting():
+        from pounding_sweep.analysis.intensity import intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
-        from pounding_sweep.base.errors import InputError, unknown
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.provenance import plain
         from pounding_sweep.output.select import select
 
-        keys = list(dict.fromkeys(what)) if what else list(COMPARISONS)
-        for key in keys:
-            if key not in COMPARISONS:
-                raise InputError(unknown("comparison", key, COMPARISONS))
-        asked = {option: given[name] for option, name in ARGUMENTS.items() if given[name] not in (None, [])}
-        _check_options([option for option in asked if option != "--records" or intensity is None], keys)
-        if hazard is None and (years is not None or hazard_units is not None):
-            option = "--hazard-units" if years is None else "--years"
-            msg = f"{option} are those of a hazard; add --hazard, or leave them out"
-            raise InputError(msg)
-        if quantiles:
-            check_quantiles(quantiles)
-        check_numbers(probabilities or PROBABILITIES, years=YEARS if years is None else years)
-        if intensity is not None:
-            check_intensity(intensity)
-        if hazard is not None:
-            asked["--hazard"] = hazard_of(hazard, hazard_units)
-        wrong = [axis for axis in over or () if axis not in MOTION_DIMS]
-        if wrong:
-            raise InputError(unknown("axis to take together", wrong[0], MOTION_DIMS))
-        values = axis_values(at or [])
-        if any("event" in COMPARISONS[key].arguments for key in keys):
-            get_event(event or DEFAULT_EVENT, level)
-        if out is not None:
-            _check_data(out, keys, overwrite)
+        values = axis_values(options.at or [])
+        keys, arguments = options.checked()
+        what, over, out, reference = options.what, options.over or (), options.out, options.reference
         report: dict[str, dict[str, Any]] = {}
-        with open_cube(cube) as found:
-            laws = law_keys(pounding_only(found))
+        with open_cube(options.cube) as cube:
+            laws = law_keys(pounding_only(cube))
             if reference is not None and laws and reference not in laws:
                 raise InputError(unknown("reference law", reference, laws))
-            scenarios, left_out = _left_out(select(found, values))
+            selection = select(cube, values)
+            scenarios, left_out = _left_out(selection)
             for key in keys:
                 comparison = COMPARISONS[key]
-                report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
-                report[key]["left_out"] = left_out
-                passed = {ARGUMENTS[o]: value for o, value in asked.items() if ARGUMENTS[o] in comparison.arguments}
-                passed |= {} if what or out else comparison.summary
+                part: dict[str, Any] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
+                report[key] = part | {"left_out": left_out}
+                settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
+                settings |= {} if what or out else comparison.summary
                 if "over" in comparison.arguments and what:
-                    apart = {"law", *MOTION_DIMS} - {*(over or ())}
-                    passed["over"] = [dim for dim in scenario_dims(select(found, values)) if dim not in apart]
+                    apart = {"law", *MOTION_DIMS} - {*over}
+                    settings["over"] = [dim for dim in scenario_dims(selection) if dim not in apart]
                 try:
-                    result = compared(found, comparison, values, **passed)
+                    result = compared(cube, comparison, values, **settings)
                 except InputError as error:
                     if what:
                         raise
                     report[key] |= {"possible": False, "why_not": str(error)}
                     continue
-                own = "quantiles" in comparison.arguments
-                table: dict[str, Any] = {"over": over or (), "quantiles": None if own else quantiles or None}
-                rows = table_rows(result, comparison, **table)
+                quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
+                rows, lead = (
+                    table_rows(result, comparison, lead=lead, over=over, quantiles=quantiles) for lead in (False, True)
+                )
+                intensity = options.intensity
                 if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
-                    rows = with_intensity(rows, intensity_of(found, intensity, folders=folders or None), intensity)
-                report[key] |= {"attributes": {str(k): finite(plain(v)) for k, v in result.attrs.items()}, "rows": rows}
-                report[key]["lead"] = table_rows(result, comparison, lead=True, **table)
+                    measured = intensity_of(cube, intensity, folders=options.folders or None)
+                    rows = with_intensity(rows, measured, intensity)
+                attributes = {str(k): finite(plain(v)) for k, v in result.attrs.items()}
+                report[key] |= {"attributes": attributes, "rows": rows, "lead": lead}
                 if out is not None:
-                    report[key]["files"] = _write(result, report[key]["rows"], key, out, overwrite)
+                    report[key]["files"] = _write(result, rows, key, out, options.overwrite)
         if as_json:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
         else:
             if left_out:
-                told = ", ".join(f"{count} {label}" for label, count in left_out.items())
-                print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {told}\n")
-            _print(report, str(cube), summary=not what)
-
-
-def _check_options(given: list[str], keys: list[str]) -> None:
-    """Raise `InputError` for an option that no comparison takes."""
-    from pounding_sweep.base.errors import InputError
-
-    for option in given:
-        tables = option in ("--quantile", "--intensity")  # those of most comparisons have fractiles and intensities
-        takers = [k for k, c in COMPARISONS.items() if ARGUMENTS[option] in c.arguments or (tables and c.rows is None)]
-        if not set(takers) & set(keys):
-            of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
-            msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
-            raise InputError(msg)
+                counts = ", ".join(f"{count} {label}" for label, count in left_out.items())
+                print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {counts}\n")
+            _print(report, str(options.cube), summary=not what)
 
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
@@ -215,17 +214,15 @@ def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
 
 def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
-    from pounding_sweep.base.errors import InputError, OutputError
     from pounding_sweep.base.files import replacing
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
 
     table = folder / f"{key}.csv"
-    headings = list(dict.fromkeys(name for row in rows for name in row))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, headings)
+            writer = csv.DictWriter(file, _headings(rows))
             writer.writeheader()
             writer.writerows(rows)
     except OSError as error:
@@ -240,50 +237,54 @@ def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrit
     return [str(file) for file in files]
 
 
+def _headings(rows: list[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
 def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> None:
+    possible = {key: part for key, part in report.items() if part["possible"]}
     if summary:
         print(f"Comparisons of {cube}; all columns of one: --what COMPARISON")
-        print_pairs([(key, part["title"]) for key, part in report.items() if part["possible"]], indent=2)
-        if not all(part["possible"] for part in report.values()):
+        print_pairs([(key, part["title"]) for key, part in possible.items()], indent=2)
+        if len(possible) < len(report):
             print("Not possible with this cube")
-            print_pairs([(key, part["why_not"]) for key, part in report.items() if not part["possible"]], indent=2)
-    for number, (key, part) in enumerate(report.items()):
-        if not part["possible"]:
-            continue
+            print_pairs([(key, part["why_not"]) for key, part in report.items() if key not in possible], indent=2)
+    for number, (key, part) in enumerate(possible.items()):
         if summary or number:
             print()
         print(f"{key}: {part['title']}")
-        for note in _NOTES:
-            if note in part["attributes"]:
-                print(f"  {note.replace('_', ' ')}: {_cell(part['attributes'][note])}")
         rows = part["lead"][:SHOWN] if summary else part["rows"]
-        headings = list(dict.fromkeys(name for row in rows for name in row))
-        numbers = [i for i, name in enumerate(headings) if any(isinstance(row.get(name), int | float) for row in rows)]
-        if rows:
-            print_table(headings, [[_cell(row.get(name)) for name in headings] for row in rows], right=numbers)
-        else:
+        for name in _NOTES:
+            if name in part["attributes"]:
+                print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
+        groups = [list(group) for _, group in itertools.groupby(rows, lambda row: row.get("variable"))]
+        for group in groups:
+            print("\n" * (group is not groups[0]), end="")
+            _print_group(group)
+        if not rows:
             print("  no values")
-        more = (len(part["lead"]) if summary else len(rows)) - len(rows)
-        if more:
+        if more := (len(part["lead"]) if summary else len(rows)) - len(rows):
             print(f"  and {more} more rows: --what {key}")
-        for file in part.get("files", []):
-            print(file)
+        print("\n".join(part.get("files", [])), end="\n" * ("files" in part))
+
+
+def _print_group(rows: list[Row]) -> None:
+    """Print a table; what is the same in all of its rows in one line above, so that the rest fits a terminal."""
+    columns = {name: [row.get(name) for row in rows] for name in _headings(rows)}
+    numeric = {name for name, values in columns.items() if any(isinstance(value, int | float) for value in values)}
+    same = [name for name, values in columns.items() if len(rows) > 1 and name not in numeric and len({*values}) == 1]
+    notes = [f"{name}: {columns[name][0]}" for name in same if columns[name][0] not in (None, "-")]
+    if notes:
+        print(f"  {'; '.join(notes)}")
+    headings = [name for name in columns if name not in same]
+    right = [i for i, name in enumerate(headings) if name in numeric]
+    print_table(headings, [[_cell(row.get(name)) for name in headings] for row in rows], right)
 
 
 #: Attributes of results that are told above their tables.
 _NOTES = (
-    "reference_law",
-    "realised_basis",
-    "largest_residual_relative",
-    "over",
-    "event_in_words",
-    "intensity",
-    "no_fractiles",
-    "one_dispersion",
-    "curves_cross",
-    "hazard",
-    "years",
-    "confidence",
+    *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
+    *("no_fractiles", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
 )
 
 

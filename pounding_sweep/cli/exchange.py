@@ -3,40 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.tables import print_pairs
-from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, app, axis_values
+from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 
-if TYPE_CHECKING:
-    import xarray as xr
 
-
-@app.command("export")
+@command("export")
 def export_command(
     cube: CubeFile,
     out: Annotated[
         Path,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="What to write: .csv, .parquet or .zarr.", show_default=False
-        ),
+        Option("-o", "--output", metavar="FILE", help="What to write: .csv, .parquet or .zarr.", show_default=False),
     ],
     names: Annotated[
-        list[str] | None, typer.Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
+        list[str] | None, Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
     ] = None,
     at: At = None,
     table: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--table", help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors."
         ),
     ] = False,
     limit_states: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--limit-state",
             metavar="NAME=EVENT[:LEVEL]",
             help="Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
@@ -44,7 +40,7 @@ def export_command(
     ] = None,
     intensities: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--intensity",
             metavar="MEASURE",
             help="Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
@@ -53,64 +49,53 @@ def export_command(
     ] = None,
     folders: Folders = None,
     pelicun: Annotated[
-        str | None,
-        typer.Option(
-            "--pelicun", metavar="BUILDING", help="Demands of this building, as Pelicun (FEMA P-58) reads CSV."
-        ),
+        str | None, Option(metavar="BUILDING", help="Demands of this building, as Pelicun (FEMA P-58) reads CSV.")
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
     with reporting():
+        from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
         from pounding_sweep.analysis.intensity import with_intensities
-        from pounding_sweep.base.errors import InputError
         from pounding_sweep.output.export import export_cube
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
         fragility = out.suffix.lower() == ".xml"
         of_fits = {"--limit-state": limit_states, "--intensity": intensities, "--records": folders}
-        asked = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
-        if asked and not fragility:
-            also = "" if asked[0] == "--limit-state" else " or --table"
-            msg = f"{asked[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
+        options = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
+        if options and not fragility:
+            also = "" if options[0] == "--limit-state" else " or --table"
+            msg = f"{options[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
             raise InputError(msg)
         if fragility and len(intensities or ()) > 1:
             msg = f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
             raise InputError(msg)
-        other = fragility or pelicun is not None
-        if other and (names or table):
+        if (fragility or pelicun is not None) and (names or table):
             msg = f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out"
             raise InputError(msg)
-        with open_cube(cube) as found:
-            part = select(found, axis_values(at or []))
-            if other:
-                fits: dict[str, Any] = {"intensity": next(iter(intensities or ()), None), "folders": folders or None}
-                _other_tools(part, out, limit_states or [], pelicun, overwrite=overwrite, **fits)
-                return
-            part = with_intensities(part, intensities or (), folders=folders or None)
-            print(export_cube(part, out, names or (), overwrite=overwrite, table=table))
-
-
-def _other_tools(
-    part: xr.Dataset, out: Path, limit_states: list[str], pelicun: str | None, *, overwrite: bool, **fits: Any
-) -> None:
-    """Write what OpenQuake or Pelicun reads."""
-    from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
-
-    if pelicun is not None:
-        say(f"{export_pelicun(part, out, pelicun, overwrite=overwrite)} samples of building {pelicun}")
-    else:
-        given = dict(map(_limit_state, limit_states or ["touch=touch"]))
-        for name, why in export_nrml(part, out, given, overwrite=overwrite, **fits).items():
-            say(f"warning: {name} is left out: {why}")
-    print(out)
+        with open_cube(cube) as dataset:
+            part = select(dataset, axis_values(at or []))
+            if pelicun is not None:
+                samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
+                say(f"{samples} samples of building {pelicun}")
+                print(out)
+            elif fragility:
+                states = dict(map(_limit_state, limit_states or ["touch=touch"]))
+                measure = next(iter(intensities or ()), None)
+                skipped = export_nrml(
+                    part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None
+                )
+                for name, why in skipped.items():
+                    say(f"warning: {name} is left out: {why}")
+                print(out)
+            else:
+                part = with_intensities(part, intensities or (), folders=folders or None)
+                print(export_cube(part, out, names or (), overwrite=overwrite, table=table))
 
 
 def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
     """Read NAME=EVENT[:LEVEL]."""
-    from pounding_sweep.base.errors import InputError
-
     name, _, rest = text.partition("=")
     event, _, level = rest.partition(":")
     try:
@@ -120,18 +105,15 @@ def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
         raise InputError(msg) from None
 
 
-@app.command("merge")
+@command("merge")
 def merge_command(
-    cubes: Annotated[
-        list[Path], typer.Argument(metavar="A.nc B.nc ...", help="Cubes of one study.", show_default=False)
-    ],
+    cubes: Annotated[list[Path], Argument(metavar="A.nc B.nc ...", help="Cubes of one study.", show_default=False)],
     out: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="ALL.nc", help="netCDF file for the whole cube.", show_default=False),
+        Path, Option("-o", "--output", metavar="ALL.nc", help="netCDF file for the whole cube.", show_default=False)
     ],
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        Option(
             metavar="RATIO",
             help="Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
             "conflict; 1e-6 by default.",
@@ -139,7 +121,7 @@ def merge_command(
     ] = None,
     mix_sources: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--mix-sources",
             help="Allow cubes made by several states of one version's source, or with several versions of numba, "
             "llvmlite or numpy; each is named in the cube.",
@@ -151,21 +133,16 @@ def merge_command(
     with reporting():
         from pounding_sweep.output.merge import TOLERANCE, merge_cubes
 
-        found = merge_cubes(
-            cubes,
-            out,
-            overwrite=overwrite,
-            tolerance=TOLERANCE if tolerance is None else tolerance,
-            mix_sources=mix_sources,
-        )
+        limit = TOLERANCE if tolerance is None else tolerance
+        merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=limit, mix_sources=mix_sources)
         rows = [
             ("cubes", f"{len(cubes)}"),
-            ("scenarios", f"{found.scenarios}, {found.overlapping} of them in several cubes"),
+            ("scenarios", f"{merged.scenarios}, {merged.overlapping} of them in several cubes"),
         ]
-        if found.missing:
-            more = ", ..." if found.missing > len(found.named) else ""
-            rows.append(("missing", f"{found.missing} (status not_run): {', '.join(found.named)}{more}"))
-        if found.sources > 1:
-            rows.append(("sources", f"{found.sources}, by source, numba, llvmlite and numpy (see merged_from)"))
+        if merged.missing:
+            more = ", ..." if merged.missing > len(merged.named) else ""
+            rows.append(("missing", f"{merged.missing} (status not_run): {', '.join(merged.named)}{more}"))
+        if merged.sources > 1:
+            rows.append(("sources", f"{merged.sources}, by source, numba, llvmlite and numpy (see merged_from)"))
         print_pairs(rows)
-        print(found.path)
+        print(merged.path)

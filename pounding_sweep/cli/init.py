@@ -5,34 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
+from pounding_sweep.base.errors import InputError, MissingRecordError, OutputError, unknown
 from pounding_sweep.base.tables import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Overwrite, app
+from pounding_sweep.cli.app import AsJson, Overwrite, command
 from pounding_sweep.cli.reporting import reporting, say
 
 
-@app.command("init")
+@command("init")
 def init_command(
     out: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[SWEEP.toml]", help="File to write; by default the example's name.", show_default=False
-        ),
+        Argument(metavar="[SWEEP.toml]", help="File to write; by default the example's name.", show_default=False),
     ] = None,
     example: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--from", metavar="EXAMPLE", help="Example to write; by default that of the file's name, or quickstart."
         ),
     ] = None,
-    only_list: Annotated[bool, typer.Option("--list", help="List the examples.")] = False,
+    only_list: Annotated[bool, Option("--list", help="List the examples.")] = False,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a commented sweep file to begin with, or list the examples."""
     with reporting():
-        from pounding_sweep.base.errors import InputError, MissingRecordError, OutputError, unknown
         from pounding_sweep.base.files import failure
         from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.records import find_record

@@ -7,34 +7,32 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from pounding_sweep.base.tables import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, Quiet, app
+from pounding_sweep.cli.app import AsJson, Folders, Quiet, command
 from pounding_sweep.cli.reporting import reporting, say
 
 #: Name of the report in its folder.
 REPORT = "report.html"
 
 
-@app.command("paper")
+@command("paper")
 def paper_command(
     out: Annotated[
         Path,
-        typer.Option(
-            "-o", "--output", metavar="FOLDER", help="Folder of the report and its figures.", show_default=False
-        ),
+        Option("-o", "--output", metavar="FOLDER", help="Folder of the report and its figures.", show_default=False),
     ],
     cubes: Annotated[
         list[Path] | None,
-        typer.Argument(
+        Argument(
             metavar="[CUBE.nc]...",
             help="Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run.",
             show_default=False,
         ),
     ] = None,
     folders: Folders = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

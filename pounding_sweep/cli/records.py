@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
@@ -28,16 +29,13 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("duration s", "duration", "{:g}".format),
     ("dt s", "dt", "{:g}".format),
     ("points", "points", str),
-    ("source", "source", lambda source: source or "-"),
-    ("read", "read", str),
 )
 
 #: Records of a sweep that are listed, one line each.
 _LISTED = 20
 
 Column = Annotated[
-    str | None,
-    typer.Option(metavar="COLUMN", help="Heading or number of the component, for files that have several."),
+    str | None, Option(metavar="COLUMN", help="Heading or number of the component, for files that have several.")
 ]
 
 records_app = typer.Typer(rich_markup_mode=None)
@@ -54,23 +52,35 @@ def records_command(
         return
     with reporting():
         from pounding_sweep.plan.sanity import record_doubts
-        from pounding_sweep.records import KNOWN_RECORDS, Record, list_records, record_measures
+        from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
+        from pounding_sweep.records.fema_p695 import data_folder
 
         listed = list_records(folders or None, column)
+        records = {name: item for name, item in listed if isinstance(item, Record)}
         unreadable = [{"name": name, "error": item} for name, item in listed if not isinstance(item, Record)]
-        there = {name for name, _ in listed}
+        known = [entry for entry in KNOWN_RECORDS.values() if entry.key not in {name for name, _ in listed}]
+        installed = data_folder() is not None
         report = {
             "records": [
-                {**read_as(item), "name": name, **asdict(record_measures(item))}
-                for name, item in listed
-                if isinstance(item, Record)
+                {**read_as(record), "name": name, **asdict(record_measures(record))} for name, record in records.items()
             ],
             "unreadable": unreadable,
-            "missing": [_missing(entry) for entry in KNOWN_RECORDS.values() if entry.key not in there],
-            "sets": _sets(),
+            "missing": [
+                {
+                    "name": entry.key,
+                    "description": entry.description,
+                    "files": list(entry.files),
+                    "place": f"{entry.place}, RSN {entry.rsn}" if entry.rsn else entry.place,
+                }
+                for entry in known
+            ],
+            "sets": [
+                {"name": item.key, "title": item.title, "records": item.components, "installed": installed}
+                for item in RECORD_SETS.values()
+            ],
         }
-        doubts = [text for _, item in listed if isinstance(item, Record) for text in record_doubts(item)]
-        for text in (*(item["error"] for item in unreadable), *doubts):
+        warnings = [item["error"] for item in unreadable]
+        for text in warnings + [text for record in records.values() for text in record_doubts(record)]:
             say(f"warning: {text}")
         if as_json:
             print_json(report)
@@ -109,58 +119,35 @@ def print_read(rows: list[dict[str, Any]]) -> None:
     print()
 
 
-def _missing(entry: Any) -> dict[str, Any]:
-    place = f"{entry.place}, RSN {entry.rsn}" if entry.rsn else entry.place
-    return {"name": entry.key, "description": entry.description, "files": list(entry.files), "place": place}
-
-
-def _sets() -> list[dict[str, Any]]:
-    from pounding_sweep.records import RECORD_SETS
-    from pounding_sweep.records.fema_p695 import data_folder
-
-    installed = data_folder() is not None
-    return [
-        {"name": each.key, "title": each.title, "records": each.components, "installed": installed}
-        for each in RECORD_SETS.values()
-    ]
-
-
 def _print(report: dict[str, Any]) -> None:
     from pounding_sweep.records import RECORDS_VARIABLE
     from pounding_sweep.records.fema_p695 import INSTALL
 
     table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
     print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 9))
-    if report["missing"]:
-        print()
-        print(f"Known by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")
-        print_table(
-            ["record", "what", "file", "where to get it"],
-            [[m["name"], m["description"], " or ".join(m["files"]), m["place"]] for m in report["missing"]],
-        )
     print()
-    installed = all(each["installed"] for each in report["sets"])
-    print(f"Sets of records{'' if installed else f', not installed: {INSTALL}'}")
-    print_table(
-        ["set", "what", "records"],
-        [[each["name"], each["title"], str(each["records"])] for each in report["sets"]],
-        right=(2,),
-    )
+    print_pairs([(row["name"], f"{row['source'] or '-'}; {row['read']}") for row in report["records"]], fold=True)
+    if report["missing"]:
+        print(f"\nKnown by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")
+        rows = [[m["name"], m["description"], " or ".join(m["files"]), m["place"]] for m in report["missing"]]
+        print_table(["record", "what", "file", "where to get it"], rows)
+    installed = all(item["installed"] for item in report["sets"])
+    print(f"\nSets of records{'' if installed else f', not installed: {INSTALL}'}")
+    rows = [[item["name"], item["title"], str(item["records"])] for item in report["sets"]]
+    print_table(["set", "what", "records"], rows, right=(2,))
 
 
 @records_app.command("plot")
 def plot_command(
     context: typer.Context,
-    out: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)],
+    out: Annotated[Path, Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)],
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),
+        Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),
     ] = None,
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="MOTIONS.nc", help="netCDF file for what is drawn.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MOTIONS.nc if it exists.")] = False,
-    damping: Annotated[float, typer.Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
+    data: Annotated[Path | None, Option(metavar="MOTIONS.nc", help="netCDF file for what is drawn.")] = None,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace MOTIONS.nc if it exists.")] = False,
+    damping: Annotated[float, Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
     folders: Folders = None,
     column: Column = None,
 ) -> None:

@@ -22,22 +22,19 @@ if TYPE_CHECKING:
 
 NAME = "pounding-sweep"
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-#: What asks a command to end, each with what deals with it where nobody has said otherwise.
-INTERRUPTS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+#: What asks a command to end, each with its default handler.
+INTERRUPTS: dict[signal.Signals, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 
 
 @contextmanager
 def reporting(out: Path | None = None) -> Iterator[list[str]]:
     """Turn errors into one message and an exit code; gives the list of warnings said so far."""
     # `out` is the cube of a run, whose finished chunks outlast an interruption
-    from pounding_sweep.base.errors import (
-        ClusterError,
-        InputError,
-        OutputError,
-        PoundingSweepError,
-        RunError,
-        WriteError,
-    )
+    from pounding_sweep.base.errors import ClusterError, PoundingSweepError, RunError, WriteError
 
     said: list[str] = []
     left = _left_by(out)
@@ -58,7 +55,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             raise typer.Exit(FAILED) from None
         except PoundingSweepError as error:
             say(f"error: {error}")
-            raise typer.Exit(BAD_INPUT if isinstance(error, InputError | OutputError) else FAILED) from None
+            raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             say(f"interrupted{left()}")
             raise typer.Exit(INTERRUPTED) from None
@@ -83,24 +80,22 @@ def _ended_by_interrupts() -> Iterator[None]:
     """Have Ctrl-C, SIGTERM and SIGHUP end the block in order, and one more of them the process at once."""
     # what the process was started to ignore (by `nohup`, or in the background of a script) stays so, as does what has a
     # handler already. Only a main thread can be interrupted.
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    own = {number: usual for number, usual in INTERRUPTS.items() if signal.getsignal(number) == usual}
+    in_main = threading.current_thread() is threading.main_thread()
+    numbers = [number for number, default in INTERRUPTS.items() if in_main and signal.getsignal(number) == default]
 
     def end_in_order(*_: object) -> None:
-        for number in own:
+        for number in numbers:
             signal.signal(number, _end_at_once)
         raise KeyboardInterrupt
 
-    for number in own:
+    for number in numbers:
         signal.signal(number, end_in_order)
     try:
         yield
     finally:
-        for number, usual in own.items():
-            if signal.getsignal(number) is end_in_order:  # else the process is about to end, and may be told again
-                signal.signal(number, usual)
+        for number in numbers:
+            if signal.getsignal(number) is end_in_order:  # else the process is about to end
+                signal.signal(number, INTERRUPTS[number])
 
 
 def _end_at_once(*_: object) -> None:
@@ -132,8 +127,7 @@ def _print(text: str) -> None:
 def _stdout_fails() -> bool:
     """Whether what was printed can't be written, its reader being there; no more is tried then."""
     try:
-        sys.stdout.flush()
-        print(flush=True)  # where nothing is buffered, nothing was left to flush
+        print(flush=True)
     except OSError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
         return True
@@ -141,42 +135,43 @@ def _stdout_fails() -> bool:
 
 
 def open_streams() -> None:
-    """Have somewhere to write where the process was started without stdout or stderr (``>&-``)."""
-    # else a file that is opened later would have their numbers, and be written into by who prints to them
-    for number, (name, mode) in enumerate({"stdin": "r", "stdout": "w", "stderr": "w"}.items()):
+    """Have somewhere to write where the process was started without streams (``>&-``), and escape what can't be."""
+    for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
         if getattr(sys, name) is None:
-            handle = os.open(os.devnull, os.O_RDWR)
-            if handle == number:
-                os.set_inheritable(handle, True)  # for processes that are started from here
-            else:
-                os.dup2(handle, number)
-                os.close(handle)
-            setattr(sys, name, os.fdopen(number, mode))
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - until the process ends
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # names on a terminal of ASCII
 
 
 def _left_by(out: Path | None) -> Callable[[], str]:
     """Return what says, when a run ends early, what it leaves behind; nothing for other commands."""
-    from pounding_sweep.base.errors import InputError
+    from pounding_sweep.base.errors import InputError, OutputError
     from pounding_sweep.base.paths import absolute
 
-    target = None
-    if out is not None:
-        with suppress(InputError, OSError, ValueError):  # said by who writes there
-            target = absolute(out)  # now: the working folder may be removed meanwhile
-    if target is None:
-        return lambda: ""
-    before = _stamp(target)
+    try:
+        target = out and absolute(out)  # now: the working folder may be removed meanwhile
+    except (InputError, OSError, ValueError):  # said by who writes there
+        target = None
+    before = target and _stamp(target)
 
     def left() -> str:
-        from pounding_sweep.resume.checkpoint import parts_folder
+        if target is None:
+            return ""
+        from pounding_sweep.resume.checkpoint import ChunkStore, parts_folder
 
         parts = parts_folder(target)
-        if _stamp(target) in (None, before):
-            return _kept(parts) if parts.is_dir() else ""
-        more = f"; {parts} is left: remove it, or run again with --overwrite where scenarios have no result"
-        return f"; the cube {out} is complete{more if parts.is_dir() else ''}"
+        if _stamp(target) not in (None, before):
+            more = f"; {parts} is left: remove it, or run again with --overwrite where scenarios have no result"
+            return f"; the cube {out} is complete{more if parts.is_dir() else ''}"
+        if not parts.is_dir():
+            return ""
+        try:
+            chunks = len(ChunkStore(parts, "").completed())
+        except OutputError as error:
+            return f"; what is finished is kept, but {error}"
+        if not chunks:
+            return "; nothing was finished yet"
+        return f"; {chunks} finished chunks are kept in {parts}: running the same command again continues from there"
 
     return left
 
@@ -184,21 +179,7 @@ def _left_by(out: Path | None) -> Callable[[], str]:
 def _stamp(path: Path) -> tuple[int, int] | None:
     """Return what differs between a file and the one that replaced it; None where there is none."""
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError):
         return None
-    return found.st_mtime_ns, found.st_size
-
-
-def _kept(parts: Path) -> str:
-    """Say what a run that wrote no cube keeps of it."""
-    from pounding_sweep.base.errors import OutputError
-    from pounding_sweep.resume.checkpoint import ChunkStore
-
-    try:
-        chunks = len(ChunkStore(parts, "").completed())
-    except OutputError as error:
-        return f"; what is finished is kept, but {error}"
-    if not chunks:
-        return "; nothing was finished yet"
-    return f"; {chunks} finished chunks are kept in {parts}: running the same command again continues from there"
+    return status.st_mtime_ns, status.st_size

@@ -6,33 +6,33 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from pounding_sweep.base.tables import finite, print_json, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Quiet, SweepFile, Workers, app, numbers_of
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Quiet, SweepFile, Workers, command, numbers_of
 from pounding_sweep.cli.reporting import reporting
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-@app.command("tradeoff")
+@command("tradeoff")
 def tradeoff_command(
     sweep: SweepFile,
     out: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="TRADE.nc", help="netCDF file for the result.")
+        Path | None, Option("-o", "--output", metavar="TRADE.nc", help="netCDF file for the result.")
     ] = None,
     steps: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
+        str | None, Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
     ] = None,
-    scenarios: Annotated[int, typer.Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
-    seed: Annotated[int, typer.Option(metavar="S", help="Seed of the random sample.")] = 0,
+    scenarios: Annotated[int, Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
+    seed: Annotated[int, Option(metavar="S", help="Seed of the random sample.")] = 0,
     figure: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help=f"Work-precision figure: {FIGURE_FILE}")
+        Path | None, Option("--plot", metavar="FILE", help=f"Work-precision figure: {FIGURE_FILE}")
     ] = None,
     folders: Folders = None,
     workers: Workers = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -59,34 +59,25 @@ def tradeoff_command(
             print_json(_report(trade))
         else:
             _print_trade(trade)
-        if figure is not None:
-            drawn = plot(trade, "work-precision", figure)
-            if not as_json:
-                print(drawn)
-        if out is not None and not as_json:
-            print(out)
+        files = [] if figure is None else [plot(trade, "work-precision", figure)]
+        files += [] if out is None else [out]
+        if files and not as_json:
+            print(*files, sep="\n")
 
 
 def _report(trade: xr.Dataset) -> dict[str, Any]:
     """Collect everything that is printed, and every output."""
     from pounding_sweep.accuracy.trade_report import trade_rows
 
-    attributes = trade.attrs
-    own = trade["reference_error"]
     counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
+    errors: dict[str, Any] = {}
+    frame = trade["reference_error"].transpose("output", "population", "statistic").to_series()
+    for (output, population, statistic), error in frame.items():
+        errors.setdefault(output, {}).setdefault(population, {})[statistic] = finite(error)
     return {
-        **{name: int(attributes[name]) for name in counts},
-        "reference_step": float(attributes["reference_step"]),
-        "reference_errors": {
-            str(output): {
-                str(population): {
-                    str(statistic): finite(own.sel(output=output, population=population, statistic=statistic).item())
-                    for statistic in own["statistic"].values
-                }
-                for population in own["population"].values
-            }
-            for output in own["output"].values
-        },
+        **{name: int(trade.attrs[name]) for name in counts},
+        "reference_step": float(trade.attrs["reference_step"]),
+        "reference_errors": errors,
         "configurations": trade_rows(trade),
     }
 
