@@ -25,7 +25,7 @@ from pounding_sweep.paper.conclusions import CONCLUSIONS, Judgement, Support, Ve
 from pounding_sweep.paper.hertz import force_fit
 from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABLES, published
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
-from pounding_sweep.paper.steps import largest_steps, step_rows
+from pounding_sweep.paper.steps import largest_steps, step_grid
 from pounding_sweep.paper.study import study
 from pounding_sweep.paper.verdict import opening_grid, table_outcome, verdict_of_all
 
@@ -173,7 +173,7 @@ def table_as_cube(number, factor):
 @given(factor=st.floats(0.5, 2.0))
 def test_differences_are_relative_to_the_papers_numbers(number, factor):
     compared = side_by_side(number, table_as_cube(number, factor))
-    for name, _ in TABLES[number].values:
+    for name in published(number).data_vars:
         difference = compared[f"{name}_difference"]
         paper = compared[name].isel(source=-3)  # before the two readings: the MATLAB program's, or the only one
         np.testing.assert_allclose(difference.where(paper != 0.0, factor - 1.0), factor - 1.0, atol=1e-12)
@@ -185,7 +185,7 @@ def test_differences_are_relative_to_the_papers_numbers(number, factor):
 
 
 def test_a_table_is_written_with_the_paper_beside_the_readings():
-    grid = table_grid(5, side_by_side(5, table_as_cube(5, 1.1)))
+    grid = table_grid(side_by_side(5, table_as_cube(5, 1.1)))
     assert len(grid.rows) == 6 * 1 * 2 * 3
     assert all(len(row) == len(grid.headings) for row in grid.rows)
     row = next(row for row in grid.rows if row[:4] == ["I", "El Centro", "left-middle", "3"])
@@ -194,7 +194,7 @@ def test_a_table_is_written_with_the_paper_beside_the_readings():
 
 def test_agreement_counts_cells():
     def rows(cube):
-        grid = agreement(5, side_by_side(5, cube))
+        grid = agreement(side_by_side(5, cube))
         return [row[2:] for row in grid.rows if row[:2] == ["peak force", "as printed"]]
 
     touching = int((published(5).impact_force_max.sel(record="el_centro") > 0).sum())
@@ -382,9 +382,10 @@ def test_a_model_without_a_force_in_table_5_has_no_fit():
 
 
 def test_the_table_of_steps_has_a_row_for_every_way():
-    headings, rows = step_rows(steps(), "as_run")
+    grid = step_grid(steps(), READINGS["as_run"])
+    rows = grid.rows
     assert len(rows) == 2 * 2 * 2
-    assert all(len(row) == len(headings) for row in rows)
+    assert all(len(row) == len(grid.headings) for row in rows)
     assert rows[0][:3] == ["rk4", "no", "20"]
     assert set(rows[0][3:7]) == {"-"}
     assert rows[1][3:] == ["1.0e-06"] * 4 + ["ok"]
@@ -410,7 +411,10 @@ def _judged(cube, verdict):
     compared = {number: side_by_side(number, cube) for number in TABLES}
     outcome = Support(*{Verdict.HOLDS: (9, 10), Verdict.PARTLY: (5, 10), Verdict.FAILS: (1, 10)}[verdict], "")
     judgements = [Judgement(one, key, (outcome,)) for one in CONCLUSIONS.values() for key in READINGS]
-    return {(part.word, part.reading): "; ".join(part.items) for part in verdict_of_all(cube, compared, judgements)}
+    return {
+        (part.word, part.reading): "; ".join(part.items)
+        for part in verdict_of_all(compared, judgements, findings(cube))
+    }
 
 
 def test_what_is_the_papers_own_is_reproduced():
@@ -462,7 +466,7 @@ def test_zero_in_one_alone_is_no_agreement_and_in_both_no_case():
 
 def test_the_verdict_says_what_cannot_be():
     cube = outputs()
-    *parts, last = verdict_of_all(cube, {n: side_by_side(n, cube) for n in TABLES}, [])
+    *parts, last = verdict_of_all({n: side_by_side(n, cube) for n in TABLES}, [], findings(cube))
     assert last.word == "Can't be"
     assert [item.split(":")[0] for item in last.items] == [one.title for one in findings(cube) if one.impossible]
     assert [row[2] for row in opening_grid([*parts, last]).rows[-3:]] == list(last.items)

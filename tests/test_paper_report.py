@@ -22,8 +22,8 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, roof_force, save_figures
 from pounding_sweep.paper.readings import READINGS, sweep_of
-from pounding_sweep.paper.report import Picture, contents, render, summary, write_report
-from pounding_sweep.paper.study import INTERVAL, kept, scenario
+from pounding_sweep.paper.report import Picture, contents_of, render, summary, write_report
+from pounding_sweep.paper.study import INTERVAL, scenario, thin_out
 
 #: Eight bytes that begin every PNG file.
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -66,10 +66,9 @@ def picture(tmp_path_factory):
     return Picture(5, "A & B", path)
 
 
-def test_the_page_says_what_there_is_and_loads_nothing(made, picture, monkeypatch):
-    said = contents(made)
-    monkeypatch.setattr("pounding_sweep.paper.report.contents", lambda _: said)
-    text = render(made, [picture])
+def test_the_page_says_what_there_is_and_loads_nothing(made, picture):
+    said = contents_of(made)
+    text = render(said, [picture])
     page = Page(text)
     assert page.open == []
     assert [source[:22] for source in page.loaded] == ["data:image/png;base64,"]
@@ -90,7 +89,7 @@ def test_the_page_says_what_there_is_and_loads_nothing(made, picture, monkeypatc
     assert begin < page.words.index("1. What was computed")
     for part in said["opening"]:
         assert f"{part.word}, {part.reading} {'; '.join(part.items)}" in page.words[begin:]
-    assert [grid.title for grid in summary(made)][:2] == ["The verdict", "The paper's conclusions"]
+    assert [grid.title for grid in summary(said)][:2] == ["The verdict", "The paper's conclusions"]
     verdicts = said["judgements"]
     assert len(verdicts) == 5 * len(READINGS)
     assert all(one.verdict.value in page.words for one in verdicts)
@@ -101,15 +100,15 @@ def test_a_report_of_one_reading_has_no_other(picture):
     whole = make_study()
     parts = {name: getattr(whole, name).sel(reading=["as_run"]) for name in ("histories", "floor_spectra", "steps")}
     study = make_study(cube=one, **parts)
-    page = Page(render(study, [picture]))
+    page = Page(render(contents_of(study), [picture]))
     assert "one reading of the paper's data" in page.words
     assert "as printed (scene" not in page.words
 
 
-def test_a_page_that_cannot_be_written_is_said(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.paper.report.render", lambda study, pictures: "")
+def test_a_page_that_cannot_be_written_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.paper.report.render", lambda contents, pictures: "")
     with pytest.raises(OutputError, match=r"can't write .*give another folder"):
-        write_report(made, [], tmp_path / "none" / "report.html")
+        write_report({}, [], tmp_path / "none" / "report.html")
 
 
 @pytest.mark.parametrize("one", PAPER_FIGURES, ids=lambda one: str(one.number))
@@ -171,7 +170,7 @@ def test_histories_keep_the_peaks_of_forces():
         },
         {"time": time, "storey": [1, 2, 3]},
     )
-    found = kept(one)
+    found = thin_out(one)
     every = round(INTERVAL / 0.001)
     np.testing.assert_allclose(found.time, np.arange(0.0, 0.1001, INTERVAL))
     for i in range(10):
@@ -241,7 +240,7 @@ def test_histories_are_those_of_the_cube(law):
     spec = replace(sweep_of(reading, [record], audit=0.0).spec, laws=(law, "none"))  # each alone is compiled faster
     cube = ps.Sweep.from_spec(spec).run().squeeze(drop=True).sel(law=law)
     one = scenario(reading, record, law)
-    found = kept(one)
+    found = thin_out(one)
     roofs = cube.isel(storey=-1)
     for peak, largest in (
         (found.roof_force.max("time"), roofs.impact_force_max),

@@ -41,9 +41,8 @@ def paper_command(
         from pounding_sweep.base.errors import OutputError
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.netcdf import check_output, open_cube
-        from pounding_sweep.paper.conclusions import judge
         from pounding_sweep.paper.figures import save_figures
-        from pounding_sweep.paper.report import opening, summary, write_report
+        from pounding_sweep.paper.report import contents_of, summary, write_report
         from pounding_sweep.paper.study import study
 
         try:
@@ -58,7 +57,8 @@ def paper_command(
             for text in found.missing.values():
                 say(f"left out: {text}")
             pictures = save_figures(found, out, progress)
-        write_report(found, pictures, target)
+        contents = contents_of(found)
+        write_report(contents, pictures, target)
         if as_json:
             print_json(
                 {
@@ -66,7 +66,7 @@ def paper_command(
                     "figures": [str(picture.path) for picture in pictures],
                     "records": [record.name for record in found.records],
                     "missing": dict(found.missing),
-                    "verdict": [asdict(part) for part in opening(found)],
+                    "verdict": [asdict(part) for part in contents["opening"]],
                     "verdicts": [
                         {
                             "conclusion": one.conclusion.key,
@@ -77,13 +77,13 @@ def paper_command(
                                 for o in one.outcomes
                             ],
                         }
-                        for one in judge(found.cube, found.floor_spectra)
+                        for one in contents["judgements"]
                     ],
                     "warnings": said,
                 }
             )
         else:
-            for grid in summary(found):
+            for grid in summary(contents):
                 print(f"{grid.title}\n")
                 print_table([" ".join(pair).strip() for pair in grid.headings], grid.rows)
                 print()

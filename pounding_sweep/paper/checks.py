@@ -15,13 +15,12 @@ from pounding_sweep.paper.readings import READINGS
 
 @dataclass(frozen=True)
 class Check:
-    """One check of one reading."""
+    """One check of the energies of one reading."""
 
     text: str  # what must be
     reading: str  # key of the reading
-    value: float  # the largest departure from it, over all scenarios
-    unit: str  # of the value
-    scale: float  # what it is to be compared with, in the same unit
+    value: float  # the largest departure from it, over all scenarios (kN m)
+    scale: float  # what it is to be compared with (kN m)
 
     @property
     def relative(self) -> float:
@@ -31,26 +30,27 @@ class Check:
 
 def energy_checks(cube: xr.Dataset) -> list[Check]:
     """Check the energy balance of every scenario."""
-    found = []
-    for reading in READINGS:
-        if reading not in cube["reading"].values:
-            continue
-        one = cube.sel(reading=reading)
-        transfer, work = energy_transfer(one), one["contact_work"].fillna(0.0)
-        scale = float(one["energy_input"].max())
-        residual = np.abs(transfer.sum("building") - work.sum("pair"))
-        alone = transfer.sel(law="none")
-        extremes = [np.abs(one[name].sel(law="none")).max() for name in ("energy_transfer_max", "energy_transfer_min")]
-        alone_most = max(float(np.abs(alone).max()), *(float(value) for value in extremes))
-        spring = float(np.abs(work.sel(law="linear")).max())
-        for text, value in (
-            ("the buildings' transfers sum to the work of the contacts, in every scenario", float(residual.max())),
-            ("the linear spring (Model I) takes in no work over a contact", spring),
-            ("without pounding (Model VII) no building transfers energy", alone_most),
-            ("no contact gives energy: its work is not negative", float(np.maximum(-work, 0.0).max())),
-        ):
-            found.append(Check(text, reading, value, "kN m", scale))
-    return found
+    transfer, work = energy_transfer(cube), cube["contact_work"].fillna(0.0)
+    alone = cube.sel(law="none")
+    of_alone = [transfer.sel(law="none"), alone["energy_transfer_max"], alone["energy_transfer_min"]]
+    departures: dict[str, list[xr.DataArray]] = {
+        "the buildings' transfers sum to the work of the contacts, in every scenario": [
+            transfer.sum("building") - work.sum("pair")
+        ],
+        "the linear spring (Model I) takes in no work over a contact": [work.sel(law="linear")],
+        "without pounding (Model VII) no building transfers energy": of_alone,
+        "no contact gives energy: its work is not negative": [work.clip(max=0.0)],
+    }
+    return [
+        Check(
+            text,
+            reading,
+            max(float(abs(part.sel(reading=reading)).max()) for part in parts),
+            float(cube["energy_input"].sel(reading=reading).max()),
+        )
+        for reading in cube["reading"].values.tolist()
+        for text, parts in departures.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -80,16 +80,13 @@ def silent_models(table: xr.Dataset) -> dict[str, list[str]]:
     return {record: laws for record, laws in silent.items() if laws}
 
 
-def _models(laws: list[str]) -> str:
-    return " and ".join(LAWS[law].model for law in laws)
-
-
 def _no_first_touch(cube: xr.Dataset) -> Finding:
     table = published(5)
     parts = []
     for record, laws in silent_models(table).items():
         most = int(table["impact_count"].sel(record=record).max())
-        parts.append(f"{record_title(record)}: Models {_models(laws)} have none, another has {most} at one floor")
+        models = " and ".join(LAWS[law].model for law in laws)
+        parts.append(f"{record_title(record)}: Models {models} have none, another has {most} at one floor")
     first = cube["first_impact_time"].drop_sel(law="none").min(["pair", "storey"])
     spread = float((first.max("law") - first.min("law")).max())
     touched = int((first.notnull()).sum())
@@ -142,17 +139,14 @@ def _all_receive(cube: xr.Dataset) -> Finding:
 
 
 def _misprint(cube: xr.Dataset) -> Finding:
+    def of_models(force: xr.DataArray) -> xr.DataArray:
+        return force.sel(law="nonlinear_viscoelastic") / force.sel(law="hertz_damped").where(lambda values: values > 0)
+
     force = published(5)["impact_force_max"]
-    ratio = (force.sel(law="nonlinear_viscoelastic") / force.sel(law="hertz_damped")).stack(
-        cell=("record", "pair", "storey")
-    )
-    ratio = ratio.where(np.isfinite(ratio), drop=True).sortby(ratio.where(np.isfinite(ratio), drop=True))
-    texts = []
-    own = cube["impact_force_max"]
-    for reading in cube["reading"].values:
-        one = own.sel(reading=reading)
-        most = (one.sel(law="nonlinear_viscoelastic") / one.sel(law="hertz_damped").where(lambda f: f > 0)).max()
-        texts.append(f"{float(most):.2f} ({READINGS[str(reading)].label})")
+    ratio = of_models(force).stack(cell=("record", "pair", "storey")).dropna("cell")
+    ratio = ratio.sortby(ratio)
+    own = of_models(cube["impact_force_max"])
+    texts = [f"{float(own.sel(reading=key).max()):.2f} ({READINGS[str(key)].label})" for key in cube["reading"].values]
     place = dict(zip(("record", "pair", "storey"), ratio["cell"].values[-1], strict=True))
     value = float(force.sel({**place, "law": "nonlinear_viscoelastic"}))
     return Finding(

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Any
+from itertools import groupby, product
 
 import numpy as np
 import xarray as xr
 
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import get_variable
-from pounding_sweep.paper.published import TABLES, published, record_title
+from pounding_sweep.paper.published import published, record_title
 from pounding_sweep.paper.readings import READINGS
 
 #: Differences up to these count as agreement, in summaries.
@@ -39,6 +38,17 @@ class Grid:
     headings: Sequence[tuple[str, str]]  # group and heading of each column
     rows: Sequence[Sequence[str]]  # cells
 
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Groups of the headings with their widths; none where no heading has one."""
+        groups = [(group, len(list(columns))) for group, columns in groupby(self.headings, key=lambda pair: pair[0])]
+        return groups if any(group for group, _ in groups) else []
+
+
+def ungrouped(*texts: str) -> list[tuple[str, str]]:
+    """Return headings without groups."""
+    return [("", text) for text in texts]
+
 
 def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
     """Put a table of the paper beside the same outputs of both readings."""
@@ -52,58 +62,58 @@ def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
         sources, paper = table.expand_dims(source=["paper"]), table
     values = xr.concat([sources, own.rename(reading="source")], "source", combine_attrs="drop_conflicts")
     difference = own / paper.where(paper != 0) - 1.0
-    renamed = {name: f"{name}_difference" for name in difference.data_vars}
-    for name in renamed:
+    for name, off in difference.data_vars.items():
         long_name = f"{get_variable(str(name)).long_name}, over the paper's, less 1"
-        difference[name].attrs = {"units": "1", "long_name": long_name}
-    return values.merge(difference.rename(renamed)).assign_attrs(table.attrs)
+        values[f"{name}_difference"] = off.assign_attrs(units="1", long_name=long_name)
+    return values.assign_attrs(table.attrs)
 
 
-def table_grid(number: int, compared: xr.Dataset) -> Grid:
+def outputs_of(compared: xr.Dataset) -> list[str]:
+    """Return the outputs that a table of `side_by_side` compares."""
+    return [name for name in _WRITTEN if name in compared]
+
+
+def paper_source(compared: xr.Dataset) -> str:
+    """Return the source that a table of `side_by_side` compares with."""
+    return "matlab" if "matlab" in compared["source"].values else "paper"
+
+
+def table_grid(compared: xr.Dataset) -> Grid:
     """Write a table of `side_by_side` as text, one row per place."""
-    table = TABLES[number]
-    places = [dim for dim in table.coordinates if dim != "program"]
-    sources = [str(name) for name in compared["source"].values]
-    headings: list[tuple[str, str]] = [("", dim if dim != "law" else "model") for dim in places]
-    columns: list[tuple[str, str, bool]] = []
-    for name, _ in table.values:
+    places = [dim for dim in ("law", "record", "building", "pair", "storey") if dim in compared.dims]
+    stacked = compared.stack(place=places)
+    columns = [
+        (("", dim.replace("law", "model")), [_label(dim, value) for value in stacked[dim].values]) for dim in places
+    ]
+    for name, source in product(outputs_of(compared), compared["source"].values.tolist()):
         what, _, unit, _ = _WRITTEN[name]
         group = f"{what} ({unit})" if unit else what
-        for source in sources:
-            headings.append((group, READINGS[source].label if source in READINGS else _SOURCES[source]))
-            columns.append((name, source, False))
-            if source in READINGS:
-                headings.append((group, "difference"))
-                columns.append((name, source, True))
-    rows = []
-    for values in product(*(compared[dim].values.tolist() for dim in places)):
-        one = compared.sel(dict(zip(places, values, strict=True)))
-        rows.append([_place(dim, value) for dim, value in zip(places, values, strict=True)])
-        for name, source, relative in columns:
-            cell = one[f"{name}_difference"].sel(reading=source) if relative else one[name].sel(source=source)
-            rows[-1].append(_percent(float(cell)) if relative else _number(name, float(cell)))
-    return Grid(str(compared.attrs["title"]), headings, rows)
+        numbers = [_number(name, value) for value in stacked[name].sel(source=source).values]
+        columns.append(((group, READINGS[source].label if source in READINGS else _SOURCES[source]), numbers))
+        if source in READINGS:
+            off = stacked[f"{name}_difference"].sel(reading=source).values
+            columns.append(((group, "difference"), ["-" if np.isnan(value) else f"{value:+.0%}" for value in off]))
+    headings, cells = zip(*columns, strict=True)
+    return Grid(str(compared.attrs["title"]), headings, [list(row) for row in zip(*cells, strict=True)])
 
 
-def agreement(number: int, compared: xr.Dataset) -> Grid:
+def agreement(compared: xr.Dataset) -> Grid:
     """Sum up a table of `side_by_side`: how near each reading comes to the paper, over all records and by record."""
-    headings = [("", text) for text in ("output", "reading", "record", "cells", "median difference")]
+    headings = ungrouped("output", "reading", "record", "cells", "median difference")
     headings += [("cells that agree", f"within {share:.0%}") for share in CLOSE]
-    headings.append(("", "zero in one of the two alone"))
+    headings += ungrouped("zero in one of the two alone")
     rows = []
-    first = str(compared["source"].values[0]) if "paper" in compared["source"].values else "matlab"
-    for name, _ in TABLES[number].values:
-        for reading, record in product(compared["reading"].values, [ALL, *compared["record"].values]):
-            one = compared if record == ALL else compared.sel(record=record)
-            difference = one[f"{name}_difference"].sel(reading=reading).values
-            paper, own = (one[name].sel(source=source).values for source in (first, reading))
-            off = np.abs(difference[np.isfinite(difference)])
-            shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
-            one_zero = int((np.isfinite(own) & ((paper == 0) != (np.abs(own) < resolution(name)))).sum())
-            median = f"{np.median(off):.0%}" if off.size else "-"
-            place = [_WRITTEN[name][0], READINGS[str(reading)].label, _place("record", str(record))]
-            rows.append([*place, str(paper.size), median, *shares, str(one_zero)])
-    return Grid(f"Agreement with Table {number}", headings, rows)
+    readings, records = compared["reading"].values.tolist(), compared["record"].values.tolist()
+    for name, reading, record in product(outputs_of(compared), readings, [ALL, *records]):
+        one = compared if record == ALL else compared.sel(record=record)
+        difference = one[f"{name}_difference"].sel(reading=reading).values
+        paper, own = (one[name].sel(source=source).values for source in (paper_source(compared), reading))
+        off = np.abs(difference[np.isfinite(difference)])
+        shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
+        one_zero = int((np.isfinite(own) & ((paper == 0) != (np.abs(own) < resolution(name)))).sum())
+        place = [_WRITTEN[name][0], READINGS[reading].label, _label("record", record)]
+        rows.append([*place, str(paper.size), f"{np.median(off):.0%}" if off.size else "-", *shares, str(one_zero)])
+    return Grid(f"Agreement with {compared.attrs['title'].partition(':')[0]}", headings, rows)
 
 
 def resolution(name: str) -> float:
@@ -117,11 +127,7 @@ def _number(name: str, value: float) -> str:
     return "-" if np.isnan(value) else f"{round(value * factor, digits) + 0.0:.{digits}f}"  # no -0
 
 
-def _percent(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:+.0%}"
-
-
-def _place(dim: str, value: Any) -> str:
+def _label(dim: str, value: object) -> str:
     if dim == "law":
-        return LAWS[value].model
-    return record_title(value) if dim == "record" and value != ALL else str(value)
+        return LAWS[str(value)].model
+    return record_title(str(value)) if dim == "record" and value != ALL else str(value)

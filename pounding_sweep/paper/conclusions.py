@@ -7,7 +7,7 @@ limits below are this package's, and no cube changes them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -30,10 +30,11 @@ SPREAD_LEVEL = 0.5
 #: ... and its spread grows significantly where it grows by this factor.
 SPREAD_FACTOR = 1.5
 
-_POUNDING = MATE2015_MODELS[:-1]
-_LINEAR = tuple(key for key in _POUNDING if LAWS[key].exponent == 1.0)
-_NONLINEAR = tuple(key for key in _POUNDING if LAWS[key].exponent == 1.5)
-_DAMPED = ("hertz_damped", "nonlinear_viscoelastic")
+_POUNDING = list(MATE2015_MODELS[:-1])
+_LINEAR = [key for key in _POUNDING if LAWS[key].exponent == 1.0]
+_NONLINEAR = [key for key in _POUNDING if LAWS[key].exponent == 1.5]
+_DAMPED = ["hertz_damped", "nonlinear_viscoelastic"]
+_FLOORS = "Cases: records, pairs and storeys"
 
 
 class Verdict(StrEnum):
@@ -62,14 +63,17 @@ class Support:
         return Verdict.HOLDS if share >= HOLDS_SHARE else Verdict.PARTLY if share >= PARTLY_SHARE else Verdict.FAILS
 
 
+#: (outputs of one reading, floor spectra of the roofs) -> `Support`
+Test = Callable[[xr.Dataset, xr.Dataset], Support]
+
+
 @dataclass(frozen=True)
 class Claim:
     """A part of a conclusion that can be true or false."""
 
     text: str  # the claim, in this package's words
     criterion: str  # when it is true, and what a case is
-    #: (outputs of one reading, floor spectra of the roofs) -> `Support`
-    test: Callable[[xr.Dataset, xr.Dataset], Support]
+    test: Test
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,31 @@ class Conclusion:
 
     key: str  # its number
     text: str  # in this package's words
-    claims: tuple[Claim, ...]  # what it says, part by part
+    claims: list[Claim] = field(default_factory=list)  # what it says, part by part
+
+    def claim(self, text: str, criterion: str) -> Callable[[Test], Test]:
+        """Add the function that it is put on as the test of a claim."""
+
+        def add(test: Test) -> Test:
+            self.claims.append(Claim(text, criterion, test))
+            return test
+
+        return add
+
+
+#: The paper's conclusions by number.
+CONCLUSIONS = {
+    key: Conclusion(key, text)
+    for key, text in {
+        "i": "The contact model hardly matters for peak displacements.",
+        "ii": "In the right building, the most flexible as printed, pounding can bring more shear into the top storey "
+        "than into the one below.",
+        "iii": "Contact elements with a linear spring give the same impacts; nonlinear ones with damping give less "
+        "force.",
+        "iv": "Nonlinear springs give smaller impact forces than linear ones, at the same displacements.",
+        "v": "Pounding raises floor spectra drastically and spreads their peak over a long range of periods.",
+    }.items()
+}
 
 
 @dataclass(frozen=True)
@@ -116,193 +144,134 @@ def judge(cube: xr.Dataset, spectra: xr.Dataset) -> list[Judgement]:
     ]
 
 
-def _peaks(one: xr.Dataset) -> xr.DataArray:
+def _support(values: xr.DataArray, true: xr.DataArray, numbers: str) -> Support:
+    """Count the cases, those that have a value, in which a claim is true; `numbers` names statistics of the values."""
+    valid = values.notnull()
+    if not valid.any():
+        return Support(0, 0, "no case")
+    statistics = {"median": float(values.median()), "least": float(values.min()), "most": float(values.max())}
+    return Support(int((true & valid).sum()), int(valid.sum()), numbers.format(**statistics))
+
+
+def _peaks(one: xr.Dataset, laws: list[str]) -> xr.DataArray:
     """Absolute peak displacements (m) both ways, on ``law``, ``record``, ``building``, ``storey``, ``way``."""
-    return abs(xr.concat([one["displacement_max"], one["displacement_min"]], "way"))
+    return abs(xr.concat([one["displacement_max"], one["displacement_min"]], "way")).sel(law=laws)
 
 
-def _count(true: xr.DataArray, valid: xr.DataArray, numbers: str) -> Support:
-    true, valid = true.broadcast_like(valid), valid.broadcast_like(true)
-    return Support(int((true & valid).sum()), int(valid.sum()), numbers if bool(valid.any()) else "no case")
+def _forces(one: xr.Dataset, laws: list[str]) -> xr.DataArray:
+    """Peak forces (kN) of some laws, at the floors at which all of them touch."""
+    force = one["impact_force_max"].sel(law=laws)
+    return force.where((force > 0).all("law"))
 
 
+@CONCLUSIONS["i"].claim(
+    "Peak displacements are more or less the same under Models I to VI.",
+    f"No model is further than {SAME_DISPLACEMENT:.0%} from the median of the six. Cases: records, floors, both ways.",
+)
 def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    peaks = _peaks(one.sel(law=list(_POUNDING)))
-    median = peaks.median("law")
-    off = abs(peaks / median - 1.0).max("law")
-    text = f"largest departure {float(off.max()):.0%}, median over the cases {float(off.median()):.0%}"
-    return _count(off <= SAME_DISPLACEMENT, off.notnull(), text)
+    peaks = _peaks(one, _POUNDING)
+    off = abs(peaks / peaks.median("law") - 1.0).max("law")
+    numbers = "largest departure {most:.0%}, median over the cases {median:.0%}"
+    return _support(off, off <= SAME_DISPLACEMENT, numbers)
 
 
-def _displacement_of_families(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    linear, other = (_peaks(one.sel(law=list(laws))).median("law") for laws in (_LINEAR, _NONLINEAR))
-    off = abs(other / linear - 1.0)
-    text = f"largest difference {float(off.max()):.0%}, median over the cases {float(off.median()):.0%}"
-    return _count(off <= SAME_DISPLACEMENT, off.notnull(), text)
-
-
-def _top_over_below(one: xr.Dataset) -> xr.DataArray:
-    shear = one["storey_shear_max"].sel(building=one["building"].values[-1])
-    return shear.isel(storey=-1) / shear.isel(storey=-2)
-
-
+@CONCLUSIONS["ii"].claim(
+    "With pounding the top storey's shear may exceed that of the storey below, without it does not.",
+    "It does under at least one of Models I to VI, and does not under Model VII. Cases: records.",
+)
 def _shear_turns(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    ratio = _top_over_below(one)
-    pounding, alone = ratio.sel(law=list(_POUNDING)), ratio.sel(law="none")
-    over = int((pounding > 1.0).sum())
-    text = (
-        f"top over storey below: up to {float(pounding.max()):.2f} with pounding, above 1 in {over} of {pounding.size} "
-        f"scenarios; up to {float(alone.max()):.2f} without"
+    shear = one["storey_shear_max"].isel(building=-1)
+    ratio = shear.isel(storey=-1) / shear.isel(storey=-2)
+    pounding, alone = ratio.sel(law=_POUNDING), ratio.sel(law="none")
+    numbers = (
+        f"top over storey below: up to {float(pounding.max()):.2f} with pounding, above 1 in "
+        f"{int((pounding > 1.0).sum())} of {pounding.size} scenarios; up to {{most:.2f}} without"
     )
-    return _count((pounding.max("law") > 1.0) & (alone <= 1.0), alone.notnull(), text)
+    return _support(alone, (pounding.max("law") > 1.0) & (alone <= 1.0), numbers)
 
 
-def _forces(one: xr.Dataset, laws: Sequence[str]) -> tuple[xr.DataArray, xr.DataArray]:
-    """Peak forces (kN) of some laws, and the floors at which all of them touch."""
-    force = one["impact_force_max"].sel(law=list(laws))
-    return force, (force > 0).all("law")
-
-
+@CONCLUSIONS["iii"].claim(
+    "Models I to III give the same peak forces.",
+    f"Largest at most {SAME_FORCE:g} times the smallest. {_FLOORS} that touch in all three.",
+)
 def _linear_forces(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    force, touch = _forces(one, _LINEAR)
-    ratio = (force.max("law") / force.min("law").where(touch)).where(touch)
-    text = f"largest over smallest: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
-    return _count(ratio <= SAME_FORCE, touch, text)
+    force = _forces(one, _LINEAR)
+    ratio = force.max("law") / force.min("law")
+    return _support(ratio, ratio <= SAME_FORCE, "largest over smallest: median {median:.2f}, at most {most:.2f}")
 
 
+@CONCLUSIONS["iii"].claim(
+    "Models I to III give the same numbers of impacts.",
+    f"They differ by at most {SAME_COUNT}, or {SAME_COUNT_SHARE:.0%} of the largest. {_FLOORS} that touch in any.",
+)
 def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    count = one["impact_count"].sel(law=list(_LINEAR))
-    touch = (count > 0).any("law")
-    span = count.max("law") - count.min("law")
-    limit = np.maximum(SAME_COUNT, SAME_COUNT_SHARE * count.max("law"))
-    return _count(span <= limit, touch, f"largest difference {int(span.max())} impacts of {int(count.max())} at most")
+    count = one["impact_count"].sel(law=_LINEAR)
+    most = count.max("law")
+    span = (most - count.min("law")).where(most > 0)
+    numbers = f"largest difference {{most:.0f}} impacts of {int(count.max())} at most"
+    return _support(span, span <= np.maximum(SAME_COUNT, SAME_COUNT_SHARE * most), numbers)
 
 
+@CONCLUSIONS["iii"].claim(
+    "Models V and VI give less force than the undamped Model IV.",
+    f"Both less than Model IV. {_FLOORS} that touch in all three.",
+)
 def _damped_below_hertz(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    force, touch = _forces(one, ("hertz", *_DAMPED))
-    ratio = (force.sel(law=list(_DAMPED)).max("law") / force.sel(law="hertz").where(touch)).where(touch)
-    text = f"the larger of V and VI over IV: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
-    return _count(ratio < 1.0, touch, text)
+    force = _forces(one, ["hertz", *_DAMPED])
+    ratio = force.sel(law=_DAMPED).max("law") / force.sel(law="hertz")
+    numbers = "the larger of V and VI over IV: median {median:.2f}, at most {most:.2f}"
+    return _support(ratio, ratio < 1.0, numbers)
 
 
+@CONCLUSIONS["iv"].claim(
+    "Models IV to VI give less force than Models I to III.",
+    f"The largest of IV to VI is below the smallest of I to III. {_FLOORS} that touch in all six.",
+)
 def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Support:
-    force, touch = _forces(one, _POUNDING)
-    largest, smallest = force.sel(law=list(_NONLINEAR)).max("law"), force.sel(law=list(_LINEAR)).min("law")
-    ratio = (largest / smallest.where(touch)).where(touch)
-    text = (
-        f"largest of IV to VI over smallest of I to III: median {float(ratio.median()):.2f}, "
-        f"{float(ratio.min()):.2f} to {float(ratio.max()):.2f}"
-    )
-    return _count(ratio < 1.0, touch, text)
+    force = _forces(one, _POUNDING)
+    ratio = force.sel(law=_NONLINEAR).max("law") / force.sel(law=_LINEAR).min("law")
+    numbers = "largest of IV to VI over smallest of I to III: median {median:.2f}, {least:.2f} to {most:.2f}"
+    return _support(ratio, ratio < 1.0, numbers)
 
 
+@CONCLUSIONS["iv"].claim(
+    "Peak displacements are the same under both kinds.",
+    f"Medians of IV to VI and of I to III differ by {SAME_DISPLACEMENT:.0%} at most. Cases: records, floors, both "
+    "ways.",
+)
+def _displacement_of_families(one: xr.Dataset, spectra: xr.Dataset) -> Support:
+    off = abs(_peaks(one, _NONLINEAR).median("law") / _peaks(one, _LINEAR).median("law") - 1.0)
+    numbers = "largest difference {most:.0%}, median over the cases {median:.0%}"
+    return _support(off, off <= SAME_DISPLACEMENT, numbers)
+
+
+@CONCLUSIONS["v"].claim(
+    "Pounding raises the peak of the roofs' acceleration spectra drastically.",
+    f"Peak at least {DRASTIC:g} times that of Model VII. Cases: Models I to VI, records, buildings.",
+)
 def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     ordinates = spectra["pseudo_acceleration"]
-    pounding, alone = ordinates.sel(law=list(_POUNDING)), ordinates.sel(law="none")
+    pounding, alone = ordinates.sel(law=_POUNDING), ordinates.sel(law="none")
     ratio = pounding.max("period") / alone.max("period")
-    text = (
-        f"peak over that without pounding: median {float(ratio.median()):.2f}, {float(ratio.min()):.2f} to "
-        f"{float(ratio.max()):.2f}; at single periods up to {float((pounding / alone).max()):.1f} times"
+    numbers = (
+        "peak over that without pounding: median {median:.2f}, {least:.2f} to {most:.2f}; at single periods up to "
     )
-    return _count(ratio >= DRASTIC, ratio.notnull(), text)
+    return _support(ratio, ratio >= DRASTIC, f"{numbers}{float((pounding / alone).max()):.1f} times")
 
 
 def spread(spectra: xr.DataArray) -> xr.DataArray:
     """Width (natural logarithm of periods) over which spectra are above `SPREAD_LEVEL` of their own peak."""
-    share = np.gradient(np.log(spectra["period"].values))
-    width = xr.DataArray(share, dims="period", coords={"period": spectra["period"]})
+    width = spectra["period"].copy(data=np.gradient(np.log(spectra["period"].values)))
     return width.where(spectra >= SPREAD_LEVEL * spectra.max("period"), 0.0).sum("period")
 
 
+@CONCLUSIONS["v"].claim(
+    "With pounding the peak is spread over a longer range of periods.",
+    f"The range of periods (logarithm) above {SPREAD_LEVEL:.0%} of the spectrum's own peak is at least "
+    f"{SPREAD_FACTOR:g} times that of Model VII. Cases: Models I to VI, records, buildings.",
+)
 def _spectra_spread(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     width = spread(spectra["pseudo_acceleration"])
-    ratio = width.sel(law=list(_POUNDING)) / width.sel(law="none")
-    text = f"spread over that without pounding: median {float(ratio.median()):.2f}, up to {float(ratio.max()):.2f}"
-    return _count(ratio >= SPREAD_FACTOR, ratio.notnull(), text)
-
-
-_FLOORS = "Cases: records, pairs and storeys"
-_ALL = (
-    Conclusion(
-        "i",
-        "The contact model hardly matters for peak displacements.",
-        (
-            Claim(
-                "Peak displacements are more or less the same under Models I to VI.",
-                f"No model is further than {SAME_DISPLACEMENT:.0%} from the median of the six. Cases: records, floors, "
-                "both ways.",
-                _displacement_of_models,
-            ),
-        ),
-    ),
-    Conclusion(
-        "ii",
-        "In the right building, the most flexible as printed, pounding can bring more shear into the top storey than "
-        "into the one below.",
-        (
-            Claim(
-                "With pounding the top storey's shear may exceed that of the storey below, without it does not.",
-                "It does under at least one of Models I to VI, and does not under Model VII. Cases: records.",
-                _shear_turns,
-            ),
-        ),
-    ),
-    Conclusion(
-        "iii",
-        "Contact elements with a linear spring give the same impacts; nonlinear ones with damping give less force.",
-        (
-            Claim(
-                "Models I to III give the same peak forces.",
-                f"Largest at most {SAME_FORCE:g} times the smallest. {_FLOORS} that touch in all three.",
-                _linear_forces,
-            ),
-            Claim(
-                "Models I to III give the same numbers of impacts.",
-                f"They differ by at most {SAME_COUNT}, or {SAME_COUNT_SHARE:.0%} of the largest. {_FLOORS} that touch "
-                "in any.",
-                _linear_counts,
-            ),
-            Claim(
-                "Models V and VI give less force than the undamped Model IV.",
-                f"Both less than Model IV. {_FLOORS} that touch in all three.",
-                _damped_below_hertz,
-            ),
-        ),
-    ),
-    Conclusion(
-        "iv",
-        "Nonlinear springs give smaller impact forces than linear ones, at the same displacements.",
-        (
-            Claim(
-                "Models IV to VI give less force than Models I to III.",
-                f"The largest of IV to VI is below the smallest of I to III. {_FLOORS} that touch in all six.",
-                _nonlinear_below_linear,
-            ),
-            Claim(
-                "Peak displacements are the same under both kinds.",
-                f"Medians of IV to VI and of I to III differ by {SAME_DISPLACEMENT:.0%} at most. Cases: records, "
-                "floors, both ways.",
-                _displacement_of_families,
-            ),
-        ),
-    ),
-    Conclusion(
-        "v",
-        "Pounding raises floor spectra drastically and spreads their peak over a long range of periods.",
-        (
-            Claim(
-                "Pounding raises the peak of the roofs' acceleration spectra drastically.",
-                f"Peak at least {DRASTIC:g} times that of Model VII. Cases: Models I to VI, records, buildings.",
-                _spectra_grow,
-            ),
-            Claim(
-                "With pounding the peak is spread over a longer range of periods.",
-                f"The range of periods (logarithm) above {SPREAD_LEVEL:.0%} of the spectrum's own peak is at least "
-                f"{SPREAD_FACTOR:g} times that of Model VII. Cases: Models I to VI, records, buildings.",
-                _spectra_spread,
-            ),
-        ),
-    ),
-)
-CONCLUSIONS: dict[str, Conclusion] = {conclusion.key: conclusion for conclusion in _ALL}
-"""The paper's conclusions by number."""
+    ratio = width.sel(law=_POUNDING) / width.sel(law="none")
+    numbers = "spread over that without pounding: median {median:.2f}, up to {most:.2f}"
+    return _support(ratio, ratio >= SPREAD_FACTOR, numbers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -24,10 +24,12 @@ from pounding_sweep.paper.report import Picture
 from pounding_sweep.paper.study import Study
 from pounding_sweep.run.execute import Progress
 
-#: (axes, data of one model at one reading and record, look)
-Line = Callable[[Any, "xr.Dataset", dict[str, Any]], None]
+#: Data of one model at one reading and record -> its lines (x, y).
+Lines = Callable[[Any], Sequence[tuple[Any, Any]]]
 
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)), (0, (8, 2)))
+#: A record's end is not drawn once everything stays below this share of the largest value.
+QUIET = 0.1
 
 
 def model_label(law: str) -> str:
@@ -36,48 +38,89 @@ def model_label(law: str) -> str:
 
 
 def model_look(law: str) -> dict[str, Any]:
-    """Label, colour, dashes and width of a model's line: no pounding thick and grey, behind the others."""
-    label = model_label(law)
+    """Colour, dashes and width of a model's line: no pounding thick and grey, behind the others."""
     if law == "none":
-        return {"label": label, "color": "0.6", "linestyle": "-", "linewidth": 2.6, "zorder": 1.5}
+        return {"color": "0.6", "linestyle": "-", "linewidth": 2.6, "zorder": 1.5}
     number = MATE2015_MODELS.index(law)
-    return {"label": label, "color": COLOURS[number], "linestyle": _DASHES[number], "linewidth": 1.2}
+    return {"color": COLOURS[number], "linestyle": _DASHES[number], "linewidth": 1.2}
 
 
-def model_grid(data: xr.Dataset, line: Line, x: str, y: str, share_y: bool = True) -> Figure:
-    """Draw a panel for each reading and record, and in it a line for each model."""
-    readings, records = data["reading"].values.tolist(), data["record"].values.tolist()
+def model_grid(data: Any, lines: Lines, x: str, y: str, share_y: bool = True) -> Figure:
+    """Draw a panel for each reading and record, and in it lines for each model."""
+    readings, records, laws = (data[dim].values.tolist() for dim in ("reading", "record", "law"))
     size = (max(5.0, 1.0 + 2.5 * len(records)), 1.3 + 2.5 * len(readings))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(readings), len(records), squeeze=False, sharex="col", sharey="row" if share_y else False)
-    for column, record in enumerate(records):
-        axes[0, column].set_title(record_title(record))
-    for (i, reading), (j, record), law in product(enumerate(readings), enumerate(records), data["law"].values.tolist()):
-        line(axes[i, j], data.sel(reading=reading, record=record, law=law), model_look(law))
+    for (i, reading), (j, record), law in product(enumerate(readings), enumerate(records), laws):
+        label = model_label(law)
+        for across, up in lines(data.sel(reading=reading, record=record, law=law)):
+            axes[i, j].plot(across, up, label=label, **model_look(law))
+            label = ""
+        axes[0, j].set_title(record_title(record))
     label_edges(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings])
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4 if len(records) > 2 else 2)
     return figure
 
 
-#: A record's end is not drawn once everything stays below this share of the largest value.
-QUIET = 0.1
-
-
 @in_style()
 def structural_energy(histories: xr.Dataset, building: str) -> Figure:
     """Draw the structural energy of a building against time, model by model."""
-    here = histories.sel(building=building)
+    energy = histories["structural_energy"].sel(building=building)
 
-    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
-        values = one["structural_energy"].dropna("time")
-        ax.plot(values["time"], values, **look)
-        ax.set_xlim(0.0, float(values["time"][-1]))
+    def lines(one: xr.DataArray) -> list[tuple[Any, Any]]:
+        one = one.dropna("time")
+        return [(one["time"], one)]
 
     # records differ by an order of magnitude
-    figure = model_grid(here, line, "time (s)", "energy (kN m)", share_y=False)
+    figure = model_grid(energy, lines, "time (s)", "energy (kN m)", share_y=False)
     for ax in figure.axes:
+        ax.set_xlim(0.0, np.asarray(ax.lines[0].get_xdata())[-1])
         ax.set_ylim(bottom=0)
+    return figure
+
+
+@in_style()
+def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
+    """Draw the signed peak displacements of a building's floors, model by model."""
+    here = cube[["displacement_max", "displacement_min"]].sel(building=building) * 1e3
+    floors = np.concatenate([[0], here["storey"].values])
+
+    def lines(one: xr.Dataset) -> list[tuple[Any, Any]]:
+        return [(np.concatenate([[0.0], peaks.values]), floors) for peaks in one.data_vars.values()]
+
+    figure = model_grid(here, lines, "displacement (mm)", "floor")
+    for ax in figure.axes:
+        ax.axvline(0.0, color="0.4", linewidth=0.8)
+        ax.set_yticks(floors)
+    return figure
+
+
+@in_style()
+def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
+    """Draw the peak shears of a building's storeys, model by model."""
+    shear = cube["storey_shear_max"].sel(building=building) * 1e-3
+    edges = np.concatenate([[0], shear["storey"].values])  # constant over a storey: from one floor to the next
+
+    def lines(one: xr.DataArray) -> list[tuple[Any, Any]]:
+        return [(np.repeat(one.values, 2), np.repeat(edges, 2)[1:-1])]
+
+    figure = model_grid(shear, lines, "storey shear (MN)", "floor")
+    for ax in figure.axes:
+        ax.set_xlim(left=0)
+        ax.set_yticks(edges)
+    return figure
+
+
+@in_style()
+def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
+    """Draw the pseudo-acceleration spectra of a roof, model by model."""
+    ordinates = spectra["pseudo_acceleration"].sel(building=building) / STANDARD_GRAVITY
+    figure = model_grid(ordinates, lambda one: [(one["period"], one)], "period (s)", "spectral acceleration (g)")
+    for ax in figure.axes:
+        ax.set(xscale="log", yscale="log")
+        ax.set_xticks([0.03, 0.1, 0.3, 1, 3], labels=["0.03", "0.1", "0.3", "1", "3"])
+        ax.minorticks_off()
     return figure
 
 
@@ -99,81 +142,25 @@ def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
     """One row per model with contact, one column per reading; without the quiet end of the record."""
     readings = values["reading"].values.tolist()
     laws = [law for law in values["law"].values.tolist() if law != "none"]
-    time = values["time"].values
+    time, record = values["time"].values, record_title(str(values["record"].item()))
     loud = abs(values).max([dim for dim in values.dims if dim != "time"])
     last = float(time[np.flatnonzero(loud >= QUIET * loud.max())[-1]])
     figure = Figure(figsize=(2.0 + 4.2 * len(readings), 0.8 + 1.25 * len(laws)), layout="constrained")
     axes = figure.subplots(len(laws), len(readings), squeeze=False, sharex=True, sharey=alone)
-    for row, law in enumerate(laws):
-        for column, reading in enumerate(readings):
-            ax = axes[row, column]
-            one = values.sel(reading=reading)
-            if alone:
-                ax.plot(time, one.sel(law="none"), color="0.6", linewidth=1.6, label="no pounding")
-            ax.plot(time, one.sel(law=law), color=COLOURS[1], linewidth=0.9, label="with pounding")
-            ax.set_title(model_label(law), loc="left", fontsize=8)
-            ax.set_xlim(0.0, 1.05 * last)
-    record = record_title(str(values["record"].item()))
-    for column, reading in enumerate(readings):
-        title = f"{record}, {READINGS[reading].label}\n{model_label(laws[0])}"
-        axes[0, column].set_title(title, loc="left", fontsize=8)
-        axes[-1, column].set_xlabel("time (s)")
+    for (row, law), (column, reading) in product(enumerate(laws), enumerate(readings)):
+        ax, one = axes[row, column], values.sel(reading=reading)
+        if alone:
+            ax.plot(time, one.sel(law="none"), color="0.6", linewidth=1.6, label="no pounding")
+        ax.plot(time, one.sel(law=law), color=COLOURS[1], linewidth=0.9, label="with pounding")
+        above = "" if row else f"{record}, {READINGS[reading].label}\n"
+        ax.set_title(above + model_label(law), loc="left", fontsize=8)
+        ax.set_xlim(0.0, 1.05 * last)
+        if not alone:
+            ax.set_ylim(bottom=0)
+    label_edges(axes, "time (s)", [""] * len(laws))
     if alone:
         legend_below(figure, axes[0, 0], most=2)
-    else:
-        for ax in axes.ravel():
-            ax.set_ylim(bottom=0)
     figure.supylabel(label, fontsize=9)
-    return figure
-
-
-@in_style()
-def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
-    """Draw the signed peak displacements of a building's floors, model by model."""
-    here = cube.sel(building=building)
-    storeys = np.concatenate([[0], here["storey"].values])
-
-    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
-        for name, label in (("displacement_max", look["label"]), ("displacement_min", None)):
-            ax.plot(np.concatenate([[0.0], one[name].values]) * 1e3, storeys, **{**look, "label": label})
-
-    figure = model_grid(here, line, "displacement (mm)", "floor")
-    for ax in figure.axes:
-        ax.axvline(0.0, color="0.4", linewidth=0.8)
-        ax.set_yticks(storeys)
-    return figure
-
-
-@in_style()
-def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
-    """Draw the peak shears of a building's storeys, model by model."""
-    here = cube.sel(building=building)
-    edges = np.concatenate([[0], here["storey"].values])
-
-    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
-        shear = one["storey_shear_max"].values * 1e-3  # constant over a storey: from one floor to the next
-        ax.plot(np.repeat(shear, 2), np.repeat(edges, 2)[1:-1], **look)
-
-    figure = model_grid(here, line, "storey shear (MN)", "floor")
-    for ax in figure.axes:
-        ax.set_xlim(left=0)
-        ax.set_yticks(edges)
-    return figure
-
-
-@in_style()
-def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
-    """Draw the pseudo-acceleration spectra of a roof, model by model."""
-    here = spectra.sel(building=building)
-
-    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
-        ax.plot(one["period"], one["pseudo_acceleration"] / STANDARD_GRAVITY, **look)
-
-    figure = model_grid(here, line, "period (s)", "spectral acceleration (g)")
-    for ax in figure.axes:
-        ax.set(xscale="log", yscale="log")
-        ax.set_xticks([0.03, 0.1, 0.3, 1, 3], labels=["0.03", "0.1", "0.3", "1", "3"])
-        ax.minorticks_off()
     return figure
 
 
@@ -190,27 +177,32 @@ class PaperFigure:
     draw: Callable[[Study], Figure]  # `Study` -> figure
 
 
-def shown_record(study: Study) -> str:
+def _record(study: Study) -> str:
     """Record of the histories of Figures 17 to 21: the paper's, San Fernando, or the last one at hand."""
     return study.records[-1].name
 
 
-def _each(first: int, title: str, draw: Callable[[str, Study], Figure]) -> list[PaperFigure]:
-    """Three figures in a row: left, middle and right building."""
-    return [PaperFigure(n, f"{title}, {b} building", partial(draw, b)) for n, b in enumerate(BUILDINGS, start=first)]
+#: By the first of three figures in a row, for the left, middle and right building: what they show.
+_OF_BUILDINGS: dict[int, tuple[str, Callable[[str, Study], Figure]]] = {
+    5: ("Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
+    8: ("Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
+    11: ("Structural energy", lambda b, study: structural_energy(study.histories, b)),
+    14: ("5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
+    17: ("Roof displacement", lambda b, study: roof_displacement(study.histories, b, _record(study))),
+}
 
 
 def _force(pair: str, study: Study) -> Figure:
-    return roof_force(study.histories, pair, shown_record(study))
+    return roof_force(study.histories, pair, _record(study))
 
 
 PAPER_FIGURES: tuple[PaperFigure, ...] = (
     PaperFigure(4, "Ground motions and their 5 % spectra", lambda study: ground_motion(study.motions)),
-    *_each(5, "Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
-    *_each(8, "Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
-    *_each(11, "Structural energy", lambda b, study: structural_energy(study.histories, b)),
-    *_each(14, "5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
-    *_each(17, "Roof displacement", lambda b, study: roof_displacement(study.histories, b, shown_record(study))),
+    *(
+        PaperFigure(first + i, f"{title}, {building} building", partial(draw, building))
+        for first, (title, draw) in _OF_BUILDINGS.items()
+        for i, building in enumerate(BUILDINGS)
+    ),
     *(PaperFigure(20 + i, f"Impact force between the roofs, {p}", partial(_force, p)) for i, p in enumerate(PAIRS)),
 )
 """Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair."""

@@ -7,6 +7,7 @@ kN/m2, and exactly as printed with the number that IS 456 gives for E in N/mm2.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,18 +25,9 @@ HERTZ_LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
 def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
     """Compare the forces of Models IV to VI with Table 5 under the Hertz stiffnesses of both readings."""
     stiffnesses = [get_preset(r.preset).contact.hertz_stiffness for r in READINGS.values()]
-    cube = Sweep(
-        READINGS["as_run"].preset,
-        records,
-        HERTZ_LAWS,
-        gaps=[GAP],
-        stiffnesses=stiffnesses,
-        restitutions=[RESTITUTION],
-        method=METHOD,
-        dt=STEP,
-        outputs=OUTPUTS,
-        audit=0.0,
-    ).run()
+    axes: dict[str, Any] = {"gaps": [GAP], "stiffnesses": stiffnesses, "restitutions": [RESTITUTION]}
+    how: dict[str, Any] = {"method": METHOD, "dt": STEP, "outputs": OUTPUTS, "audit": 0.0}
+    cube = Sweep(READINGS["as_run"].preset, records, HERTZ_LAWS, **axes, **how).run()
     return force_fit(cube["impact_force_max"].squeeze(["gap", "restitution", "scale"], drop=True))
 
 

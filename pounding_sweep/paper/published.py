@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
-import numpy as np
+import pandas as pd
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
@@ -28,98 +24,38 @@ RECORDS = tuple(GROUND_MOTIONS)
 BUILDINGS = ("left", "middle", "right")
 PAIRS = ("left-middle", "middle-right")
 STOREYS = (1, 2, 3)
-#: The two programs that Tables 3 and 4 compare.
-PROGRAMS = ("sap2000", "matlab")
 #: The paper's model numbers -> law.
 MODELS = {LAWS[key].model: key for key in MATE2015_MODELS}
-
-Row = Mapping[str, str]
+#: What the tables with numbers hold, in this package's words.
+TABLES = {
+    3: "peak displacements of every floor, Model I",
+    4: "peak impact forces and numbers of impacts, Model I",
+    5: "peak impact forces and numbers of impacts, Models I to VI",
+    6: "extremes of the energy transferred, Models I to VII",
+}
+#: Their dimensions, with the values in the paper's order. Tables 3 and 4 compare two programs.
+_DIMENSIONS = {
+    "law": MATE2015_MODELS,
+    "record": RECORDS,
+    "program": ("sap2000", "matlab"),
+    "building": BUILDINGS,
+    "pair": PAIRS,
+    "storey": STOREYS,
+}
+#: Columns of the files -> output of a cube, and its sign there.
+_COLUMNS = {
+    "forth": ("displacement_max", 1.0),
+    "back": ("displacement_min", -1.0),
+    "peak_force_kN": ("impact_force_max", 1.0),
+    "impacts": ("impact_count", 1.0),
+    "positive_kNm": ("energy_transfer_max", 1.0),
+    "negative_kNm": ("energy_transfer_min", -1.0),
+}
 
 
 def record_title(name: str) -> str:
     """Write the name of a record as in headings."""
     return name.replace("_", " ").title()
-
-
-@dataclass(frozen=True)
-class Table:
-    """One table of the paper."""
-
-    number: int  # its number
-    title: str  # what it holds, in this package's words
-    coordinates: Mapping[str, Sequence[Any]]  # its dimensions and their values
-    #: output of a cube -> its number in a row of the file, in its units and sign (None: the row is of another output)
-    values: Sequence[tuple[str, Callable[[Row], float | None]]]
-
-    def read(self) -> xr.Dataset:
-        """Read the numbers."""
-        shape = tuple(len(values) for values in self.coordinates.values())
-        found = {name: np.full(shape, np.nan) for name, _ in self.values}
-        text = files("pounding_sweep").joinpath("data", "mate2015", f"table{self.number}.csv").read_text("utf-8")
-        for row in csv.DictReader(text.splitlines()):
-            at = tuple(list(values).index(_label(row, dim)) for dim, values in self.coordinates.items())
-            for name, number in self.values:
-                value = number(row)
-                if value is not None:
-                    found[name][at] = value
-        coords = {dim: list(values) for dim, values in self.coordinates.items()}
-        dims = tuple(self.coordinates)
-        data = {name: (dims, values, _about(name)) for name, values in found.items()}
-        return xr.Dataset(data, coords, {"title": f"Table {self.number}: {self.title}"})
-
-
-def _label(row: Row, dim: str) -> Any:
-    """Value of a row on a dimension."""
-    if dim == "law":
-        return MODELS[row["model"]]
-    return int(row[dim]) if dim == "storey" else row[dim]
-
-
-def _about(name: str) -> dict[str, str]:
-    variable = get_variable(name)
-    return {"units": variable.units, "long_name": variable.long_name}
-
-
-def _column(name: str, sign: float = 1.0) -> Callable[[Row], float]:
-    return lambda row: sign * float(row[name]) + 0.0  # no -0
-
-
-def _displacement(direction: str, sign: float) -> Callable[[Row], float | None]:
-    return lambda row: sign * float(row["displacement_m"]) if row["direction"] == direction else None
-
-
-_LAWS = tuple(MATE2015_MODELS)
-_FORCES = (("impact_force_max", _column("peak_force_kN")), ("impact_count", _column("impacts")))
-#: The tables with numbers, by their number.
-TABLES: dict[int, Table] = {
-    table.number: table
-    for table in (
-        Table(
-            3,
-            "peak displacements of every floor, Model I",
-            {"record": RECORDS, "program": PROGRAMS, "building": BUILDINGS, "storey": STOREYS},
-            (("displacement_max", _displacement("forth", 1.0)), ("displacement_min", _displacement("back", -1.0))),
-        ),
-        Table(
-            4,
-            "peak impact forces and numbers of impacts, Model I",
-            {"record": RECORDS, "program": PROGRAMS, "pair": PAIRS, "storey": STOREYS},
-            _FORCES,
-        ),
-        Table(
-            5,
-            "peak impact forces and numbers of impacts, Models I to VI",
-            {"law": _LAWS[:-1], "record": RECORDS, "pair": PAIRS, "storey": STOREYS},
-            _FORCES,
-        ),
-        Table(
-            6,
-            "extremes of the energy transferred, Models I to VII",
-            {"law": _LAWS, "record": RECORDS, "building": BUILDINGS},
-            (("energy_transfer_max", _column("positive_kNm")), ("energy_transfer_min", _column("negative_kNm", -1.0))),
-        ),
-    )
-}
 
 
 def published(number: int) -> xr.Dataset:
@@ -131,4 +67,17 @@ def published(number: int) -> xr.Dataset:
 
 @cache
 def _read(number: int) -> xr.Dataset:
-    return TABLES[number].read()
+    with files("pounding_sweep").joinpath("data", "mate2015", f"table{number}.csv").open() as file:
+        frame = pd.read_csv(file).replace({"model": MODELS}).rename(columns={"model": "law"})
+    dims = [dim for dim in _DIMENSIONS if dim in frame]
+    if "direction" in frame:
+        frame = frame.pivot(index=dims, columns="direction", values="displacement_m").reset_index()
+    read = frame.set_index(dims).to_xarray()
+    labels = {dim: [value for value in _DIMENSIONS[dim] if value in read[dim]] for dim in dims}
+    read = read.sel(labels).assign_coords(labels)
+    table = xr.Dataset(attrs={"title": f"Table {number}: {TABLES[number]}"})
+    for column, (name, sign) in _COLUMNS.items():
+        if column in read:
+            about = {"units": get_variable(name).units, "long_name": get_variable(name).long_name}
+            table[name] = (sign * read[column].astype(float) + 0.0).assign_attrs(about)  # no -0
+    return table

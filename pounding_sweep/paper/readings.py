@@ -7,7 +7,7 @@ as it is printed, and the row that its tables fit.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import xarray as xr
@@ -82,6 +82,12 @@ READINGS: dict[str, Reading] = {
     )
 }
 """Readings by key, in the order of the report."""
+
+
+def reading_axis(readings: Iterable[Reading]) -> xr.DataArray:
+    """Return the axis of readings, for `xarray.concat`."""
+    keys = [reading.key for reading in readings]
+    return xr.DataArray(keys, dims="reading", name="reading", attrs={"long_name": "reading of the paper's data"})
 
 
 def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:

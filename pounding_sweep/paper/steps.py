@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
 
 import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import tradeoff
-from pounding_sweep.outputs.variables import STATUS, Status
-from pounding_sweep.paper.readings import GAP, Reading
+from pounding_sweep.outputs.variables import STATUS
+from pounding_sweep.paper.compare import Grid, ungrouped
+from pounding_sweep.paper.readings import GAP, Reading, reading_axis
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep
 
@@ -27,43 +30,30 @@ OUTPUTS = {
 }
 
 
-def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -> xr.Dataset:
+def step_errors(readings: Sequence[Reading], progress: Progress | None = None) -> xr.Dataset:
     """Measure what each scheme and step errs by."""
+    choice: dict[str, Any] = {"steps": STEPS, "methods": ("rk4", "newmark"), "precisions": ("float64",)}
     found = []
-    labels = []
     for reading in readings:
         sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=list(OUTPUTS))
-        trade = tradeoff(
-            sweep,
-            steps=STEPS,
-            methods=("rk4", "newmark"),
-            precisions=("float64",),
-            scenarios=1,
-            repeats=1,
-            progress=progress,
-        )
+        trade = tradeoff(sweep, scenarios=1, repeats=1, progress=progress, **choice)
         one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
         found.append(one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True))
-        labels.append(reading.key)
-    axis = xr.DataArray(labels, dims="reading", attrs={"long_name": "reading of the paper's data"})
-    return xr.concat(found, axis, combine_attrs="drop_conflicts")
+    return xr.concat(found, reading_axis(readings), combine_attrs="drop_conflicts")
 
 
-def step_rows(steps: xr.Dataset, reading: str) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the table: one row per scheme, locating and step."""
-    one = steps.sel(reading=reading)
-    headings = ["scheme", "contacts located", "step ms", *(OUTPUTS[name] for name in one["output"].values), "status"]
+def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
+    """Write the errors of a reading: one row per scheme, locating and step."""
+    one = steps.sel(reading=reading.key)
+    labels = {int(status): status for status in STATUS}
     rows = []
-    for scheme in one["scheme"].values:
-        for located in one["located"].values[::-1]:
-            for step in one["step"].values:
-                at = {"scheme": scheme, "located": located, "step": step}
-                status = next(s for s in STATUS if int(s) == int(one["status"].sel(at)))
-                errors = [float(one["error"].sel({**at, "output": name})) for name in one["output"].values]
-                texts = [error_text(error) if status.has_values else "-" for error in errors]
-                said = "ok" if status is Status.OK else status.label.replace("_", " ")
-                rows.append([str(scheme), "yes" if located else "no", f"{step * 1e3:g}", *texts, said])
-    return headings, rows
+    for scheme, located, step in product(one["scheme"].values, one["located"].values[::-1], one["step"].values):
+        here = one.sel(scheme=scheme, located=located, step=step)
+        status = labels[int(here["status"])]
+        texts = [error_text(error) if status.has_values else "-" for error in here["error"].values.tolist()]
+        rows.append([scheme, "yes" if located else "no", f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
+    headings = ("scheme", "contacts located", "step ms", *(OUTPUTS[name] for name in one["output"].values), "status")
+    return Grid(reading.label.capitalize(), ungrouped(*headings), rows)
 
 
 def largest_steps(steps: xr.Dataset) -> xr.DataArray:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,6 +24,7 @@ from pounding_sweep.paper.readings import (
     STEP,
     Reading,
     paper_records,
+    reading_axis,
     reading_of,
     sweep_of,
 )
@@ -47,50 +47,47 @@ def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
     return simulate(reading.preset, record, law=law, restitution=restitution, method=METHOD, dt=STEP)
 
 
-def kept(one: xr.Dataset) -> xr.Dataset:
+def thin_out(one: xr.Dataset) -> xr.Dataset:
     """Bring the histories of one scenario down to those of the figures."""
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
     at = one.isel(time=slice(None, None, every))
-    energy = at["kinetic"] + at["damping"] + at["strain"]
-    roofs = one["contact_force"].isel(storey=-1)
-    force = roofs.coarsen(time=every, boundary="pad", coord_func="min").max()
-    about = {"units": "kN", "long_name": "largest contact force at the roofs in each interval"}
-    return xr.Dataset(
-        {
-            "roof_displacement": at["displacement"].isel(storey=-1).assign_attrs(long_name="roof displacement"),
-            "structural_energy": energy.assign_attrs(
-                units="kN m", long_name="structural energy", comment="kinetic + damping + strain energy of a building"
-            ),
-            "roof_force": force.assign_attrs(about),
-        }
-    ).reset_coords(drop=True)
+    force = one["contact_force"].isel(storey=-1).coarsen(time=every, boundary="pad", coord_func="min").max()
+    about = {
+        "roof_displacement": ("m", "roof displacement"),
+        "structural_energy": ("kN m", "kinetic + damping + strain energy of a building"),
+        "roof_force": ("kN", "largest contact force at the roofs in each interval"),
+    }
+    values = at["displacement"].isel(storey=-1), at["kinetic"] + at["damping"] + at["strain"], force
+    data = {
+        name: one.assign_attrs(units=units, long_name=text)
+        for (name, (units, text)), one in zip(about.items(), values, strict=True)
+    }
+    return xr.Dataset(data).reset_coords(drop=True)
 
 
 def paper_histories(
     reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Run Models I to VII of one reading under all records."""
-    histories: list[list[Any]] = []
-    spectra: list[list[Any]] = []
+    """Run Models I to VII of one reading under all records: their histories, and the spectra of their roofs."""
+    parts: tuple[list[list[xr.Dataset]], list[list[xr.Dataset]]] = ([], [])
     for law in MATE2015_MODELS:
-        histories.append([])
-        spectra.append([])
+        ran: list[tuple[xr.Dataset, xr.Dataset]] = []
         for record in records:
             one = scenario(reading, record, law)
-            histories[-1].append(kept(one))
-            roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING)
-            spectra[-1].append(roofs.isel(storey=0).reset_coords(drop=True))
+            roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING).isel(storey=0).reset_coords(drop=True)
+            ran.append((thin_out(one), roofs))
             advance(1)
+        for part, row in zip(parts, zip(*ran, strict=True), strict=True):
+            part.append(list(row))
     labels = {
-        "law": xr.DataArray(list(MATE2015_MODELS), dims="law", attrs={"long_name": "contact law"}),
-        "record": xr.DataArray([r.name for r in records], dims="record", attrs={"long_name": "ground-motion record"}),
+        "law": ("law", list(MATE2015_MODELS), {"long_name": "contact law"}),
+        "record": ("record", [record.name for record in records], {"long_name": "ground-motion record"}),
     }
-
-    def together(parts: list[list[Any]]) -> xr.Dataset:
-        rows = [xr.concat(row, "record", join="outer", combine_attrs="override") for row in parts]
-        return xr.concat(rows, "law", combine_attrs="override").assign_coords(labels).assign_attrs(reading=reading.key)
-
-    return together(histories), together(spectra)
+    histories, spectra = (
+        xr.combine_nested(part, ["law", "record"], join="outer", combine_attrs="override").assign_coords(labels)
+        for part in parts
+    )
+    return histories.assign_attrs(reading=reading.key), spectra.assign_attrs(reading=reading.key)
 
 
 #: The paper's values of the axes that its scenarios don't vary.
@@ -118,29 +115,31 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     """Run or take up both readings, and everything else that the report shows."""
     progress = progress or Progress()
     records, missing = paper_records(folders)
-    taken = _by_reading(cubes)
-    if taken:
-        records, missing = _at_hand(list(taken.values()), records, missing)
+    by_reading = _by_reading(cubes)
+    if by_reading:
+        records, missing = _at_hand(list(by_reading.values()), records, missing)
         if not records:
-            why = "; ".join(missing.values())
-            msg = f"no record of the cubes can be used: {why}"
+            msg = f"no record of the cubes can be used: {'; '.join(missing.values())}"
             raise InputError(msg)
     else:
-        taken = {key: sweep_of(reading, records).run(progress=progress) for key, reading in READINGS.items()}
-    readings = [READINGS[key] for key in taken]
-    cube = _together({key: _paper_slice(one) for key, one in taken.items()})
-    error = _together({r.key: _error(r, taken[r.key], records, progress) for r in readings})
-    histories, spectra = _histories(readings, records, progress)
+        by_reading = {key: sweep_of(reading, records).run(progress=progress) for key, reading in READINGS.items()}
+    readings = [READINGS[key] for key in by_reading]
+
+    def together(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+        """Put datasets of the readings side by side, records in the paper's order."""
+        found = xr.concat(list(parts), reading_axis(readings), join="outer", combine_attrs="drop_conflicts")
+        return found.sel(record=[name for name in RECORDS if name in found["record"].values])
+
+    cube = together(_paper_slice(one) for one in by_reading.values())
+    error = together(_error(READINGS[key], one, records, progress) for key, one in by_reading.items())
+    progress.stage("histories", len(readings) * len(MATE2015_MODELS) * len(records))
+    ran = [paper_histories(reading, records, progress.advance) for reading in readings]
+    histories, spectra = (together(part) for part in zip(*ran, strict=True))
     progress.stage("time steps", 0)
     steps = step_errors(readings, progress)
     progress.stage("Hertz stiffness", 0)
-    hertz = hertz_fit(records)
-    return Study(cube, tuple(records), missing, _motions(records), histories, spectra, error, steps, hertz)
-
-
-def _motions(records: Sequence[Record]) -> xr.Dataset:
-    """Ground motions and their spectra."""
-    return records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
+    motions = records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
+    return Study(cube, tuple(records), missing, motions, histories, spectra, error, steps, hertz_fit(records))
 
 
 def _by_reading(cubes: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
@@ -197,37 +196,14 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
     return cube[[*OUTPUTS, "status"]].reset_coords(drop=True).load()
 
 
-def _together(parts: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Put datasets of the readings side by side, records in the paper's order."""
-    labels = xr.DataArray(list(parts), dims="reading", attrs={"long_name": "reading of the paper's data"})
-    found: xr.Dataset = xr.concat(list(parts.values()), labels, join="outer", combine_attrs="drop_conflicts")
-    return found.sel(record=[name for name in RECORDS if name in found["record"].values])
-
-
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
     """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.differences`."""
-    names = [record.name for record in records]
-    dims = ("law", "record")
-
-    def values(one: xr.Dataset) -> dict[str, np.ndarray]:
-        one = _paper_slice(one).sel(record=names).transpose(*dims, "building", "pair", "storey")
-        return {name: one[name].values.reshape(-1, *one[name].shape[2:]) for name in OUTPUTS}
-
-    half = values(sweep_of(reading, records, step=0.5 * STEP, audit=0.0).run(progress=progress))
-    found = relative_errors(OUTPUTS, values(cube), half)
-    shape = (len(MATE2015_MODELS), len(names))
+    dims, names = ("law", "record"), [record.name for record in records]
+    half = sweep_of(reading, records, step=0.5 * STEP, audit=0.0).run(progress=progress)
+    runs = [_paper_slice(one).sel(record=names).stack(case=dims).transpose("case", ...) for one in (cube, half)]
+    errors = relative_errors(OUTPUTS, *({name: run[name].values for name in OUTPUTS} for run in runs))
     about = {"units": "1", "comment": "largest difference to a run at half the step, over the largest value"}
-    data: dict[str, Any] = {
-        name: (dims, error.reshape(shape), {**about, "long_name": f"relative error of {name}"})
-        for name, error in found.items()
+    data = {
+        name: ("case", error, {**about, "long_name": f"relative error of {name}"}) for name, error in errors.items()
     }
-    return xr.Dataset(data, {"law": list(MATE2015_MODELS), "record": names})
-
-
-def _histories(
-    readings: Sequence[Reading], records: Sequence[Record], progress: Progress
-) -> tuple[xr.Dataset, xr.Dataset]:
-    progress.stage("histories", len(readings) * len(MATE2015_MODELS) * len(records))
-    parts = {reading.key: paper_histories(reading, records, progress.advance) for reading in readings}
-    histories, spectra = (_together({key: part[i] for key, part in parts.items()}) for i in (0, 1))
-    return histories, spectra
+    return xr.Dataset(data, {"case": runs[0]["case"]}).unstack("case")

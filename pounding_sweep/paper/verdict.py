@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.paper.checks import findings
-from pounding_sweep.paper.compare import CLOSE, Grid, resolution
+from pounding_sweep.paper.checks import Finding
+from pounding_sweep.paper.compare import CLOSE, Grid, paper_source, resolution, ungrouped
 from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, Support, Verdict
 from pounding_sweep.paper.readings import READINGS
 
@@ -30,19 +30,11 @@ _WORDS = {
     Verdict.FAILS: "Not reproduced",
     Verdict.UNTESTED: "Not tested",
 }
-
-
-def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Support:
-    """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
-    paper = "matlab" if "matlab" in compared["source"].values else "paper"
-    held = cases = 0
-    for name in names:
-        values = compared[name]
-        printed, own = (values.sel(source=source).values for source in (paper, reading))
-        cell = np.isfinite(own) & ((printed != 0.0) | (np.abs(own) >= resolution(name)))
-        near = np.abs(own - printed) <= CLOSE[-1] * np.abs(printed)
-        held, cases = held + int((near & cell).sum()), cases + int(cell.sum())
-    return Support(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
+#: When something is reproduced.
+RULE = (
+    f"Numbers of a table are reproduced where {HOLDS_SHARE:.0%} of those that are not zero in both are within "
+    f"{CLOSE[-1]:.0%}, in part from {PARTLY_SHARE:.0%}; a conclusion is where it holds."
+)
 
 
 @dataclass(frozen=True)
@@ -54,12 +46,23 @@ class Reproduction:
     items: tuple[str, ...]
 
 
+def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Support:
+    """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
+    held = cases = 0
+    for name in names:
+        printed, own = (compared[name].sel(source=source).values for source in (paper_source(compared), reading))
+        cell = np.isfinite(own) & ((printed != 0.0) | (np.abs(own) >= resolution(name)))
+        near = np.abs(own - printed) <= CLOSE[-1] * np.abs(printed)
+        held, cases = held + int((near & cell).sum()), cases + int(cell.sum())
+    return Support(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
+
+
 def verdict_of_all(
-    cube: xr.Dataset, compared: Mapping[int, xr.Dataset], judgements: Sequence[Judgement]
+    compared: Mapping[int, xr.Dataset], judgements: Sequence[Judgement], findings: Sequence[Finding]
 ) -> list[Reproduction]:
     """Return the verdict; `compared` are the tables side by side by their number."""
     parts = []
-    for reading in cube["reading"].values.tolist():
+    for reading in compared[3]["reading"].values.tolist():
         said: dict[Verdict, list[str]] = {verdict: [] for verdict in _WORDS}
         for number, contents in _CONTENTS.items():
             for what, names in contents.items():
@@ -68,13 +71,12 @@ def verdict_of_all(
         for one in judgements:
             if one.reading == reading:
                 said[one.verdict].append(f"conclusion {one.conclusion.key}: {one.conclusion.text}")
-        label = READINGS[reading].label
         parts += [
-            Reproduction(_WORDS[verdict], label, tuple(items) or ("nothing",))
+            Reproduction(_WORDS[verdict], READINGS[reading].label, tuple(items) or ("nothing",))
             for verdict, items in said.items()
             if items or verdict is not Verdict.UNTESTED
         ]
-    impossible = tuple(f"{one.title}: {one.printed}" for one in findings(cube) if one.impossible)
+    impossible = tuple(f"{one.title}: {one.printed}" for one in findings if one.impossible)
     return [*parts, Reproduction("Can't be", "in the paper itself", impossible)]
 
 
@@ -85,12 +87,4 @@ def opening_grid(parts: Sequence[Reproduction]) -> Grid:
         for part in parts
         for item in part.items
     ]
-    return Grid("The verdict", [("", text) for text in ("verdict", "reading", "what")], rows)
-
-
-def rule() -> str:
-    """Say when something is reproduced."""
-    return (
-        f"Numbers of a table are reproduced where {HOLDS_SHARE:.0%} of those that are not zero in both are within "
-        f"{CLOSE[-1]:.0%}, in part from {PARTLY_SHARE:.0%}; a conclusion is where it holds."
-    )
+    return Grid("The verdict", ungrouped("verdict", "reading", "what"), rows)
