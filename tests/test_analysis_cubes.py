@@ -14,8 +14,8 @@ from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures
-from pounding_sweep.analysis.along import fractiles_along, interpolate
 from pounding_sweep.analysis.comparisons.amplification import RESPONSES
+from pounding_sweep.analysis.scenarios import fractiles_over, interpolate
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
@@ -65,7 +65,8 @@ class TestAlong:
     @given(arrays(float, (4, 6), elements=st.floats(-1e3, 1e3) | st.just(np.nan)), st.sampled_from([0, 1]))
     def test_fractiles_are_those_of_the_values_that_are_there(self, values, axis):
         quantiles = [0.0, 0.16, 0.5, 0.84, 1.0]
-        found, count = fractiles_along(values, quantiles, axis)
+        part = xr.DataArray(values, dims=("x", "y"))
+        found, count = (each.values for each in fractiles_over(part, [part.dims[axis]], quantiles))
         rows = values if axis == 1 else values.T
         for i, row in enumerate(rows):
             there = row[~np.isnan(row)]
@@ -161,7 +162,7 @@ class TestAmplification:
             analysis.amplification(cube)
 
     def test_only_no_pounding(self):
-        with pytest.raises(InputError, match="only the law 'none'"):
+        with pytest.raises(InputError, match="this cube has only 'none'"):
             analysis.amplification(hand_cube({"law": ["none"]}, random_fill(1, "drift_max")))
 
     def test_unknown_and_absent_responses(self):

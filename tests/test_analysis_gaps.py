@@ -176,11 +176,11 @@ class TestRules:
         with pytest.raises(InputError, match=r"factor 'r' of building 'a' is 0\.0"):
             required_gap(told(low_and_high()), behaviour=BehaviourFactors(r=0.0))
 
-    def test_correlation_follows_building_properties(self):
+    def test_correlation_follows_building_properties(self, stub_engine):
         scene = low_and_high()
         factors, ratios = [0.5, 1.0, 2.0], [0.02, 0.1]
-        axes = {"law": ["none"], "period_factor_a": factors, "damping_ratio": ratios}
-        cube = told(scene, axes=axes, period_factors={"a": factors}, damping_ratios=ratios)
+        varied = {"period_factors": {"a": factors}, "damping_ratios": ratios}
+        cube = Sweep(scene, "el_centro", "none", outputs=OUTPUTS, **varied).run()
         found = required_gap(cube).correlation.sel(pair="a-b")
         t1, t2 = (b.periods[0] for b in scene.buildings)
         for i, factor in enumerate(factors):

@@ -75,7 +75,11 @@ def test_what_one_record_does_not_allow(tmp_path):
     assert result.exit_code == 0, result.stderr
     possible, _, rest = result.stdout.partition("Not possible with this cube")
     assert "  amplification" in possible
-    for key, why in (("fractiles", "'record'"), ("incremental", "'scale'"), ("fragility", "one record at one scale")):
+    for key, why in (
+        ("fractiles", "'record'"),
+        ("incremental", "'scale'"),
+        ("fragility", "'record' or 'scale', and this cube has one"),
+    ):
         assert f"  {key}" not in possible
         assert re.search(rf"  {key} .*{why}", rest)
 

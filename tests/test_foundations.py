@@ -28,7 +28,7 @@ from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.run.one_scenario import _varied
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import Case, PropertyAxis
+from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.overview import overview
 from pounding_sweep.spec.spec import scene_data, scene_of
 
@@ -426,16 +426,19 @@ def test_outputs_of_foundations_are_of_rows_on_them_only(stub_engine):
 
 def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
     del stub_engine
-    from pounding_sweep.analysis.uncoupled_runs import _first_modes, _settings
+    from pounding_sweep.analysis.rebuild import OUTPUTS as CLOSING
+    from pounding_sweep.analysis.rebuild import runs_of_cube, runs_of_row
 
-    axis = PropertyAxis("damping_ratio", None, (0.02, 0.08), "damping_ratio")
-    t, z = _first_modes(FOUNDED, [axis])
-    assert t.sel(building="a") == pytest.approx(periods(A)[0])
-    for ratio in axis.values:
-        want = replace(A, damping_ratio=ratio).first_damping
-        assert float(z.sel({"building": "a", axis.dimension: ratio})) == pytest.approx(want)
-        assert float(z.sel({"building": "b", axis.dimension: ratio})) == ratio
-    assert (_settings(FOUNDED)["method"], _settings(pair())["method"]) == ("rk4", "exact")
+    ratios = (0.02, 0.08)
+    settings = {"method": "rk4", "dt": 2e-3, "outputs": [*CLOSING]}
+    runs = runs_of_cube(ps.Sweep(FOUNDED, motion(51), "none", damping_ratios=ratios, **settings).run(), [], None)
+    assert runs.periods.sel(building="a") == pytest.approx(periods(A)[0])
+    for ratio in ratios:
+        found = runs.damping.sel(damping_ratio=ratio)
+        assert float(found.sel(building="a")) == pytest.approx(replace(A, damping_ratio=ratio).first_damping)
+        assert float(found.sel(building="b")) == pytest.approx(ratio)
+    assert runs_of_row(FOUNDED, motion(51), None).cube.attrs["method"] == "rk4"
+    assert runs_of_row(pair(), motion(51), None).cube.attrs["method"] == "exact"
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------

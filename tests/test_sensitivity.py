@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from pounding_sweep import Sweep, pulse_record
 from pounding_sweep.analysis import sensitivity
-from pounding_sweep.analysis.comparisons.sensitivity import index_rows
-from pounding_sweep.analysis.sobol_indices import bootstrap_intervals, sobol_indices
+from pounding_sweep.analysis.comparisons.sensitivity import bootstrap_intervals, index_rows, sobol_indices
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import write_cube

@@ -136,7 +136,7 @@ def _measure(cube: xr.Dataset, intensity: str) -> tuple[str, float]:
     if len(periods) > 1:
         msg = f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
         raise InputError(msg)
-    return f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY
+    return f"SA({next(iter(periods.values())):.4g})", 1.0 / STANDARD_GRAVITY
 
 
 def _functions(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,21 +26,22 @@ from pounding_sweep.records.units import match_unit
 
 #: Units of velocities of a file, each with its size in m/s.
 _VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
-#: Spectral acceleration in a heading, perhaps with its period: "Sa(0.6 s)", "SA(T=0.6)", "PSA 0.6s".
-_SPECTRAL = re.compile(
-    r"(?:p?s[_ ]?a|spectral acceleration)\b\W*(?:t(?:_?1)?\s*=\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)?\s*(?:s(?:ec)?\b)?[)\]]?",
-    re.IGNORECASE,
-)
-_PEAKS = {
+#: Intensities in a heading; of a spectral one perhaps with its period: "Sa(0.6 s)", "SA(T=0.6)", "PSA 0.6s".
+_MEASURES = {
     "pga": re.compile(r"pga(?![^\W_])|peak ground acc\w*", re.IGNORECASE),
     "pgv": re.compile(r"pgv(?![^\W_])|peak ground vel\w*", re.IGNORECASE),
+    "sa": re.compile(
+        r"(?:p?s[_ ]?a|spectral acceleration)\b\W*(?:t(?:_?1)?\s*=\s*)?"
+        r"(\d+(?:[.,]\d*)?|[.,]\d+)?\s*(?:s(?:ec)?\b)?[)\]]?",
+        re.IGNORECASE,
+    ),
 }
 #: Least dispersion that is told from none.
 _SHARP = 1e-9
 #: Points of a hazard file at most.
 _MOST_POINTS = 10_000
-#: Newton's steps towards a rate at most, and the last of them.
-_STEPS, _CLOSE = 200, 1e-12
+#: Logarithms of capacities that are looked for are this far from those of the points at most.
+_FAR = 1e6
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,7 @@ class Hazard:
         if len(self.intensity) != len(self.rate) or len(self.rate) < 2:
             msg = f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
             raise InputError(msg)
-        fault = first_fault(self.intensity, self.rate)
-        if fault:
-            msg = f"point {fault[0] + 1} of the hazard: {fault[1]}"
-            raise InputError(msg)
+        check_points(self.intensity, self.rate, lambda place: f"point {place + 1} of the hazard")
 
     @classmethod
     def power_law(cls, k0: float, kappa: float) -> Hazard:
@@ -134,43 +132,30 @@ class Hazard:
             return np.zeros(pieces.shape[1:])
         return np.asarray((pieces[0] + pieces[-1]) / pieces.sum(axis=0))
 
-    def median_at(self, rate: float, dispersion: np.ndarray) -> np.ndarray:
+    def median_at(self, rate: np.ndarray | float, dispersion: np.ndarray) -> np.ndarray:
         """Return the median of the lognormal of that dispersion that is met at an annual rate."""
+        return self._solve(lambda mu, beta: self._pieces(mu, beta).sum(axis=0), rate, dispersion)
 
-        def rates(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            pieces = self._pieces(mu, dispersion)
-            slopes = self._lines()[2]
-            slopes = np.concatenate([slopes[:1], slopes, slopes[-1:]])
-            return pieces.sum(axis=0), np.tensordot(slopes, pieces, axes=1)
-
-        return np.exp(self._solve(rates, rate, np.shape(dispersion)))
-
-    def factor_at(self, rate: float, capacities: np.ndarray) -> float:
+    def factor_at(self, rate: np.ndarray | float, capacities: np.ndarray) -> np.ndarray:
         """Return the factor on capacities whose mean rate is this one."""
-        logs = np.log(capacities[np.isfinite(capacities)])
-        x, points, slopes = self._lines()
+        finite = capacities[np.isfinite(capacities)]
 
-        def rates(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            at = factor + logs
-            piece = np.clip(np.searchsorted(x, at) - 1, 0, len(slopes) - 1)
-            each = np.exp(points[piece] - slopes[piece] * (at - x[piece]))
-            return each.sum() / capacities.size, (slopes[piece] * each).sum() / capacities.size
+        def mean_rate(x: np.ndarray) -> np.ndarray:
+            return self.exceeded(np.exp(x)[..., None] * finite).sum(axis=-1) / capacities.size
 
-        return float(np.exp(self._solve(rates, rate, ())))
+        return self._solve(mean_rate, rate)
 
-    def _solve(self, rates: Callable[[np.ndarray], Any], rate: float, shape: tuple[int, ...]) -> np.ndarray:
-        """Return ln x at which a rate is that one, by Newton's steps; `rates` gives its fall as well."""
-        x = np.full(shape, np.log(self.intensity).mean())
-        low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
-        for _ in range(_STEPS):
-            found, fall = rates(x)
-            low, high = np.where(found >= rate, x, low), np.where(found <= rate, x, high)
-            new = x + np.log(found / rate) * found / fall
-            new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
-            moved, x = np.abs(new - x).max(initial=0.0), new
-            if moved < _CLOSE:
-                break
-        return x
+    def _solve(self, rates: Callable[..., np.ndarray], rate: Any, *args: Any) -> np.ndarray:
+        """Return the capacity at which a rate, which falls with its logarithm, is that one."""
+        from scipy.optimize.elementwise import find_root
+
+        def excess(x: np.ndarray, target: np.ndarray, *more: np.ndarray) -> np.ndarray:
+            with np.errstate(divide="ignore", over="ignore"):  # far out rates are none or endless
+                return np.clip(np.log(rates(x, *more) / target), -_FAR, _FAR)
+
+        ends = np.log(self.intensity[0]) - _FAR, np.log(self.intensity[-1]) + _FAR
+        with np.errstate(over="ignore"):  # of dispersions that nearly nothing is known of
+            return np.asarray(np.exp(find_root(excess, ends, args=(rate, *args)).x))
 
     def _lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return logarithms of the points, and the powers between them."""
@@ -197,21 +182,24 @@ class Hazard:
             return np.exp(at[along] - k * (mu - base[along]) + 0.5 * (k * beta) ** 2 + share)
 
 
-def first_fault(intensity: Sequence[float], rate: Sequence[float]) -> tuple[int, str] | None:
-    """Return the position of the first point that is none of a hazard, and why; None where all are."""
-    for place, (x, y) in enumerate(zip(intensity, rate, strict=True)):
+def check_points(intensity: Sequence[float], rate: Sequence[float], place: Callable[[int], str]) -> None:
+    """Raise `InputError` at the first point that is none of a hazard; `place` says where it is."""
+    for i, (x, y) in enumerate(zip(intensity, rate, strict=True)):
+        fault = ""
         if not (math.isfinite(x) and x > 0.0):
-            return place, f"intensity {x!r} is no number above 0"
-        if not (math.isfinite(y) and y > 0.0):
-            return place, f"annual rate {y!r} is no number above 0; leave out points that are never exceeded"
-        if place and x <= intensity[place - 1]:
-            return place, f"intensity {x!r} follows {intensity[place - 1]!r}; sort the points by rising intensity"
-        if place and y >= rate[place - 1]:
-            return place, (
-                f"rate {y!r} follows {rate[place - 1]!r}: a stronger motion must be rarer, so that rates fall as "
+            fault = f"intensity {x!r} is no number above 0"
+        elif not (math.isfinite(y) and y > 0.0):
+            fault = f"annual rate {y!r} is no number above 0; leave out points that are never exceeded"
+        elif i and x <= intensity[i - 1]:
+            fault = f"intensity {x!r} follows {intensity[i - 1]!r}; sort the points by rising intensity"
+        elif i and y >= rate[i - 1]:
+            fault = (
+                f"rate {y!r} follows {rate[i - 1]!r}: a stronger motion must be rarer, so that rates fall as "
                 "intensities rise"
             )
-    return None
+        if fault:
+            msg = f"{place(i)}: {fault}"
+            raise InputError(msg)
 
 
 def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazard:
@@ -246,28 +234,23 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
         msg = f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
         raise InputError(msg) from None
     separator = next((sign for sign in ";\t" if lines and sign in lines[0][1]), ",")
-    rows = [(n, _cells(line, separator)) for n, line in lines]
-    heading = ""
-    if rows and not any(_is_number(cell) for cell in rows[0][1]):
-        heading = rows[0][1][0].strip()
-        rows = rows[1:]
-    points = []
-    for line, row in rows[: _MOST_POINTS + 1]:
-        if len(row) != 2 or not all(_is_number(cell) for cell in row):
-            msg = f"{name}:{line}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
+    decimal = "." if separator == "," else ","
+    rows = [(n, [cell.strip(" \t\"'") for cell in line.strip().split(separator)]) for n, line in lines]
+    numbers = [(n, [_number(cell.replace(decimal, ".")) for cell in row]) for n, row in rows]
+    first = 1 if rows and all(number is None for number in numbers[0][1]) else 0
+    heading = rows[0][1][0] if first else ""
+    for (n, row), (_, point) in zip(rows[first : _MOST_POINTS + 1], numbers[first:], strict=False):
+        if len(point) != 2 or None in point:
+            msg = f"{name}:{n}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
             raise InputError(msg)
-        points.append((float(row[0]), float(row[1])))
-    if not 2 <= len(points) <= _MOST_POINTS:
-        msg = f"{name}: {len(rows)} points; a hazard curve has 2 to {_MOST_POINTS}"
+    if not 2 <= len(rows) - first <= _MOST_POINTS:
+        msg = f"{name}: {len(rows) - first} points; a hazard curve has 2 to {_MOST_POINTS}"
         raise InputError(msg)
-    intensity, rate = zip(*points, strict=True)
-    fault = first_fault(intensity, rate)
-    if fault:
-        msg = f"{name}:{rows[fault[0]][0]}: {fault[1]}"
-        raise InputError(msg)
+    intensity, rate = zip(*(point for _, point in numbers[first:]), strict=True)
+    check_points(intensity, rate, lambda i: f"{name}:{rows[first + i][0]}")
     measure, stated = _measure_and_unit(heading)
     factor, metric = _unit(units or stated, f"{name}:{lines[0][0]}", heading)
-    if metric != ("m s-1" if measure == "pgv" else "m s-2") and measure:
+    if measure and metric != ("m s-1" if measure == "pgv" else "m s-2"):
         msg = f"{name}:{lines[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}"
         raise InputError(msg)
     return Hazard(tuple(factor * x for x in intensity), rate, name, metric, measure=measure)
@@ -280,24 +263,25 @@ def hazard_of(given: str | os.PathLike[str] | Hazard, units: str | None = None) 
     text = os.fspath(given)
     if "=" not in text:
         return read_hazard(text, units)
-    found = re.fullmatch(r"\s*k0\s*=\s*([^,\s]+)\s*,\s*kappa\s*=\s*([^,\s]+)\s*", text)
-    if found is None or not all(_is_number(part) for part in found.groups()):
+    match = re.fullmatch(r"\s*k0\s*=\s*([^,\s]+)\s*,\s*kappa\s*=\s*([^,\s]+)\s*", text)
+    k0, kappa = map(_number, match.groups()) if match else (None, None)
+    if k0 is None or kappa is None:
         msg = f"hazard {text!r} won't do; give a CSV file, or k0=RATE,kappa=SLOPE such as k0=1e-3,kappa=2.5"
         raise InputError(msg)
-    site = Hazard.power_law(*(float(part) for part in found.groups()))
+    site = Hazard.power_law(k0, kappa)
     if units is None:
         return site
     factor, metric = _unit(units, "hazard", "")
     return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric)
 
 
-def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Sequence[float]]) -> None:
+def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collection[float]]) -> None:
     """Raise `InputError` where the curve is headed with another intensity; `periods` gives those of a name."""
     measure = site.measure
     spectral = measure.startswith("sa") and intensity.startswith("sa")
     if not measure or measure == intensity or (measure == "sa" and spectral):
         return
-    if spectral and np.allclose(periods(intensity), float(measure[3:-1]), rtol=0.01):
+    if spectral and np.allclose(list(periods(intensity)), float(measure[3:-1]), rtol=0.01):
         return
     name = "sa(PERIOD)" if measure == "sa" else measure
     msg = (
@@ -307,34 +291,26 @@ def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Sequenc
     raise InputError(msg)
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    """Split a line; between semicolons or tabs commas are decimal signs."""
-    cells = [cell.strip().strip("\"'").strip() for cell in line.strip().split(separator)]
-    if separator == ",":
-        return cells
-    return [cell.replace(",", ".") if _is_number(cell.replace(",", ".")) else cell for cell in cells]
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def _measure_and_unit(heading: str) -> tuple[str, str]:
     """Return the name of the intensity in a heading, and the text of its unit; "" for what it does not say."""
-    measure = next((name for name, peak in _PEAKS.items() if peak.match(heading)), "")
-    rest = heading
-    if measure:
-        rest = heading[_PEAKS[measure].match(heading).end() :]  # type: ignore[union-attr]
-    elif match := _SPECTRAL.match(heading):
-        measure = f"sa({float(match[1].replace(',', '.')):g})" if match[1] else "sa"
-        rest = heading[match.end() if match[1] else re.match(r"[^(\[]*", heading).end() :]  # type: ignore[union-attr]
+    measure, rest = "", heading
+    for name, pattern in _MEASURES.items():
+        if match := pattern.match(heading):
+            measure, rest = name, heading[match.end() :]
+            if name == "sa":
+                period = match[1]
+                measure = f"sa({float(period.replace(',', '.')):g})" if period else "sa"
+                rest = rest if period else heading[len(re.split(r"[(\[]", heading)[0]) :]
     bracket = re.findall(r"[(\[]([^()\[\]]*)[)\]]", rest)
     tail = re.search(r"(?:\bin\s+|_|\s)([^\s_]+)$", rest) if measure else None  # "a_g" is a symbol
     return measure, bracket[-1].strip() if bracket else tail[1] if tail and match_unit(tail[1]) else ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _unit(text: str, place: str, heading: str) -> tuple[float, str]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -84,11 +85,17 @@ class LognormalFit:
     high: float = np.nan
     limit: float = np.nan  # what the median tends to where trials are separated
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Logarithm of the median and dispersion, of separated trials what they tend to; NaN where there is no fit."""
+        if self.status == FitStatus.SEPARATED:
+            return float(np.log(self.limit)), 0.0
+        return float(np.log(self.median)), self.dispersion
+
 
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     """Fit a lognormal to trials."""
-    used = intensity > 0.0
-    x, y = merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
+    x, y = _usable(intensity, happened)
     if not x.size:
         return LognormalFit(FitStatus.NO_DATA)
     if not y.any():
@@ -101,7 +108,14 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
         return _separated(x, y)
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
-    return _maximum(np.log(x), y)[0]
+    logs = np.log(x)
+    return _likeliest(logs, y, np.zeros(len(x), int), np.array([logs.mean()]), float(logs.std()))[0]
+
+
+def _usable(intensity: np.ndarray, happened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the trials above zero intensity."""
+    used = intensity > 0.0
+    return merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
 
 
 def _separated(x: np.ndarray, y: np.ndarray) -> LognormalFit:
@@ -123,83 +137,69 @@ def merged(x: np.ndarray) -> np.ndarray:
     order = np.argsort(x)
     ordered = x[order]
     starts = np.append(True, ordered[1:] > ordered[:-1] * (1.0 + SAME))[: len(x)]
-    found = np.empty_like(x)
-    found[order] = ordered[np.flatnonzero(starts)][np.cumsum(starts) - 1]
-    return found
+    result = np.empty_like(x)
+    result[order] = ordered[np.flatnonzero(starts)][np.cumsum(starts) - 1]
+    return result
 
 
 def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
     """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened."""
     # a set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion
-    alone = [fit_lognormal(*each) for each in trials]
-    among = [i for i, fit in enumerate(alone) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
-    own = [alone[i].dispersion for i in among if alone[i].status == FitStatus.FITTED]
-    if len(among) < 2 or not own:
-        return alone
-    used = [(merged(x[x > 0.0]), np.asarray(y, dtype=bool)[x > 0.0]) for x, y in (trials[i] for i in among)]
-    log_x, y = np.log(np.concatenate([x for x, _ in used])), np.concatenate([y for _, y in used])
-    of = np.repeat(np.arange(len(used)), [len(x) for x, _ in used])
-    places = np.array([_tends_to(alone[i])[0] for i in among])
-    found = _maximum(log_x, y, of, (places, float(np.median(own))))
-    return [found[among.index(i)] if i in among else fit for i, fit in enumerate(alone)]
+    fits = [fit_lognormal(*each) for each in trials]
+    among = [i for i, fit in enumerate(fits) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
+    dispersions = [fits[i].dispersion for i in among if fits[i].status == FitStatus.FITTED]
+    if len(among) > 1 and dispersions:
+        x, y = zip(*(_usable(*trials[i]) for i in among), strict=True)
+        sets = np.repeat(np.arange(len(among)), [len(part) for part in x])
+        start = np.array([fits[i].limits[0] for i in among]), float(np.median(dispersions))
+        joint = _likeliest(np.log(np.concatenate(x)), np.concatenate(y), sets, *start)
+        for i, fit in zip(among, joint, strict=True):
+            fits[i] = fit
+    return fits
 
 
-def _maximum(
-    log_x: np.ndarray, y: np.ndarray, of: np.ndarray | None = None, start: tuple[np.ndarray, float] | None = None
+def _likeliest(
+    log_x: np.ndarray, y: np.ndarray, sets: np.ndarray, log_medians: np.ndarray, dispersion: float
 ) -> list[LognormalFit]:
     """Find where the slope of the likelihood is zero, which it is at one place: its maximum."""
-    # With `of`, the set of each trial, each has a median and all one dispersion; `start`, logarithms of medians, and
-    # it.
+    # `sets` is the number of the set of each trial; each set has a median and all one dispersion, which start as given
     from scipy.optimize import root
     from scipy.special import log_ndtr
 
     middle, spread = float(log_x.mean()), float(log_x.std())
-    sign = np.where(y, 1.0, -1.0)
-    sets = np.ones((len(y), 1)) if of is None else (of[:, None] == np.arange(of[-1] + 1)).astype(float)
-    columns = sign[:, None] * np.column_stack([sets, (log_x - middle) / spread])
-    first = np.append(np.zeros(sets.shape[1]), 1.0)
-    if start is not None:
-        first = np.append((middle - start[0]) / start[1], spread / start[1])
+    members = sets[:, None] == np.arange(len(log_medians))
+    columns = np.where(y, 1.0, -1.0)[:, None] * np.column_stack([members, (log_x - middle) / spread])
 
-    def ratio(t: np.ndarray) -> np.ndarray:  # density over distribution, which both underflow far out
-        return np.asarray(np.exp(-0.5 * t**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)))
-
-    def slope(p: np.ndarray) -> np.ndarray:
-        return np.asarray(-ratio(columns @ p) @ columns)
-
-    def curvature(p: np.ndarray) -> np.ndarray:
+    def slope(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         t = columns @ p
-        r = ratio(t)
-        return np.asarray((columns * (r * (r + t))[:, None]).T @ columns)
+        ratio = np.exp(-0.5 * t**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t))  # both underflow far out
+        return -ratio @ columns, (columns * (ratio * (ratio + t))[:, None]).T @ columns
 
-    found = root(slope, first, jac=curvature, method="hybr")
-    if np.abs(slope(found.x)).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
-        msg = f"the maximum of the likelihood of {len(y)} trials was not found: {found.message}"
+    start = np.append((middle - log_medians) / dispersion, spread / dispersion)
+    solution = root(slope, start, jac=True, method="hybr")
+    if np.abs(solution.fun).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
+        msg = f"the maximum of the likelihood of {len(y)} trials was not found: {solution.message}"
         raise PoundingSweepError(msg)
-    *places, b = (float(p) for p in found.x)
+    *offsets, b = (float(p) for p in solution.x)
     fits = []
-    for number, a in enumerate(places):
-        mine = log_x if of is None else log_x[of == number]
+    for number, a in enumerate(offsets):
+        tried = log_x[members[:, number]]
         log_median = middle - spread * a / b if b > 0.0 else np.inf
-        inside = mine.min() - np.log(FARTHEST) <= log_median <= mine.max() + np.log(FARTHEST)
-        fitted = inside and spread <= WIDEST * b
-        fits.append(
-            LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b)
-            if fitted
-            else LognormalFit(FitStatus.NOT_RISING)
-        )
+        inside = tried.min() - np.log(FARTHEST) <= log_median <= tried.max() + np.log(FARTHEST)
+        if inside and spread <= WIDEST * b:
+            fits.append(LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b))
+        else:
+            fits.append(LognormalFit(FitStatus.NOT_RISING))
     return fits
 
 
-def crossing(one: LognormalFit, other: LognormalFit) -> tuple[float, float]:
-    """Return the intensity at which two curves cross, and their probability there; NaN where they don't."""
+def crossing(median: Any, dispersion: Any, other_median: Any, other_dispersion: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the intensities at which curves cross, and their probability there; not finite where they don't."""
     from scipy.special import ndtr
 
-    if one.status != FitStatus.FITTED or other.status != FitStatus.FITTED or one.dispersion == other.dispersion:
-        return np.nan, np.nan
-    away = float(np.log(other.median / one.median)) / (one.dispersion - other.dispersion)
-    with np.errstate(over="ignore"):  # dispersions that hardly differ: the curves cross far away
-        return float(one.median * np.exp(one.dispersion * away)), float(ndtr(away))
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one dispersion, or hardly another
+        away = np.log(np.divide(other_median, median)) / np.subtract(dispersion, other_dispersion)
+        return median * np.exp(dispersion * away), ndtr(np.where(np.isfinite(away), away, np.nan))
 
 
 def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:
@@ -209,49 +209,38 @@ def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:
     return np.asarray(ndtr(np.log(intensity / fit.median) / fit.dispersion))
 
 
-@dataclass(frozen=True)
-class Intervals:
-    """Confidence intervals of a fit, each of lower and upper end; NaN where there is none."""
-
-    median: np.ndarray  # of the fit's parameters
-    dispersion: np.ndarray
-    probability: np.ndarray  # of the probability at n intensities, each by itself
-
-
 def jackknife(
     fit: LognormalFit, without: Sequence[LognormalFit], intensity: np.ndarray, confidence: float
-) -> Intervals:
-    """Return confidence intervals of a fit from those without one record each."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return confidence intervals of a fit from those without one record each.
+
+    They are of the median, the dispersion and the probability at n intensities, each by itself, shapes (2,), (2,) and
+    (2, n); NaN where there is none.
+    """
     from scipy.special import ndtr, stdtrit
 
-    n = len(without)
-    missing = Intervals(np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan))
+    n, missing = len(without), (np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan))
     if n < 2:
         return missing
-    pseudo = n * np.array(_tends_to(fit)) - (n - 1) * np.array([_tends_to(one) for one in without])
+    pseudo = n * np.array(fit.limits) - (n - 1) * np.array([other.limits for other in without])
     log_median, dispersion = pseudo.mean(axis=0)
     if not (np.isfinite(pseudo).all() and dispersion > 0.0):
         return missing
     covariance = np.cov(pseudo.T) / n
     wide = float(stdtrit(n - 1, 0.5 + confidence / 2.0))
     ends = wide * np.array([-1.0, 1.0])
-    own, both, other = (covariance / fit.dispersion**2)[[0, 0, 1], [0, 1, 1]]
+    of_median, mixed, of_dispersion = (covariance / fit.dispersion**2)[[0, 0, 1], [0, 1, 1]]
     away = (np.log(intensity) - log_median) / dispersion
     low = high = away
-    if wide**2 * other > 1.0:
-        level = np.sqrt(max(own * other - both**2, 0.0) / (wide**2 * other - 1.0))
-        low, high = np.minimum(away, (level - both) / other), np.maximum(away, -(level + both) / other)
+    if wide**2 * of_dispersion > 1.0:
+        level = np.sqrt(max(of_median * of_dispersion - mixed**2, 0.0) / (wide**2 * of_dispersion - 1.0))
+        low = np.minimum(away, (level - mixed) / of_dispersion)
+        high = np.maximum(away, -(level + mixed) / of_dispersion)
     bounds = np.stack([low, high])
-    variance = np.maximum(own + 2.0 * both * bounds + other * bounds**2, 0.0)  # of two records it may round below
-    return Intervals(
+    # of two records it may round below zero
+    variance = np.maximum(of_median + 2.0 * mixed * bounds + of_dispersion * bounds**2, 0.0)
+    return (
         np.exp(log_median + ends * np.sqrt(covariance[0, 0])),
-        dispersion * np.exp(ends * np.sqrt(other)),
+        dispersion * np.exp(ends * np.sqrt(of_dispersion)),
         ndtr(bounds + ends[:, None] * np.sqrt(variance)),
     )
-
-
-def _tends_to(fit: LognormalFit) -> tuple[float, float]:
-    """Return ln median and dispersion, of separated trials what they tend to; NaN where there is no fit."""
-    if fit.status == FitStatus.SEPARATED:
-        return float(np.log(fit.limit)), 0.0
-    return float(np.log(fit.median)), fit.dispersion

@@ -1,39 +1,57 @@
-"""From a cube back to what it was made of: the row, the records, the building properties that vary.
+"""From a cube back to what it was made of: the row, the records, and the runs without pounding.
 
 A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by name and digest only: their motions
-must be found again, and are taken only where the digest agrees.
+must be found again, and are taken only where the digest agrees. Runs without pounding are the planner's own, by which
+scenarios that never touch are left out of sweeps: the law "none" with the output ``closing_max``.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from pounding_sweep.analysis.scenarios import (
+    IGNORED,
+    NO_POUNDING,
+    law_keys,
+    present,
+    uncoupled_cases,
+    without_pounding,
+)
 from pounding_sweep.base.errors import InputError, RecordError
-from pounding_sweep.model.scene import Scene
-from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records
+from pounding_sweep.model.scene import CONTACTS, Scene
+from pounding_sweep.outputs.variables import INNER_DIMS
+from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records, resolve_records
 from pounding_sweep.records.fema_p695 import read_component, set_components
 from pounding_sweep.records.synthetic import remade
-from pounding_sweep.spec.axes import AXES
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import AXES, axes_of, case_of
 from pounding_sweep.spec.spec import scene_of
 
 #: Records that an error names.
 _NAMED = 3
 #: What is read of a stored sweep.
 _KEYS = {"scene", "records", "cases", *(name for name, axis in AXES.items() if not axis.unsaid)}
+#: What a run without pounding must report.
+OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
+#: Step (s) of the exact scheme, whose free flight has no error: peaks are looked for inside it.
+STEP = 1e-3
 
 
 def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
     """Return a cube's sweep as it is stored."""
     try:
-        found = json.loads(cube.attrs["sweep"])
-        lacking = sorted(_KEYS - set(found))
+        sweep: dict[str, Any] = json.loads(cube.attrs["sweep"])
+        lacking = sorted(_KEYS - set(sweep))
     except (KeyError, TypeError, ValueError):
         msg = (
             "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known; "
@@ -46,7 +64,7 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
             "another version of this package, or changed; run the sweep again"
         )
         raise InputError(msg)
-    return found
+    return sweep
 
 
 def stored_scene(one: xr.Dataset) -> Scene:
@@ -69,11 +87,11 @@ def records_of(
     """Find the records of a stored sweep again."""
     offered = {record.sha256: record for record in given}
     at_hand = cache(lambda: [record for _, record in list_records(folders) if isinstance(record, Record)])
-    found, missing = [], []
+    records, missing = [], []
     for entry in sweep["records"]:
         record = offered.get(entry["sha256"]) or _by_name(entry, folders, at_hand)
         if isinstance(record, Record):
-            found.append(record.renamed(entry["name"]))
+            records.append(record.renamed(entry["name"]))
         else:
             missing.append(f"{entry['name']!r} ({record})")
     if missing:
@@ -83,37 +101,128 @@ def records_of(
             f"{', '.join(missing[:_NAMED])}{more}; give the folder of their files, or the records themselves"
         )
         raise InputError(msg)
-    return found
+    return records
 
 
 def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[Record]]) -> Record | str:
     """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
+    name, scale = entry["name"], entry["scale"]
     record = remade(entry["source"], entry["n_points"])
     if record is None:
-        record = _named(entry["name"], folders)
-    if record is not None and (same := _same_motion(record, entry)) is not None:
-        return same
-    for other in at_hand():  # a record may have been renamed
-        if other.dt == entry["dt"] and other.n_points == entry["n_points"]:
-            same = _same_motion(other, entry)
-            if same is not None:
+        with suppress(RecordError):
+            record = find_record(name, folders)
+    for key in RECORD_SETS if record is None else ():
+        with suppress(RecordError):
+            if not key.endswith("_normalized") and name in set_components(key):
+                record = read_component(key, name)
+                break
+
+    def candidates() -> Iterator[Record]:
+        yield from [record] if record is not None else []
+        yield from (other for other in at_hand() if (other.dt, other.n_points) == (entry["dt"], entry["n_points"]))
+
+    for candidate in candidates():  # a record may have been renamed
+        for same in (candidate, candidate.scaled(scale / candidate.scale) if candidate.scale else candidate):
+            if same.sha256 == entry["sha256"]:
                 return same
     return "the record found by that name is another motion" if record is not None else "none of that name or motion"
 
 
-def _named(name: str, folders: Any) -> Record | None:
-    """Return the record of that name, of those at hand and of the components of sets; None where there is none."""
-    with suppress(RecordError):
-        return find_record(name, folders)
-    for key in (key for key in RECORD_SETS if not key.endswith("_normalized")):
-        with suppress(RecordError):
-            if name in set_components(key):
-                return read_component(key, name)
-    return None
+@dataclass(frozen=True)
+class UncoupledRuns:
+    """Runs without pounding."""
+
+    scene: Scene  # the row, in which floors meet columns too
+    cube: xr.Dataset  # `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``
+
+    def first_modes(self, name: str, of_scene: Sequence[float]) -> xr.DataArray:
+        """Return a coordinate of the cube, along ``building`` and what varies it; by default that of the row."""
+        names = [building.name for building in self.scene.buildings]
+        stored = self.cube.get(name, xr.DataArray(list(of_scene), {"building": names}, ("building",)))
+        return stored.reset_coords(drop=True)
+
+    @property
+    def periods(self) -> xr.DataArray:
+        """First periods (s) of the buildings."""
+        return self.first_modes("fundamental_period", [float(b.periods[0]) for b in self.scene.buildings])
+
+    @property
+    def damping(self) -> xr.DataArray:
+        """Damping ratios of their first modes."""
+        return self.first_modes("first_damping_ratio", [b.first_damping for b in self.scene.buildings])
 
 
-def _same_motion(record: Record, entry: Mapping[str, Any]) -> Record | None:
-    for candidate in (record, record.scaled(entry["scale"] / record.scale) if record.scale else record):
-        if candidate.sha256 == entry["sha256"]:
-            return candidate
-    return None
+def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> UncoupledRuns:
+    """Run a row without pounding, once for each record."""
+    spec = Sweep(scene, records, NO_POUNDING, folders=folders).spec
+    runs = _run(spec.scene, spec.records)
+    return UncoupledRuns(runs.scene, _reduced(runs.cube).isel(scale=0, drop=True))
+
+
+def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
+    """Return the runs without pounding that belong to a cube; see `required_gap`."""
+    sweep = stored_sweep(cube)
+    scene = scene_of(sweep["scene"])
+    row: dict[str, list[Any]] = {"building": [building.name for building in scene.buildings]}
+    row |= {"pair": list(scene.pair_labels), "storey": list(range(1, scene.n_storeys + 1))}
+    # a part of the row is no row
+    whole = all(dim in cube.dims and sorted(cube[dim].values.tolist()) == sorted(row[dim]) for dim in row)
+    cube = cube.sel(row) if whole else cube  # in the row's order, which a user may have changed
+    stored = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
+    if sweep["cases"] is not None:
+        stored = stored and min(uncoupled_cases(cube)) >= 0
+    if stored and _with_columns(scene) is scene:
+        runs = UncoupledRuns(scene, cube)
+    else:
+        try:
+            motions = records_of(sweep, resolve_records(records, folders), folders)
+        except InputError as error:
+            msg = f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
+            raise InputError(msg) from None
+        runs = _run(scene, motions, **_axes(sweep))
+    if sweep["cases"] is not None:
+        uncoupled = np.flatnonzero(runs.cube["law"].values.astype(str) == NO_POUNDING)
+        return replace(runs, cube=runs.cube.isel(case=uncoupled))
+    reduced = _reduced(runs.cube)  # to what belongs to a cube, which may be a selection from what its sweep has
+    at = {dim: cube[dim].values for dim in reduced.dims if dim in cube.coords and dim not in INNER_DIMS}
+    return replace(runs, cube=reduced.sel(at))
+
+
+def _with_columns(scene: Scene) -> Scene:
+    """Return a row in which floors meet columns too."""
+    if not scene.pair_names:
+        msg = "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
+        raise InputError(msg)
+    row = replace(scene, contacts=CONTACTS[1])
+    return scene if row == scene else row
+
+
+def _run(scene: Scene, records: Sequence[Record], **axes: Any) -> UncoupledRuns:
+    """Run a row without pounding, by the exact scheme where all is elastic."""
+    scene = _with_columns(scene)
+    method = "rk4" if any(scene.yields) or SCHEMES["exact"].refuses(scene) else "exact"
+    axes = axes if "cases" in axes else {"laws": NO_POUNDING, **axes}
+    sweep = Sweep(scene, records, outputs=list(OUTPUTS), method=method, dt=STEP, audit=0.0, **axes)
+    return UncoupledRuns(scene, sweep.run())
+
+
+def _reduced(cube: xr.Dataset) -> xr.Dataset:
+    """Return the runs without pounding of a product without the axes that they ignore."""
+    uncoupled = without_pounding(cube, "the required gap")
+    ignored = {dim: 0 for dim in IGNORED if dim in uncoupled.dims}
+    modes = ("fundamental_period", "first_damping_ratio")
+    coords = {name: cube[name].reset_coords(drop=True) for name in modes if name in cube.coords}
+    return uncoupled.isel(ignored).reset_coords(drop=True).assign_coords(coords)
+
+
+def _axes(sweep: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the axes of a stored sweep that a run without pounding does not ignore, or its cases but for those."""
+    parameters = {axis.parameter: sweep[axis.parameter] for axis in AXES.values() if axis.parameter in sweep}
+    if sweep["cases"] is not None:
+        ignored: dict[str, Any] = dict.fromkeys(IGNORED)
+        cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
+        return {"cases": list(dict.fromkeys(cases)), **parameters}
+    values = axes_of(sweep)
+    axes = {name: getattr(values, name) for name, axis in AXES.items() if axis.of_buildings or axis.column == "scale"}
+    axes = {name: dict(value) if AXES[name].by_building else value for name, value in axes.items() if value}
+    return axes | parameters

@@ -1,4 +1,4 @@
-"""What every comparison asks of a cube: its scenario axes, values to be trusted, its runs without pounding."""
+"""What every comparison asks of a cube: its scenario axes, values to be trusted, its no-contact runs, fractiles."""
 
 from __future__ import annotations
 
@@ -35,23 +35,21 @@ def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
 
 def scenarios_only(cube: xr.Dataset) -> xr.Dataset:
     """Return the cube without what has dimensions of its own: its audit, and histories on ``time`` of one scenario."""
-    return cube.drop_dims([dim for dim in (*AUDIT_DIMS, "time") if dim in cube.dims])
+    return cube.drop_dims([*AUDIT_DIMS, "time"], errors="ignore")
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:
     """Whether each scenario is ok; true where the cube has no ``status``."""
-    if "status" not in cube.data_vars:
-        return xr.DataArray(True)
-    return cube["status"] == int(Status.OK)
+    return cube["status"] == int(Status.OK) if "status" in cube.data_vars else xr.DataArray(True)
 
 
 def values(cube: xr.Dataset, name: str) -> xr.DataArray:
     """Return a variable as float64 with its attributes, missing where the scenario is not ok or has no value."""
-    found = cube[name]
-    given = found.astype(np.float64)
-    if found.dtype.kind in "iu" and name in VARIABLES and VARIABLES[name].fill is not None:
-        given = given.where(found != VARIABLES[name].fill)
-    return given.where(trusted(cube)).assign_attrs(found.attrs)
+    stored = cube[name]
+    known = trusted(cube)
+    if stored.dtype.kind in "iu" and name in VARIABLES and VARIABLES[name].fill is not None:
+        known = known & (stored != VARIABLES[name].fill)
+    return stored.astype(np.float64).where(known).assign_attrs(stored.attrs)
 
 
 def present(cube: xr.Dataset, names: Iterable[str]) -> list[str]:
@@ -61,24 +59,25 @@ def present(cube: xr.Dataset, names: Iterable[str]) -> list[str]:
 
 def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bool = False) -> list[str]:
     """Return those of `names` that the cube has; raise `InputError` where one lacks, or all with `one`."""
-    found = present(cube, names)
-    lacking = [name for name in names if name not in found]
-    if found if one else not lacking:
-        return found
+    stored = present(cube, names)
+    lacking = [name for name in names if name not in stored]
+    if stored if one else not lacking:
+        return stored
+    several = len(lacking) > 1
+    which = "one of the outputs" if one and several else f"the output{'s' * several}"
     quoted = (" or " if one else ", ").join(map(repr, lacking))
-    which = "the output" if len(lacking) == 1 else "one of the outputs" if one else "the outputs"
-    remedy = "it" if one or len(lacking) == 1 else "them"
+    remedy = "them" if several and not one else "it"
     msg = f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}"
     raise InputError(msg)
 
 
 def chosen_variables(
-    cube: xr.Dataset, what: str, given: Iterable[str] | None, valid: Sequence[str], kind: str
+    cube: xr.Dataset, what: str, names: Iterable[str] | None, valid: Sequence[str], kind: str
 ) -> list[str]:
-    """Return what was asked for out of `valid`, or all of it that the cube has where nothing was."""
-    if given is None:
+    """Return those of `names`, which must be among `valid`; by default all of these that the cube has."""
+    if names is None:
         return need_variables(cube, what, valid, one=True)
-    names = list(given)
+    names = list(names)
     for name in names:
         if name not in valid:
             raise InputError(unknown(kind, name, valid))
@@ -88,28 +87,8 @@ def chosen_variables(
 def labelled(dim: str, labels: Iterable[Any], long_name: str, units: str = "") -> xr.DataArray:
     """Return the coordinate of a dimension."""
     attributes = {"long_name": long_name} | ({"units": units} if units else {})
-    return xr.DataArray(list(labels), dims=dim, coords={dim: list(labels)}, attrs=attributes)
-
-
-def need_dims(cube: xr.Dataset, what: str, dims: Iterable[str]) -> None:
-    """Raise `InputError` unless the cube has all those dimensions."""
-    for dim in dims:
-        if dim in cube.dims:
-            continue
-        if "case" in cube.dims:
-            msg = f"{what} needs the axis {dim!r}, and this cube lists its scenarios as cases; run a sweep over axes"
-        else:
-            has = ", ".join(scenario_dims(cube)) or "none"
-            msg = f"{what} needs the axis {dim!r}; this cube's axes: {has}. Run a sweep over several values of it"
-        raise InputError(msg)
-
-
-def need_several(cube: xr.Dataset, what: str, dim: str) -> None:
-    """Raise `InputError` unless the cube has that dimension with more than one value."""
-    need_dims(cube, what, [dim])
-    if cube.sizes[dim] < 2:
-        msg = f"{what} needs several values of {dim!r}, and this cube has one; run a sweep over several"
-        raise InputError(msg)
+    names = list(labels)
+    return xr.DataArray(names, {dim: names}, (dim,), attrs=attributes)
 
 
 def law_keys(cube: xr.Dataset) -> list[str]:
@@ -139,66 +118,49 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
             f"{', '.join(laws) or 'no law'}. Add {NO_POUNDING!r} to the laws of the sweep and run it again"
         )
         raise InputError(msg)
-    law = cube["law"]
-    if law.dims == ("law",):
-        return _of_any_gap(cube.sel(law=NO_POUNDING, drop=True).reset_coords(drop=True))
-    if not law.dims:
+    if cube["law"].dims == ("law",):
+        cube = cube.sel(law=NO_POUNDING, drop=True)
+        lacking = cube["status"] == int(Status.NOT_RUN) if "status" in cube else xr.DataArray(False)
+        # of a merged cube some gaps may lack the run that others have
+        dims = [dim for dim in IGNORED if dim in lacking.dims]
+        return (cube.isel(lacking.argmin(dims)) if dims and lacking.any() else cube).reset_coords(drop=True)
+    if not cube["law"].dims:
         return cube.reset_coords(drop=True)
     twin = np.array(uncoupled_cases(cube))
-    found = cube.isel(case=np.maximum(twin, 0)).reset_coords(drop=True).assign_coords(case=cube["case"])
+    result = cube.isel(case=np.maximum(twin, 0)).reset_coords(drop=True).assign_coords(case=cube["case"])
     known = cube["case"].copy(data=twin >= 0)
-    status = found["status"] if "status" in found else known.astype("i1") * 0
-    return found.assign(status=status.where(known, int(Status.NOT_RUN)).astype("i1"))
-
-
-def _of_any_gap(uncoupled: xr.Dataset) -> xr.Dataset:
-    """Return runs without pounding of a merged cube, of which some gaps may lack those that others have."""
-    lacking = uncoupled["status"] == int(Status.NOT_RUN) if "status" in uncoupled else xr.DataArray(False)
-    dims = [dim for dim in IGNORED if dim in lacking.dims]
-    if not dims or not bool(lacking.any()):
-        return uncoupled
-    return uncoupled.isel(lacking.argmin(dims)).reset_coords(drop=True)
+    status = result["status"] if "status" in result else known.astype("i1") * 0
+    return result.assign(status=status.where(known, int(Status.NOT_RUN)).astype("i1"))
 
 
 def uncoupled_cases(cube: xr.Dataset) -> list[int]:
     """Return the position of the case without pounding that belongs to each listed case, -1 where there is none."""
-
-    def keys() -> list[bytes]:
-        columns = [cube[name].values for name in _CASE_KEYS if name in cube.coords and "case" in cube[name].dims]
-        rows = zip(*columns, strict=True) if columns else [()] * cube.sizes["case"]
-        return [repr([np.asarray(cell).tolist() for cell in row]).encode() for row in rows]
-
-    laws, found = cube["law"].values.astype(str), keys()
-    first: dict[bytes, int] = {}
-    for position, (law, key) in enumerate(zip(laws, found, strict=True)):
-        if law == NO_POUNDING:
-            first.setdefault(key, position)
-    return [first.get(key, -1) for key in found]
+    columns = [cube[name].values for name in _CASE_KEYS if name in cube.coords and "case" in cube[name].dims]
+    keys = [repr([np.asarray(column[row]).tolist() for column in columns]) for row in range(cube.sizes["case"])]
+    laws = cube["law"].values.astype(str)
+    first = {key: row for row, key in reversed(list(enumerate(keys))) if laws[row] == NO_POUNDING}
+    return [first.get(key, -1) for key in keys]
 
 
 def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
     """Return 1 where floors touched, 0 where they did not, missing where the scenario is not ok or no floors meet."""
-    for name in present(cube, TOUCH_VARIABLES):
-        found = values(cube, name)
-        if bool(found.notnull().any()):
-            return (found > 0.0).astype(np.float64).where(found.notnull())
-    need_variables(cube, what, TOUCH_VARIABLES, one=True)
-    return values(cube, present(cube, TOUCH_VARIABLES)[0])  # there, but nothing has a value
+    known = [values(cube, name) for name in need_variables(cube, what, TOUCH_VARIABLES, one=True)]
+    found = next((part for part in known if part.notnull().any()), known[0])
+    return (found > 0.0).astype(np.float64).where(found.notnull())
 
 
 def peak_displacement(cube: xr.Dataset) -> xr.DataArray:
     """Return the largest absolute displacement of each floor (m), from its largest and smallest."""
-    low, high = values(cube, "displacement_min"), values(cube, "displacement_max")
-    low, high = abs(low), abs(high)
+    low, high = abs(values(cube, "displacement_min")), abs(values(cube, "displacement_max"))
     units = str(cube["displacement_max"].attrs.get("units", "m"))
     return described(high.where(~(low > high), low), units, "largest absolute floor displacement")
 
 
 def described(part: xr.DataArray, units: str, name: str, comment: str = "", *, bare: bool = False) -> xr.DataArray:
     """Return values with these attributes and no others, `bare` of scalar coordinates: what they were made of."""
-    found = part.reset_coords(drop=True) if bare else part.copy(deep=False)
-    found.attrs = {"units": units, "long_name": name, **({"comment": comment} if comment else {})}
-    return found
+    result = part.reset_coords(drop=True) if bare else part.copy(deep=False)
+    result.attrs = {"units": units, "long_name": name, **({"comment": comment} if comment else {})}
+    return result
 
 
 def over(value: xr.DataArray, base: xr.DataArray, least: xr.DataArray) -> xr.DataArray:
@@ -216,9 +178,58 @@ def long_name(cube: xr.Dataset, name: str) -> str:
     return str(cube[name].attrs.get("long_name", name.replace("_", " ")))
 
 
-def finished(result: xr.Dataset, cube: xr.Dataset, comparison: str, **more: Any) -> xr.Dataset:
-    """Return a comparison's result, read into memory, with attributes that say which it is and of which sweep."""
-    kept = {key: cube.attrs[key] for key in ("title", "sweep_sha256", "source", VERSION_ATTRIBUTE) if key in cube.attrs}
-    found = result.load()
-    found.attrs = {COMPARISON: comparison, **kept, **more}
-    return found
+def identity(cube: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes that say of which sweep a cube is, and who made it."""
+    return {key: cube.attrs[key] for key in ("title", "sweep_sha256", "source", VERSION_ATTRIBUTE) if key in cube.attrs}
+
+
+def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Interpolate linearly along the last axis; nothing is extrapolated."""
+    places, first = np.unique(at, return_index=True)
+    places, table = places[np.isfinite(places)], table[..., first[np.isfinite(places)]]
+    result = np.full((*table.shape[:-1], len(targets)), np.nan)
+    if not len(places):
+        return result
+    slack = ROUND_OFF * np.abs(places).max()
+    inside = np.flatnonzero((targets >= places[0] - slack) & (targets <= places[-1] + slack))
+    wanted = np.clip(targets[inside], places[0], places[-1])
+    low = np.searchsorted(places, wanted, side="right") - 1
+    high = np.minimum(low + 1, len(places) - 1)
+    share = (wanted - places[low]) / np.where(high > low, places[high] - places[low], 1.0)
+    between = (1.0 - share) * table[..., low] + share * table[..., high]
+    result[..., inside] = np.where(share == 0.0, table[..., low], between)  # a place itself needs no neighbour
+    return result
+
+
+def check_quantiles(quantiles: Sequence[float]) -> None:
+    """Raise `InputError` unless there are quantiles, each in [0, 1]."""
+    if not len(quantiles) or not all(0.0 <= q <= 1.0 for q in quantiles):
+        msg = f"quantiles are {list(quantiles)}; give one or more numbers in [0, 1]"
+        raise InputError(msg)
+
+
+def fractiles_over(
+    part: xr.DataArray, over: Sequence[str], quantiles: Sequence[float]
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Return fractiles over dimensions taken together, along a first ``quantile``, and counts of their values."""
+    rows = part.stack(_together=list(over), create_index=False) if over else part.expand_dims("_together")
+    rows = rows.transpose("_together", ...)
+    ordered = np.sort(rows.values, axis=0)  # NaN sorts last; numpy's own nanquantile goes row by row
+    count = np.sum(~np.isnan(ordered), axis=0)
+    last = np.maximum(count - 1, 0)
+    place = np.multiply.outer(np.asarray(quantiles, float), last)
+    low = place.astype(np.intp)
+    bottom, top = (np.take_along_axis(ordered, np.minimum(low + i, last), axis=0) for i in (0, 1))
+    inner = rows.isel(_together=0, drop=True).reset_coords(drop=True)
+    coords = {**inner.coords, "quantile": labelled("quantile", quantiles, "share of the values below", "1")}
+    fractiles = bottom + (place - low) * (top - bottom)
+    return (
+        xr.DataArray(fractiles, coords, ("quantile", *inner.dims), attrs=part.attrs),
+        xr.DataArray(count, inner.coords, inner.dims),
+    )
+
+
+def with_coordinates(variables: dict[str, xr.DataArray], **attributes: Any) -> xr.Dataset:
+    """Return a dataset of variables, with the scalar coordinates of the first, and these attributes."""
+    name, first = next(iter(variables.items()))
+    return first.to_dataset(name=name).assign(variables).assign_attrs(attributes)

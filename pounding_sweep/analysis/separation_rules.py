@@ -10,7 +10,7 @@ Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +64,11 @@ class BehaviourFactors:
             raise InputError(msg)
         return value
 
+    def text(self, factor: str) -> str:
+        """Return a factor in words."""
+        given = getattr(self, factor)
+        return ", ".join(f"{k}: {v:g}" for k, v in given.items()) if isinstance(given, Mapping) else f"{given:g}"
+
 
 @dataclass(frozen=True)
 class Neighbours:
@@ -73,7 +78,7 @@ class Neighbours:
     right: xr.DataArray
     correlation: xr.DataArray  # correlation of the two responses, see `cqc_correlation`; 0 at a wall
     level: xr.DataArray  # two buildings, every floor of the lower of which is level with one of the other
-    factors: Mapping[str, tuple[xr.DataArray, xr.DataArray]]  # behaviour factors of both sides
+    factors: Mapping[str, Sequence[xr.DataArray]]  # behaviour factors of both sides
 
 
 @dataclass(frozen=True)
@@ -105,24 +110,9 @@ def _root_of_squares(one: xr.DataArray, other: xr.DataArray) -> xr.DataArray:
     return (one**2 + other**2) ** 0.5
 
 
-def _double_difference(ends: Neighbours) -> xr.DataArray:
-    square = ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right
-    return square.clip(min=0.0) ** 0.5
-
-
 def _asce7(ends: Neighbours) -> xr.DataArray:
     (cd_1, cd_2), (importance_1, importance_2) = ends.factors["cd"], ends.factors["importance"]
     return _root_of_squares(ends.left * cd_1 / importance_1, ends.right * cd_2 / importance_2)
-
-
-def _ec8(ends: Neighbours) -> xr.DataArray:
-    q_1, q_2 = ends.factors["q"]
-    return _root_of_squares(ends.left * q_1, ends.right * q_2) * (1.0 - 0.3 * ends.level)
-
-
-def _is1893(ends: Neighbours) -> xr.DataArray:
-    r_1, r_2 = ends.factors["r"]
-    return (ends.left * r_1 + ends.right * r_2) * (1.0 - 0.5 * ends.level)
 
 
 #: All rules by key.
@@ -154,7 +144,9 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
             "1992",
             "rho by Der Kiureghian (1980), from the first periods and damping ratios",
-            _double_difference,
+            lambda ends: (
+                (ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right).clip(min=0.0) ** 0.5
+            ),
         ),
         SeparationRule(
             "asce7",
@@ -172,7 +164,10 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "4.4.2.7",
             "EN 1998-1:2004",
             FROM_MEMORY,
-            _ec8,
+            lambda ends: (
+                _root_of_squares(ends.left * ends.factors["q"][0], ends.right * ends.factors["q"][1])
+                * (1.0 - 0.3 * ends.level)
+            ),
         ),
         SeparationRule(
             "is1893",
@@ -181,7 +176,9 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "7.11.3",
             "IS 1893 (Part 1):2016",
             FROM_MEMORY,
-            _is1893,
+            lambda ends: (
+                (ends.left * ends.factors["r"][0] + ends.right * ends.factors["r"][1]) * (1.0 - 0.5 * ends.level)
+            ),
         ),
     )
 }

@@ -95,10 +95,10 @@ class CompareOptions:
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
-        from pounding_sweep.analysis.along import check_quantiles
         from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.intensity import check_intensity
+        from pounding_sweep.analysis.scenarios import check_quantiles
 
         keys = list(dict.fromkeys(self.what)) if self.what else list(COMPARISONS)
         for key in keys:

@@ -12,19 +12,17 @@ from pounding_sweep.analysis.scenarios import (
     TOUCH_VARIABLES,
     chosen_variables,
     described,
-    finished,
     largest_of,
     long_name,
     over,
     peak_displacement,
     pounding_only,
     present,
-    scenarios_only,
     touched,
     values,
+    with_coordinates,
     without_pounding,
 )
-from pounding_sweep.base.errors import InputError
 
 #: Responses of which a ratio says something: those of a building that are not zero without pounding.
 RESPONSES = (
@@ -43,6 +41,7 @@ PEAK = "displacement_peak"
 @comparison(
     "responses with pounding over responses without, by building",
     needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
+    requires={"laws": 1},
     columns=("law", "building"),
     variables=("_ratio",),
     lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
@@ -83,12 +82,8 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     [[1.2]]
     """
     what = "amplification"
-    cube = scenarios_only(cube)
     uncoupled = without_pounding(cube, what)
     pounding = pounding_only(cube)
-    if 0 in pounding.sizes.values() or not set(map(str, pounding["law"].values.ravel())) - {"none"}:
-        msg = f"{what} compares pounding with no pounding, and this cube has only the law 'none'; add laws with contact"
-        raise InputError(msg)
     if "case" in pounding.dims:
         uncoupled = uncoupled.sel(case=pounding["case"])
     names = chosen_variables(cube, what, responses, RESPONSES, "response")
@@ -96,28 +91,23 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     signed = {"displacement_max", "displacement_min"}
     if signed <= set(names):
         base[PEAK] = peak_displacement(uncoupled)
-    largest = {name: largest_of(base.get(PEAK, part) if name in signed else part) for name, part in base.items()}
     ratios = {}
     for name, part in base.items():
-        own = peak_displacement(pounding) if name == PEAK else values(pounding, name)
-        words = str(own.attrs["long_name"]) if name == PEAK else long_name(cube, name)
-        ratios[f"{name}_ratio"] = _ratio(own, part, words, largest[name])
+        response = peak_displacement(pounding) if name == PEAK else values(pounding, name)
+        words = str(response.attrs["long_name"]) if name == PEAK else long_name(cube, name)
+        largest = largest_of(base.get(PEAK, part) if name in signed else part)
+        comment = "value with pounding over value without; missing where either scenario is not ok"
+        ratio = over(response, part, ROUND_OFF * largest)
+        ratios[f"{name}_ratio"] = described(ratio, "1", f"amplification of the {words}", comment)
     if present(pounding, TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
         ratios["touches"] = described(any_floor, "1", "1 where floors of the row touch, 0 where none do")
-    dataset = next(iter(ratios.values())).to_dataset(name=next(iter(ratios))).assign(ratios)
-    return finished(dataset, cube, "amplification")
+    return with_coordinates(ratios)
 
 
 def needed_for(ratios: Iterable[str]) -> list[str]:
     """Return the responses that these ratios are made of."""
+    peaks = {PEAK: ("displacement_max", "displacement_min")}
     names = (name.removesuffix("_ratio") for name in ratios)
-    needs = (("displacement_max", "displacement_min") if name == PEAK else (name,) for name in names)
-    return list(dict.fromkeys(name for need in needs for name in need))
-
-
-def _ratio(pounding: xr.DataArray, uncoupled: xr.DataArray, name: str, largest: xr.DataArray) -> xr.DataArray:
-    found = over(pounding, uncoupled, ROUND_OFF * largest)
-    comment = "value with pounding over value without; missing where either scenario is not ok"
-    return described(found, "1", f"amplification of the {name}", comment)
+    return list(dict.fromkeys(needed for name in names for needed in peaks.get(name, (name,))))

@@ -12,18 +12,9 @@ from typing import Any
 
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.comparisons import check_needs, comparison
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import (
-    described,
-    finished,
-    law_keys,
-    need_dims,
-    need_variables,
-    pounding_only,
-    scenarios_only,
-    values,
-)
+from pounding_sweep.analysis.scenarios import described, law_keys, pounding_only, present, values, with_coordinates
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.spec import scene_of
 
@@ -75,65 +66,47 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     [2.0]
     """
     what = "the energy budget"
-    cube = scenarios_only(cube)
     row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))
-    beside = [name for name, text in BESIDE.items() if text in row]
-    need_variables(cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else []), *beside])
-    need_dims(cube, what, ["building", *(["pair"] if "pair" in cube.coords else [])])
-    _check_whole(cube, what)
+    pairs = ["pair"] if "pair" in cube.coords else []
+    terms = [*TERMS, *(["contact_work"] if pairs else []), *(name for name, text in BESIDE.items() if text in row)]
+    check_needs(cube, what, axes=["building", *pairs], outputs=terms)
+    if "sweep" in cube.attrs:  # a selection that left buildings or pairs out does not balance
+        scene = scene_of(stored_sweep(cube)["scene"])
+        for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
+            if cube.sizes.get(dim, 0) != count:
+                msg = (
+                    f"{what} is of the whole row, and this cube has {cube.sizes.get(dim, 0)} of {count} along {dim!r}; "
+                    "make it of all, and select from the result"
+                )
+                raise InputError(msg)
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
-    if 0 in cube.sizes.values():
-        msg = f"{what} needs a scenario, and this cube has none; select at least one"
-        raise InputError(msg)
-    terms = [*TERMS, *(name for name in BESIDE if name in cube.data_vars)]
-    found = {name: values(cube, name) for name in terms}
-    given, transfer = found["energy_input"], energy_transfer(found)
-    found["energy_transfer"] = transfer
-    found |= {name: values(cube, name) for name in _EXTREMES if name in cube.data_vars}
-    work = values(cube, "contact_work") if "contact_work" in cube.data_vars else None
+    result = {name: values(cube, name) for name in present(cube, (*TERMS, *BESIDE))}
+    largest = xr.concat([abs(part).max("building") for part in result.values()], "term").max("term")
+    transfer = result["energy_transfer"] = energy_transfer(result)
+    result |= {name: values(cube, name) for name in present(cube, (*_EXTREMES, "contact_work"))}
     total = transfer.sum("building", skipna=False)
-    taken = xr.zeros_like(total) if work is None else work.sum("pair").where(work.notnull().any("pair"))
-    largest = xr.concat([abs(found[name]).max("building") for name in terms], "term").max("term")
-    if work is not None:
-        found["contact_work"] = work
+    taken = xr.zeros_like(total)
+    if "contact_work" in result:
+        work = result["contact_work"]
+        taken = work.sum("pair").where(work.notnull().any("pair"))
         most = abs(work).max("pair").fillna(0.0)
         largest = largest.where(~(most > largest), most)
-    residual = total - taken
-    found["transfer_sum"] = _about(total, "energy given by all buildings")
-    found["work_sum"] = _about(taken, "work taken by all contacts")
-    found["residual"] = _about(residual, "energy given less work taken")
+    residual, given = total - taken, result["energy_input"]
     relative = abs(residual) / largest.where(largest > 0.0)
-    found["residual_relative"] = _about(relative, "size of the residual over the largest energy", "1")
-    found["transfer_share"] = _about(transfer / given.where(given != 0.0), "share of the input given away", "1")
-    worst = float(relative.max()) if bool(relative.notnull().any()) else float("nan")
-    dataset = given.to_dataset(name=TERMS[0]).assign(found)
-    return finished(dataset, cube, "energy", largest_residual_relative=worst)
-
-
-def _check_whole(cube: xr.Dataset, what: str) -> None:
-    """Raise `InputError` where a selection left buildings or pairs out: what is left does not balance."""
-    if "sweep" not in cube.attrs:
-        return
-    scene = scene_of(stored_sweep(cube)["scene"])
-    for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
-        there = cube.sizes.get(dim, 0)
-        if there != count:
-            msg = (
-                f"{what} is of the whole row, and this cube has {there} of {count} along {dim!r}; make it of all, and "
-                "select from the result"
-            )
-            raise InputError(msg)
+    for name, part, units, text in (
+        ("transfer_sum", total, "kN m", "energy given by all buildings"),
+        ("work_sum", taken, "kN m", "work taken by all contacts"),
+        ("residual", residual, "kN m", "energy given less work taken"),
+        ("residual_relative", relative, "1", "size of the residual over the largest energy"),
+        ("transfer_share", transfer / given.where(given != 0.0), "1", "share of the input given away"),
+    ):
+        result[name] = described(part, units, text)
+    return with_coordinates(result, largest_residual_relative=float(relative.max()))
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
     """Energy (kN m) that each building has given to its contacts: input less what it lost, holds and gave to links."""
-    given, damping, kinetic, strain = (energies[name] for name in TERMS)
-    transfer = given - damping - kinetic - strain
-    for name in (name for name in BESIDE if name in energies):
-        transfer = transfer - energies[name]
-    return _about(transfer, "energy given to neighbours and contacts")
-
-
-def _about(part: xr.DataArray, text: str, units: str = "kN m") -> xr.DataArray:
-    return described(part, units, text)
+    losses = [name for name in (*TERMS[1:], *BESIDE) if name in energies]
+    transfer = sum((-energies[name] for name in losses), start=energies[TERMS[0]])
+    return described(transfer, "kN m", "energy given to neighbours and contacts")

@@ -7,15 +7,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.along import check_quantiles, fractiles_over
-from pounding_sweep.analysis.comparisons import comparison, over_text
+from pounding_sweep.analysis.comparisons import check_needs, comparison, over_text
 from pounding_sweep.analysis.scenarios import (
+    check_quantiles,
     described,
-    finished,
-    need_several,
+    fractiles_over,
     need_variables,
     present,
-    scenarios_only,
     trusted,
     values,
 )
@@ -72,32 +70,29 @@ def fractiles(
     [0.02]
     """
     what = "taking fractiles"
-    cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    need_several(cube, what, dim)
+    check_needs(cube, what, several=[dim])
     names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
-    ok = trusted(cube)
-    found: dict[str, xr.DataArray] = {}
+    result: dict[str, xr.DataArray] = {}
     for name in names:
-        given = values(cube, name)
-        if dim not in given.dims:  # a selection that does not vary along it
-            continue
-        found[f"{name}_fractiles"], count = fractiles_over(given, [dim], quantiles)
-        found[f"{name}_count"] = described(count, "1", f"values that the fractiles of {name} are of")
+        part = values(cube, name)
+        if dim in part.dims:  # a selection may not vary along it
+            result[f"{name}_fractiles"], count = fractiles_over(part, [dim], quantiles)
+            result[f"{name}_count"] = described(count, "1", f"values that the fractiles of {name} are of")
+    ok = trusted(cube)
     if dim in ok.dims:
-        found["scenarios"] = _count(ok, dim, f"scenarios along {dim} that are ok")
-        for status in STATUS[1:]:
-            mine = cube["status"] == int(status)
-            if bool(mine.any()):
-                text = f"scenarios along {dim} that are left out: {status.label}"
-                found[f"left_out_{status.label}"] = _count(mine, dim, text)
-    return finished(xr.Dataset(found), cube, "fractiles", over=over_text({dim: cube.sizes[dim]}))
+        flags = {"scenarios": (ok, "ok")}
+        flags |= {
+            f"left_out_{status.label}": (cube["status"] == int(status), f"left out: {status.label}")
+            for status in STATUS[1:]
+            if (cube["status"] == int(status)).any()
+        }
+        for name, (flag, text) in flags.items():
+            count = flag.sum(dim).astype(np.int64)
+            result[name] = described(count, "1", f"scenarios along {dim} that are {text}", bare=True)
+    return xr.Dataset(result, attrs={"over": over_text({dim: cube.sizes[dim]})})
 
 
 def responses(cube: xr.Dataset) -> list[str]:
     """Return the variables of a cube that are responses of its scenarios."""
     return [name for name in present(cube, VARIABLES) if name not in _NO_RESPONSES]
-
-
-def _count(flags: xr.DataArray, dim: str, text: str) -> xr.DataArray:
-    return described(flags.sum(dim).astype(np.int64), "1", text, bare=True)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, comparison, over_text
-from pounding_sweep.analysis.events import Event, get_event
+from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, check_needs, comparison, over_text, plain_rows
+from pounding_sweep.analysis.events import get_event
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.lognormal import (
     FIT_STATUS,
@@ -24,20 +24,14 @@ from pounding_sweep.analysis.lognormal import (
 )
 from pounding_sweep.analysis.scenarios import (
     described,
-    finished,
     labelled,
-    law_keys,
-    need_dims,
-    need_variables,
     pounding_only,
     scenario_dims,
-    scenarios_only,
     touched,
     trusted,
     values,
 )
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.tables import finite
 
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
@@ -53,44 +47,28 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per fit of a fragility."""
     whole = result["fit_status"]
     dims = [dim for dim in (*scenario_dims(whole), "pair", "building") if dim in whole.dims]
-    units = str(result["median"].attrs["units"])
-    labels = [[finite(label) for label in result[dim].values.tolist()] for dim in dims]
-    column = {str(name): result[name].transpose(*dims, ...).values for name in _FIT}
-    given = np.isfinite(column["median_interval"]).any()
-    rows = []
-    for place in np.ndindex(tuple(map(len, labels))):
-        row: Row = {dim: each[i] for dim, each, i in zip(dims, labels, place, strict=True)}
-        row |= {"trials": int(column["trials"][place]), "happened": int(column["happened_count"][place])}
-        row |= {name: finite(float(column[name][place])) for name in ("median", "dispersion")}
-        for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
-            row[f"{name}_{bound}"] = finite(float(column[f"{name}_interval"][(*place, i)]))
-        if "fractile" in result:
-            at = result["fractile"].transpose(*dims, "quantile")
-            for q, value in zip(at["quantile"].values.tolist(), at.values[place].tolist(), strict=True):
-                row[f"at {q:g}"] = finite(value)
-        low, high = column["median_between"][place].tolist()
-        status = FIT_STATUS[int(column["fit_status"][place])]
-        words = {"units": units, "over": str(result.attrs["trials_of"]), "fit": status.words(low, high, units)}
-        rows.append(row | words)
+    columns = {"trials": result["trials"], "happened": result["happened_count"]}
+    columns |= {name: result[name] for name in ("median", "dispersion")}
+    if result["median_interval"].notnull().any():
+        for name, (i, bound) in product(("median", "dispersion"), enumerate(BOUNDS)):
+            columns[f"{name}_{bound}"] = result[f"{name}_interval"].isel(bound=i)
+    for i, q in enumerate(result["fractile"]["quantile"].values.tolist() if "fractile" in result else []):
+        columns[f"at {q:g}"] = result["fractile"].isel(quantile=i)
+    columns |= {"status": whole, **{end: result["median_between"].isel(bound=i) for i, end in enumerate(BOUNDS)}}
+    table = xr.Dataset({name: part.reset_coords(drop=True) for name, part in columns.items()}).transpose(*dims)
+    rows = plain_rows(table)
+    for row in rows:
+        low, high = (np.nan if end is None else end for end in (row.pop(end) for end in BOUNDS))
+        row["units"] = str(result["median"].attrs["units"])
+        row["over"] = str(result.attrs["trials_of"])
+        row["fit"] = FIT_STATUS[row.pop("status")].words(low, high, row["units"])
     return rows
-
-
-#: What the rows of a fragility are made of.
-_FIT = (
-    "fit_status",
-    "median",
-    "dispersion",
-    "median_interval",
-    "dispersion_interval",
-    "median_between",
-    "trials",
-    "happened_count",
-)
 
 
 @comparison(
     "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
     needs="pairs, a law with contact, and records or scales of several intensities",
+    requires={"several": MOTION_DIMS},
     columns=("law", "gap", "pair"),
     variables=("median", "dispersion"),
     figure="fragility",
@@ -170,68 +148,79 @@ def fragility(
     from scipy.special import ndtri
 
     about = get_event(event, level)
-    cube = scenarios_only(cube)
-    _check(cube, confidence)
+    what = f"the fragility of {event!r}"
+    if confidence is not None and not 0.0 < confidence < 1.0:
+        msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
+        raise InputError(msg)
     if not all(0.0 < q < 1.0 for q in quantiles):
         msg = f"quantiles are {list(quantiles)}; of a fragility they must be between 0 and 1"
         raise InputError(msg)
-    found, ok = _happened(cube, about, level)
+    if about.per == "pair":
+        check_needs(cube, what, pairs=True, laws=1)
+        cube = pounding_only(cube)
+    if about.variable and level is not None:
+        check_needs(cube, what, outputs=[about.variable])
+        response = values(cube, about.variable)
+        happened = (response > level).astype(np.float64).where(response.notnull())
+    else:
+        happened = touched(cube, what)
+    happened = happened.max("storey") if "storey" in happened.dims else happened
+    ok = trusted(cube).broadcast_like(happened.isel({about.per: 0}, drop=True, missing_dims="ignore"))
     strength = intensity_of(cube, intensity, records=records, folders=folders)
     trials = ("record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale"))
     for dim in trials:
-        found, ok, strength = (part if dim in part.dims else part.expand_dims(dim) for part in (found, ok, strength))
-    found, strength = found.transpose(..., *trials), strength.transpose(*trials)
-    table, x = found.values, np.asarray(strength.values, dtype=float)
+        happened, ok, strength = (
+            part if dim in part.dims else part.expand_dims(dim) for part in (happened, ok, strength)
+        )
+    happened, strength = happened.transpose(..., *trials), strength.transpose(*trials)
+    inner = happened.isel(dict.fromkeys(trials, 0), drop=True)
+    for axis in one_dispersion:
+        if axis not in inner.dims:
+            raise InputError(unknown("axis of one dispersion", axis, (str(dim) for dim in inner.dims)))
+    apart = [dim for dim in inner.dims if dim not in one_dispersion]
+    order = (*apart, *(dim for dim in inner.dims if dim in one_dispersion))
+    x = np.asarray(strength.values, dtype=float)
     at = _levels(levels, x)
-    places = {place: table[place].tobytes() for place in np.ndindex(table.shape[:-2])}  # of each curve
-    kept = found.isel(dict.fromkeys(trials, 0), drop=True)
-    shared = _shared(kept, one_dispersion)
-    groups: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
-    for place in places:
-        groups.setdefault(tuple(i for n, i in enumerate(place) if n not in shared), []).append(place)
-    alike: dict[tuple[bytes, ...], list[dict[str, Any]]] = {}  # many are: some laws ignore some axes
-    fits: dict[tuple[int, ...], dict[str, Any]] = {}
-    for group in groups.values() if shared else ([place] for place in places):
-        key = tuple(places[place] for place in group)
+    n_groups = int(np.prod([inner.sizes[dim] for dim in apart]))
+    alike: dict[bytes, list[dict[str, Any]]] = {}  # many are: some laws ignore some axes
+    cells: list[dict[str, Any]] = []
+    for tables in happened.transpose(*order, *trials).values.reshape(n_groups, -1, *x.shape):
+        key = tables.tobytes()
         if key not in alike:
-            alike[key] = _cells([table[place] for place in group], x, at, confidence)
-        fits |= zip(group, alike[key], strict=True)
+            alike[key] = _cells(tables, x, at, confidence)
+        cells += alike[key]
 
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
-    coords: dict[str, xr.DataArray] = {str(k): c for k, c in kept.coords.items() if k in kept.dims or not c.dims}
-    for dim, labels, more in (
-        ("bound", list(BOUNDS), {"long_name": "end of the confidence interval"}),
-        ("intensity", at, {"units": units, "long_name": name}),
-    ):
-        coords[dim] = xr.DataArray(labels, dims=dim, attrs=more)
+    coords: dict[str, Any] = {str(k): c for k, c in inner.coords.items() if k in inner.dims or not c.dims}
+    coords["bound"] = ("bound", list(BOUNDS), {"long_name": "end of the confidence interval"})
+    coords["intensity"] = ("intensity", at, {"units": units, "long_name": name})
     variables = {}
     for variable, (dims, unit, text) in _VARIABLES.items():
-        stacked = np.array([fits[place][variable] for place in places])
+        stacked = np.array([cell[variable] for cell in cells])
         attributes = {"units": units if unit is None else unit, "long_name": text.format(event=words)}
-        variables[variable] = ((*kept.dims, *dims), stacked.reshape((*kept.shape, *stacked.shape[1:])), attributes)
-    dataset = xr.Dataset(variables, coords=coords)
+        shape = (*(inner.sizes[dim] for dim in order), *stacked.shape[1:])
+        variables[variable] = ((*order, *dims), stacked.reshape(shape), attributes)
+    dataset = xr.Dataset(variables, coords).transpose(*inner.dims, ...)
     dataset["fit_status"].attrs |= {
         "flag_values": np.array([int(s) for s in FIT_STATUS], np.int8),
         "flag_meanings": " ".join(s.label for s in FIT_STATUS),
     }
     left_out = (~ok).sum(trials).astype(np.int64)
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
-    dataset["happened"] = described(found, "1", f"1 where {words}, 0 where not", bare=True)
+    dataset["happened"] = described(happened, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
     if len(quantiles):
         index = labelled("quantile", quantiles, f"probability that {words}", "1")
         away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
         dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
-    sizes = {dim: size for dim, size in zip(trials, x.shape, strict=True)}
-    about_it: dict[str, Any] = {"event": about.key, "event_in_words": words, "intensity": f"{name} ({units})"}
-    about_it["trials_of"] = over_text(sizes)
-    if one_dispersion:
-        about_it["one_dispersion"] = ", ".join(one_dispersion)
-    if where := crossed(dataset):
-        about_it["curves_cross"] = where
-    if confidence is not None:
-        about_it["confidence"] = confidence
-    return finished(dataset, cube, "fragility", **about_it)
+    about_it = {"one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset), "confidence": confidence}
+    return dataset.assign_attrs(
+        event=about.key,
+        event_in_words=words,
+        intensity=f"{name} ({units})",
+        trials_of=over_text(dict(zip(trials, x.shape, strict=True))),
+        **{key: value for key, value in about_it.items() if value},
+    )
 
 
 def sentence(dataset: xr.Dataset) -> str:
@@ -256,108 +245,56 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-def _cells(
-    tables: Sequence[np.ndarray], x: np.ndarray, at: np.ndarray, confidence: float | None
-) -> list[dict[str, Any]]:
+def _cells(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> list[dict[str, Any]]:
     """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
 
-    def fits(kept: np.ndarray) -> list[LognormalFit]:
-        there = [np.isfinite(table) & kept[:, None] for table in tables]
-        trials = [(x[known], table[known] > 0.0) for table, known in zip(tables, there, strict=True)]
+    def fits(records: np.ndarray) -> list[LognormalFit]:
+        known = [np.isfinite(table) & records[:, None] for table in tables]
+        trials = [(x[these], table[these] > 0.0) for table, these in zip(tables, known, strict=True)]
         return [fit_lognormal(*trials[0])] if len(trials) == 1 else fit_with_one_dispersion(trials)
 
-    everyone = np.ones(len(x), bool)
-    whole, without = fits(everyone), {}
-    owners = [np.flatnonzero(np.isfinite(table).any(axis=1)).tolist() for table in tables]
-    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in whole):
-        without = {one: fits(np.arange(len(x)) != one) for one in sorted({*np.concatenate(owners).astype(int)})}
+    whole = fits(np.ones(len(x), bool))
+    fitted = [fit.status == FitStatus.FITTED for fit in whole]
+    owns = np.isfinite(tables).any(axis=2)  # whether a curve has trials of a record
+    without = {}
+    if confidence is not None and any(fitted):
+        without = {one: fits(np.arange(len(x)) != one) for one in np.flatnonzero(owns.any(axis=0))}
     cells = []
     for number, (table, fit) in enumerate(zip(tables, whole, strict=True)):
-        there = np.isfinite(table)
-        fitted = fit.status == FitStatus.FITTED
-        others = [without[one][number] for one in owners[number]] if without and fitted else []
-        intervals = jackknife(fit, others, at, confidence or np.nan)
+        others = [without[one][number] for one in np.flatnonzero(owns[number])] if without and fitted[number] else []
+        median, dispersion, band = jackknife(fit, others, at, confidence or np.nan)
         cells.append(
             {
                 "fit_status": np.int8(fit.status),
                 "median": fit.median,
                 "dispersion": fit.dispersion,
-                "median_interval": intervals.median,
-                "dispersion_interval": intervals.dispersion,
+                "median_interval": median,
+                "dispersion_interval": dispersion,
                 "median_between": [fit.low, fit.high],
-                "trials": int(there.sum()),
-                "happened_count": int((table[there] > 0.0).sum()),
+                "trials": int(np.isfinite(table).sum()),
+                "happened_count": int((table > 0.0).sum()),
                 "probability": probability(fit, at),
-                "probability_interval": intervals.probability,
+                "probability_interval": band,
             }
         )
     return cells
 
 
-def _shared(kept: xr.DataArray, axes: Sequence[str]) -> list[int]:
-    """Return the places of axes along which curves have one dispersion."""
-    for axis in axes:
-        if axis not in kept.dims:
-            raise InputError(unknown("axis of one dispersion", axis, (str(dim) for dim in kept.dims)))
-    return [kept.dims.index(axis) for axis in axes]
-
-
 def crossed(dataset: xr.Dataset) -> str:
     """Say which curves of neighbouring values cross at the intensities given, and where; "" where none do."""
     count, first, at = 0, "", dataset["intensity"].values
-    whole = dataset["fit_status"]
-    for axis in (str(dim) for dim in whole.dims if whole.sizes[dim] > 1 and dim not in ("law", "pair", "building")):
-        order = (axis, *(dim for dim in whole.dims if dim != axis))
-        status, median, dispersion = (
-            dataset[name].transpose(*order).values for name in ("fit_status", "median", "dispersion")
-        )
-        for place in np.ndindex(status.shape[1:]):
-            curves = [
-                LognormalFit(FIT_STATUS[int(status[(i, *place)])], median[(i, *place)], dispersion[(i, *place)])
-                for i in range(len(status))
-            ]
-            for i, (one, other) in enumerate(pairwise(curves)):
-                intensity, share = crossing(one, other)
-                if at.min() <= intensity <= at.max() and min(share, 1.0 - share) > SEEN:
-                    count += 1
-                    values = " and ".join(f"{dataset[axis].values[i + n].item():g}" for n in (0, 1))
-                    units = dataset["median"].attrs["units"]
-                    first = first or f"of {axis} {values} at {intensity:.3g} {units}, probability {share:.2g}"
+    fits = dataset[["median", "dispersion"]]
+    for axis in (str(dim) for dim in fits["median"].dims if dim not in ("law", "pair", "building")):
+        median, dispersion = (np.moveaxis(part.transpose(axis, ...).values, 0, -1) for part in fits.values())
+        where, share = crossing(median[..., :-1], dispersion[..., :-1], median[..., 1:], dispersion[..., 1:])
+        seen = (at.min() <= where) & (where <= at.max()) & (np.minimum(share, 1.0 - share) > SEEN)
+        for place in map(tuple, np.argwhere(seen)[:1]):
+            labels = " and ".join(f"{label:g}" for label in dataset[axis].values[place[-1] :][:2].tolist())
+            units = dataset["median"].attrs["units"]
+            first = first or f"of {axis} {labels} at {where[place]:.3g} {units}, probability {share[place]:.2g}"
+        count += int(seen.sum())
     more = f", and {count - 1} more" if count > 1 else ""
     return first and f"{first}{more}: their dispersions are fitted apart"
-
-
-def _check(cube: xr.Dataset, confidence: float | None) -> None:
-    if not set(TRIALS) & set(cube.dims):
-        need_dims(cube, "a fragility", TRIALS[:1])
-    if all(cube.sizes.get(dim, 1) < 2 for dim in TRIALS):
-        msg = (
-            "a fragility needs ground motions of several intensities, and this cube has one record at one scale; run "
-            "a sweep over several records or scales"
-        )
-        raise InputError(msg)
-    if confidence is not None and not 0.0 < confidence < 1.0:
-        msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
-        raise InputError(msg)
-
-
-def _happened(cube: xr.Dataset, event: Event, level: float | None) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return 1, 0 or missing for each scenario, along the event's pair or building; and which scenarios are ok."""
-    what = f"the fragility of {event.key!r}"
-    if event.per == "pair":
-        if "pair" not in cube.coords or law_keys(cube) == ["none"]:
-            msg = f"{what} needs a pair of neighbours and a law with contact, which this cube lacks; sweep over such"
-            raise InputError(msg)
-        cube = pounding_only(cube)
-    if event.variable and level is not None:
-        need_variables(cube, what, [event.variable])
-        given = values(cube, event.variable)
-        found = (given > level).astype(np.float64).where(given.notnull())
-    else:
-        found = touched(cube, what)
-    found = found.max("storey") if "storey" in found.dims else found
-    outer = found.isel({event.per: 0}, drop=True, missing_dims="ignore")
-    return found, trusted(cube).broadcast_like(outer)
 
 
 def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
@@ -367,8 +304,8 @@ def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
             msg = "every ground motion of this cube has intensity 0; run the sweep with scales above zero"
             raise InputError(msg)
         return np.linspace(highest / LEVELS, highest, LEVELS)
-    found = np.asarray(levels, dtype=float)
-    if found.ndim != 1 or not found.size or not (np.isfinite(found) & (found > 0.0)).all():
+    at = np.asarray(levels, dtype=float)
+    if at.ndim != 1 or not at.size or not (np.isfinite(at) & (at > 0.0)).all():
         msg = f"levels are {levels!r}; give one or more intensities above zero"
         raise InputError(msg)
-    return found
+    return at

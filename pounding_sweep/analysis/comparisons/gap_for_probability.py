@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.along import fractiles_over
-from pounding_sweep.analysis.comparisons import Row, comparison, over_text
+from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
 from pounding_sweep.analysis.comparisons.required_gap import required_gap
 from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
 from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, labelled, need_several
+from pounding_sweep.analysis.scenarios import COMPARISON, described, fractiles_over, labelled
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import finite
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
 
@@ -42,36 +40,30 @@ _NUMBERS = ("", "_lower", "_upper", "_observed")
 
 def gap_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per gap that is asked for; with a hazard, also one per pair for the gap that it has."""
-    over = over_text({"record": int(result.attrs["suite"])})
     named = [str(name) for name in result.coords if name not in result.dims and "pair" not in result[name].dims]
     result = result.drop_vars([name for name in named if name != "row_gap"])
     counts = result[["records", "never"]].rename(never="never touches")
-    kinds = [("gap", "intensity" if "intensity" in result.dims else "the suite as it is")]
-    if "gap_in_years" in result:
-        kinds.append(("gap_in_years", f"in {result.attrs['years']:g} years"))
+    years = float(result.attrs.get("years", math.nan))
+    kinds = {"gap": "intensity" if "intensity" in result.dims else "the suite as it is"}
+    kinds |= {"gap_in_years": f"in {years:g} years"} if "gap_in_years" in result else {}
     rows: list[Row] = []
-    for kind, given in kinds:
-        part = result[[f"{kind}{ending}" for ending in _NUMBERS]]
-        part = part.rename({f"{kind}{ending}": f"gap{ending}" for ending in _NUMBERS}).assign(counts)
-        for row in _plain(part.drop_vars("row_gap", errors="ignore")):
+    for kind, given in kinds.items():
+        part = result[[f"{kind}{ending}" for ending in _NUMBERS]].drop_vars("row_gap", errors="ignore")
+        part = part.rename({f"{kind}{ending}": f"gap{ending}" for ending in _NUMBERS})
+        for row in plain_rows(part.assign(counts.drop_vars("row_gap", errors="ignore"))):
             level = row.pop("intensity", None)
-            told: Row = {"given": given if level is None else f"{given} {level:.4g}"}
+            row["given"] = given if level is None else f"{given} {level:.4g}"
             if kind == "gap_in_years":
-                told["rate"] = -math.log1p(-row["probability"]) / float(result.attrs["years"])
-            rows.append(told | row)
-    own = [f"rate{ending}" for ending in _NUMBERS] + ["beyond"]
-    for row in _plain(result[own].assign(counts)) if "rate" in result else []:
-        chance = row["rate"] and -math.expm1(-row["rate"] * float(result.attrs["years"]))
+                row["rate"] = -math.log1p(-row["probability"]) / years
+            rows.append(row)
+    rates = [f"rate{ending}" for ending in _NUMBERS]
+    for row in plain_rows(result[[*rates, "beyond"]].assign(counts)) if "rate" in result else []:
+        chance = row["rate"] and -math.expm1(-row["rate"] * years)
         rows.append({"given": "the row's gap", "probability": chance, "gap": row.pop("row_gap"), **row})
     others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
     first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
-    return [{name: row.get(name) for name in first} | row | {"units": "m", "over": over} for row in rows]
-
-
-def _plain(part: xr.Dataset) -> list[Row]:
-    """Return a row per label, None for numbers that are none."""
-    table = part.to_dataframe(dim_order=[str(dim) for dim in part.dims]).reset_index().to_dict("records")
-    return [{str(name): finite(value) for name, value in row.items()} for row in table]
+    about = {"units": "m", "over": over_text({"record": int(result.attrs["suite"])})}
+    return [{name: row.get(name) for name in first} | row | about for row in rows]
 
 
 @comparison(
@@ -166,72 +158,60 @@ def gap_for_probability(
     """
     check_numbers(probabilities, confidence, years)
     site = None if hazard is None else hazard_of(hazard)
-    own = cube.attrs.get(COMPARISON) == "required-gap"
-    gaps = cube if own else required_gap(cube, records, folders=folders)
-    need_several(gaps, "a gap for a probability", "record")
-    exact = gaps["exact"]
+    gaps = cube if cube.attrs.get(COMPARISON) == "required-gap" else required_gap(cube, records, folders=folders)
+    check_needs(gaps, "a gap for a probability", several=["record"])
+    exact, level, units = gaps["exact"], xr.DataArray(1.0), ""
     about: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
-    strength = None
     if intensity is not None or site is not None:
         strength = intensity_of(cube, intensity, records=records, folders=folders)
-        about |= {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
-        _check_elastic(cube)
-        if "thickness" in gaps.coords:
-            msg = (
-                "bumpers take their thickness of the gap, so that the required gap does not grow in proportion to the "
-                "intensity; leave them out of the row, and add their thickness to the gap that is found"
-            )
-            raise InputError(msg)
+        name, units = strength.attrs["long_name"], strength.attrs["units"]
+        about["intensity"] = f"{name} ({units})"
+        _check_proportional(cube, gaps)
         exact = _per_intensity(exact, strength, cube)
+        level = labelled("intensity", _levels(levels, strength), name, units)
     elif levels is not None:
         msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         raise InputError(msg)
-    at = labelled("probability", probabilities, "probability that the pair touches", "1")
-    along = labelled("curve", curve, "probability that the pair touches", "1")
+    at, along = (
+        labelled(dim, shares, "probability that the pair touches", "1")
+        for dim, shares in (("probability", probabilities), ("curve", curve))
+    )
     fit = _Lognormal(exact, confidence)
-    level: Any = 1.0
-    if strength is not None:
-        level = labelled("intensity", _levels(levels, strength), strength.attrs["long_name"], strength.attrs["units"])
     found = {f"gap{end}": part * level for end, part in fit.gaps(at).items()}
     found |= {f"curve_gap{end}": part * level for end, part in fit.gaps(along).items() if end != "_observed"}
     found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
-    if site is not None and strength is not None:
+    counts: dict[str, tuple[xr.DataArray, str, str]] = {
+        "dispersion": (fit.spread, "1", "standard deviation of the logarithm of the required gap"),
+        "records": (fit.count, "1", "records that count"),
+        "never": ((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
+    }
+    if site is not None:
         if not isinstance(intensity, xr.DataArray):
-            check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name))
-        if site.units not in ("", strength.attrs["units"]):
-            units = strength.attrs["units"]
+            check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
+        if site.units not in ("", units):
             msg = f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
             raise InputError(msg)
         for name, index in (("gap_in_years", at), ("curve_gap_in_years", along)):
             found |= {f"{name}{end}": part for end, part in fit.gaps_of_rate(site, index, years).items()}
         about |= {"hazard": site.source, "years": years}
-    dataset = xr.Dataset(
-        {
-            name: described(part.transpose(part.dims[0], ...), "m", _text(name, confidence))
-            for name, part in found.items()
-        }
-        | {
-            "dispersion": described(fit.spread, "1", "standard deviation of the logarithm of the required gap"),
-            "records": described(fit.count, "1", "records that count"),
-            "never": described((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
-        },
-        coords={str(index.dims[0]): index for index in (at, along, level) if np.ndim(index)},
-    )
-    if site is not None and "row_gap" in gaps.coords:
-        rates = fit.rates(site, gaps["row_gap"])
-        per_year = {name: described(part, "year-1", _text(name, confidence)) for name, part in rates.items()}
-        dataset = dataset.assign(per_year)
-        dataset["beyond"].attrs |= {"units": "1", "long_name": "share of the rate from intensities beyond the hazard's"}
-    return finished(dataset, cube, "gap-for-probability", **about)
+        if "row_gap" in gaps.coords:
+            for name, part in fit.rates(site, gaps["row_gap"]).items():
+                counts[name] = (part, "year-1", _text(name, confidence))
+            counts["beyond"] = (counts["beyond"][0], "1", "share of the rate from intensities beyond the hazard's")
+    variables = {
+        name: described(part.transpose(part.dims[0], ...), "m", _text(name, confidence)) for name, part in found.items()
+    }
+    variables |= {name: described(*given) for name, given in counts.items()}
+    return xr.Dataset(variables, {str(index.dims[0]): index for index in (at, along, level) if index.dims}, about)
 
 
 def _text(name: str, confidence: float) -> str:
     """Return the long name of a result."""
-    stem, _, ending = name.rpartition("_")
+    stem, _, ending = name.removeprefix("curve_").rpartition("_")
     if ending in ("lower", "upper"):
-        return f"{ending} end of the {confidence:.0%} confidence interval of {stem.removeprefix('curve_')}"
-    kind = name.removeprefix("curve_").removesuffix("_observed")
+        return f"{ending} end of the {confidence:.0%} confidence interval of {stem}"
     whose = "of the records themselves" if ending == "observed" else "by a lognormal"
+    kind = name.removeprefix("curve_").removesuffix("_observed")
     return {
         "gap": f"gap at which the pair touches with that probability, {whose}",
         "gap_in_years": f"gap at which the pair touches in the years with that probability, {whose}",
@@ -261,12 +241,18 @@ def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[floa
     return [float(x) for x in levels]
 
 
-def _check_elastic(cube: xr.Dataset) -> None:
-    """Raise `InputError` where storeys may yield: required gaps do not grow with the intensity there."""
+def _check_proportional(cube: xr.Dataset, gaps: xr.Dataset) -> None:
+    """Raise `InputError` where required gaps do not grow with the intensity: storeys may yield, bumpers are thick."""
     if "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields):
         msg = (
             "required gaps of a row that yields do not grow in proportion to the intensity, so that those at others "
             "can't be told; leave the intensity and the hazard out, for gaps at each scale of the cube"
+        )
+        raise InputError(msg)
+    if "thickness" in gaps.coords:
+        msg = (
+            "bumpers take their thickness of the gap, so that the required gap does not grow in proportion to the "
+            "intensity; leave them out of the row, and add their thickness to the gap that is found"
         )
         raise InputError(msg)
 
@@ -278,26 +264,25 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
     if not scaled:
         return ratio
     (dim,) = scaled
-    signs = np.sign(cube[dim].values) if dim == "scale" else np.ones(ratio.sizes[dim])
-    ways = {text: np.flatnonzero(signs == sign) for sign, text in ((1.0, "as recorded"), (-1.0, "reversed"))}
-    parts = []
-    for way in (way for way in ways.values() if way.size):
-        part = ratio.isel({dim: way})
+    parts = {}
+    for text, sign in (("as recorded", 1.0), ("reversed", -1.0)):
+        part = ratio.isel({dim: np.flatnonzero(sign * ratio[dim].values > 0.0)})
+        if not part.sizes[dim]:
+            continue
         low, high = part.min(dim), part.max(dim)
-        wrong = (high - low > PROPORTIONAL * high).fillna(False)
-        if bool(wrong.any()):
-            name = str(
-                strength["record"].values[np.flatnonzero(wrong.any([d for d in wrong.dims if d != "record"]))[0]]
-            )
+        wrong = (high - low > PROPORTIONAL * high).fillna(False).any([d for d in low.dims if d != "record"])
+        if wrong.any():
+            name = str(strength["record"].values[np.argmax(wrong.values)])
             msg = (
-                f"required gaps of record {name!r} do not grow in proportion to its scale, so that those at other "
-                "intensities can't be told; leave the intensity out, for gaps at each scale of the cube"
+                f"required gaps of record {name!r} do not grow in "
+                "proportion to its scale, so that those at other intensities can't be told; leave the intensity out, "
+                "for gaps at each scale of the cube"
             )
             raise InputError(msg)
-        parts.append(part.mean(dim))
+        parts[text] = part.mean(dim)
     if len(parts) == 1:
-        return parts[0]
-    return xr.concat(parts, labelled("direction", [text for text, way in ways.items() if way.size], "ground motion"))
+        return next(iter(parts.values()))
+    return xr.concat(list(parts.values()), labelled("direction", parts, "ground motion"))
 
 
 class _Lognormal:
@@ -305,7 +290,7 @@ class _Lognormal:
 
     def __init__(self, exact: xr.DataArray, confidence: float) -> None:
         self.exact = exact
-        self.ends = {"_lower": 0.5 - 0.5 * confidence, "_upper": 0.5 + 0.5 * confidence}
+        self.ends = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
         self.count = exact.notnull().sum("record")
         logs: Any = np.log(exact.where((self.count > 1) & ~(exact <= 0.0).any("record")))
         self.middle, self.spread = logs.mean("record"), logs.std("record", ddof=1)
@@ -318,7 +303,7 @@ class _Lognormal:
         z = index.copy(data=norm.isf(index.values))
         found = {"": np.exp(self.middle + z * self.spread)}
         sizes, place = np.unique(self.count.values, return_inverse=True)  # quantiles take long, and sizes are few
-        for name, share in self.ends.items():
+        for name, share in zip(("_lower", "_upper"), self.ends, strict=True):
             table = nct.ppf(share, np.where(sizes > 1, sizes - 1, np.nan), z.values[:, None] * sizes**0.5)
             t = xr.DataArray(table[:, place.reshape(self.count.shape)], dims=(dim, *self.count.dims))
             found[name] = np.exp(self.middle + t * self.spread / self.count**0.5)
@@ -329,61 +314,56 @@ class _Lognormal:
 
     def gaps_of_rate(self, site: Hazard, index: xr.DataArray, years: float) -> dict[str, xr.DataArray]:
         """Return the gap for each probability of a touch in some years, its interval, and that of the records."""
+        rate = -np.log1p(-index.values) / years
 
         def gaps(exact: np.ndarray, middle: float, spread: float, count: int) -> np.ndarray:
             found = np.full((len(_NUMBERS), index.size), np.nan)
-            z, spreads = self._drawn(spread, count)
+            if np.isfinite(spread):
+                found[0] = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
+                z, spreads = _drawn(spread, count)
+                medians = np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
+                drawn = (middle + z * spreads / count**0.5 + medians).reshape(index.size, -1)
+                found[1:3] = np.exp(np.quantile(drawn, self.ends, axis=1))
             with np.errstate(divide="ignore"):
                 capacities = 1.0 / exact[np.isfinite(exact)]
-            for i, rate in enumerate(-np.log1p(-index.values) / years):
-                if np.isfinite(spread):
-                    found[0, i] = np.exp(middle) * site.median_at(rate, np.array(spread))
-                    drawn = middle + z * spreads / count**0.5 + np.log(site.median_at(rate, spreads))
-                    found[1:3, i] = np.exp(np.quantile(drawn, list(self.ends.values())))
-                if np.isfinite(capacities).any():
-                    found[3, i] = site.factor_at(rate, capacities)
+            if np.isfinite(capacities).any():
+                found[3] = site.factor_at(rate, capacities)
             return found
 
-        return self._each(gaps, index)
+        (dim,) = index.dims
+        found = self._of_pairs(gaps, ["number", dim]).assign_coords({dim: index}).transpose("number", dim, ...)
+        return dict(zip(_NUMBERS, found, strict=True))
 
     def rates(self, site: Hazard, gap: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return the annual rate at which a gap touches, its interval, that of the records; and ``beyond``."""
-        own = gap.broadcast_like(self.middle).transpose(*self.middle.dims)
 
         def rates(exact: np.ndarray, middle: float, spread: float, count: int, gap: float) -> np.ndarray:
-            found = np.full((len(_NUMBERS) + 1, 1), np.nan)
+            found = np.full(len(_NUMBERS) + 1, np.nan)
             if not gap > 0.0:
                 return found
             if np.isfinite(spread):
-                z, spreads = self._drawn(spread, count)
+                z, spreads = _drawn(spread, count)
                 median = gap / np.exp(middle)
-                drawn = site.touching(gap / np.exp(middle + z * spreads / count**0.5), spreads[None, :])
+                drawn = site.touching(median / np.exp(z * spreads / count**0.5), spreads)
                 found[0], found[4] = site.touching(median, np.array(spread)), site.beyond(median, np.array(spread))
-                found[1:3, 0] = np.quantile(drawn, list(self.ends.values()))
+                found[1:3] = np.quantile(drawn, self.ends)
             with np.errstate(divide="ignore"):
                 found[3] = site.exceeded(gap / exact[np.isfinite(exact)]).mean() if count else np.nan
             return found
 
-        found = self._each(rates, None, own)
-        return {f"rate{end}": found[end] for end in _NUMBERS} | {"beyond": found["beyond"]}
+        names = (*(f"rate{end}" for end in _NUMBERS), "beyond")
+        return dict(zip(names, self._of_pairs(rates, ["number"], gap).transpose("number", ...), strict=True))
 
-    def _drawn(self, spread: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return normal numbers, down, and spreads, across, that stand for what those of all motions may be."""
-        from scipy.stats import chi2, norm
+    def _of_pairs(self, make: Callable[..., np.ndarray], dims: list[Any], *more: xr.DataArray) -> xr.DataArray:
+        """Return what a function makes of the required gaps and the fit of each pair, along `dims` of its own."""
+        parts = (self.exact, self.middle, self.spread, self.count, *more)
+        core = [["record"], *([[]] * (len(parts) - 1))]
+        return xr.apply_ufunc(make, *parts, input_core_dims=core, output_core_dims=[dims], vectorize=True)
 
-        shares = (np.arange(_PARTS) + 0.5) / _PARTS
-        return norm.ppf(shares)[:, None], spread * np.sqrt((count - 1) / chi2.ppf(shares, max(count - 1, 1)))
 
-    def _each(self, make: Any, index: xr.DataArray | None, *more: xr.DataArray) -> dict[str, xr.DataArray]:
-        """Return numbers of each pair, those of `_NUMBERS`, then ``beyond``; along `index`, where given."""
-        kept = self.middle.dims
-        exact = self.exact.transpose(*kept, "record").values
-        parts = [part.transpose(*kept).values for part in (self.middle, self.spread, self.count, *more)]
-        found = np.array([make(exact[at], *(part[at] for part in parts)) for at in np.ndindex(self.middle.shape)])
-        found = np.moveaxis(found, 0, -1).reshape(*found.shape[1:], *self.middle.shape)
-        names = (*_NUMBERS, "beyond")[: len(found)]
-        if index is None:
-            return {n: self.middle.copy(data=part[0]) for n, part in zip(names, found, strict=True)}
-        (dim,) = index.dims
-        coords = {**self.middle.coords, dim: index}
-        return {n: xr.DataArray(part, dims=(dim, *kept), coords=coords) for n, part in zip(names, found, strict=True)}
+def _drawn(spread: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal numbers, down, and spreads, across, that stand for what those of all motions may be."""
+    from scipy.stats import chi2, norm
+
+    shares = (np.arange(_PARTS) + 0.5) / _PARTS
+    return norm.ppf(shares)[:, None], spread * np.sqrt((count - 1) / chi2.ppf(shares, max(count - 1, 1)))[None, :]

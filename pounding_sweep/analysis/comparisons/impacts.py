@@ -7,18 +7,17 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.along import check_quantiles, fractiles_over
 from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.scenarios import (
+    check_quantiles,
     described,
-    finished,
+    fractiles_over,
     labelled,
     law_keys,
     of_law,
     pounding_only,
     present,
     scenario_dims,
-    scenarios_only,
     touched,
     trusted,
     values,
@@ -34,6 +33,7 @@ QUANTILES = (0.0, 0.16, 0.5, 0.84, 1.0)
 @comparison(
     "how often, how hard and how soon floors touch",
     needs="pairs, a law with contact, and impact counts or any other output of contacts",
+    requires={"pairs": True, "laws": 1},
     columns=("law", "pair", "quantile"),
     lead=("pair_touching_share", "impact_force_max_fractiles"),
     arguments=("quantiles", "over"),
@@ -76,61 +76,38 @@ def impact_statistics(
     >>> found.touching_share.item(), found.impact_count_fractiles.item()
     (0.75, 2.0)
     """
-    what = "impact statistics"
-    cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    if "pair" not in cube.coords:
-        msg = f"{what} need pairs of neighbours, and this row is a single building; add a wall or a building"
-        raise InputError(msg)
     cube = pounding_only(cube)
-    if 0 in cube.sizes.values() or law_keys(cube) == ["none"]:
-        msg = f"{what} need a law with contact, and this cube has only 'none'; add laws to the sweep"
-        raise InputError(msg)
-    taken = [dim for dim in scenario_dims(cube) if dim != "law"] if over is None else _asked(cube, over)
-    by_law = "law" in cube.coords and cube["law"].dims == ("case",) and "case" in taken
-    found = (_by_law if by_law else _statistics)(cube, taken, quantiles)
-    return finished(found, cube, "impacts", over=over_text({dim: cube.sizes[dim] for dim in taken}))
-
-
-def _asked(cube: xr.Dataset, over: Iterable[str]) -> list[str]:
-    names = [over] if isinstance(over, str) else list(over)
-    valid = scenario_dims(cube)
-    for name in names:
-        if name not in valid:
-            msg = f"this cube has no axis {name!r} to take together; valid: {', '.join(valid) or 'none'}"
+    dims = scenario_dims(cube)
+    over = [over] if isinstance(over, str) else over
+    together = [dim for dim in dims if dim != "law"] if over is None else list(over)
+    for name in together:
+        if name not in dims:
+            msg = f"this cube has no axis {name!r} to take together; valid: {', '.join(dims) or 'none'}"
             raise InputError(msg)
-    return names
-
-
-def _by_law(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
-    """Statistics of listed cases, law by law."""
-    laws = law_keys(cube)
-    parts = [_statistics(of_law(cube, [law]), over, quantiles) for law in laws]
-    return xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
+    if "law" in cube.coords and cube["law"].dims == ("case",) and "case" in together:
+        laws = law_keys(cube)
+        parts = [_statistics(of_law(cube, [law]), together, quantiles) for law in laws]
+        result = xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
+    else:
+        result = _statistics(cube, together, quantiles)
+    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}))
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
     touch = touched(cube, "impact statistics")
-    ok = trusted(cube).broadcast_like(touch.isel({d: 0 for d in ("pair", "storey") if d in touch.dims}, drop=True))
-    found: dict[str, xr.DataArray] = {
-        "scenarios": _about(ok.sum(over), "scenarios that are ok"),
-        "left_out": _about((~ok).sum(over), "scenarios left out: their status is not ok"),
+    ok = trusted(cube).broadcast_like(touch.isel(pair=0, storey=0, drop=True, missing_dims="ignore"))
+    counts = {
+        "scenarios": (ok.sum(over).astype(np.int64), "scenarios that are ok"),
+        "left_out": ((~ok).sum(over).astype(np.int64), "scenarios left out: their status is not ok"),
     }
-    for prefix, part in (("", touch), ("pair_", touch.max("storey") if "storey" in touch.dims else touch)):
-        where = "the pair" if prefix else "the floors"
-        known = part.notnull()
-        count = part.sum(over).where(known.any(over))
-        found[f"{prefix}touching"] = _about(count, f"scenarios in which {where} touch")
-        found[f"{prefix}touching_share"] = _about(part.mean(over), f"share of scenarios in which {where} touch")
-    dataset = xr.Dataset(found)
+    pair = touch.max("storey") if "storey" in touch.dims else touch
+    for prefix, part, where in (("", touch, "the floors"), ("pair_", pair, "the pair")):
+        count = part.sum(over).where(part.notnull().any(over))
+        counts[f"{prefix}touching"] = count, f"scenarios in which {where} touch"
+        counts[f"{prefix}touching_share"] = part.mean(over), f"share of scenarios in which {where} touch"
+    result = {name: described(part, "1", text, bare=True) for name, (part, text) in counts.items()}
     for name in present(cube, OUTPUTS):
-        found_there, _ = fractiles_over(values(cube, name).where(touch == 1.0), over, quantiles)
-        dataset[f"{name}_fractiles"] = found_there.assign_attrs(
-            comment="over the scenarios in which these floors touch"
-        )
-    return dataset
-
-
-def _about(part: xr.DataArray, text: str) -> xr.DataArray:
-    found = part.astype(np.int64) if part.dtype.kind in "iub" else part
-    return described(found, "1", text, bare=True)
+        fractiles, _ = fractiles_over(values(cube, name).where(touch == 1.0), over, quantiles)
+        result[f"{name}_fractiles"] = fractiles.assign_attrs(comment="over the scenarios in which these floors touch")
+    return xr.Dataset(result)

@@ -8,11 +8,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.along import ROUNDING, check_quantiles, fractiles_over, interpolate
 from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.analysis.scenarios import described, finished, need_several, need_variables, scenarios_only, values
+from pounding_sweep.analysis.scenarios import (
+    ROUND_OFF,
+    check_quantiles,
+    described,
+    fractiles_over,
+    interpolate,
+    need_variables,
+    values,
+    with_coordinates,
+)
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
 
@@ -25,6 +33,7 @@ NO_FRACTILES = "no_fractiles"
 @comparison(
     "responses against intensity as records are scaled up, with the fractiles of the suite",
     needs="an axis of several scales or peak ground accelerations",
+    requires={"several": DIMENSIONS["scale"]},
     columns=("law", "building", "pair", "quantile", "level"),
     variables=("_fractiles",),
     lead=("drift_max_fractiles", "impact_force_max_fractiles"),
@@ -87,57 +96,54 @@ def incremental_curves(
     >>> curves.drift_max_fractiles.round(4).values.tolist()
     [[0.0275]]
     """
-    what = "an incremental curve"
-    cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    scaled = next((dim for dim in DIMENSIONS["scale"] if dim in cube.dims), "scale")
-    need_several(cube, what, scaled)
-    names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
+    scaled = next(dim for dim in DIMENSIONS["scale"] if dim in cube.dims)
+    names = responses(cube) if outputs is None else need_variables(cube, "an incremental curve", list(outputs))
     strength = intensity_of(cube, intensity, records=records, folders=folders)
     if "record" not in cube.dims:
         cube, strength = cube.expand_dims("record"), strength.expand_dims("record")
     strength = strength.transpose("record", scaled)
-    given = np.asarray(strength.values, dtype=float)
+    x = np.asarray(strength.values, dtype=float)
     ways = directions(cube[scaled].values)
-    at, why = _levels(given, ways, levels, str(strength.attrs["units"]))
+    at, why = _levels(x, ways, levels, str(strength.attrs["units"]))
     level = xr.DataArray(at, dims="level", coords={"level": at}, attrs=strength.attrs)
-
-    found: dict[str, xr.DataArray] = {}
+    result: dict[str, xr.DataArray] = {}
     for name in names:
-        whole = values(cube, name).transpose("record", ..., scaled)
-        found[name] = whole
-        curves = zip(whole.values, given, strict=True)
-        rows = np.stack([interpolate(row[..., way], x[way], at) for row, x in curves for way in ways])
+        whole = result[name] = values(cube, name).transpose("record", ..., scaled)
+        curves = zip(whole.values, x, strict=True)
+        rows = np.stack([interpolate(row[..., way], motion[way], at) for row, motion in curves for way in ways])
         inner = whole.isel({"record": 0, scaled: 0}, drop=True)
-        kept = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
-        dims = ("curve", *inner.dims, "level")
-        on_levels = xr.DataArray(rows, dims=dims, coords={**kept, "level": level}, attrs=whole.attrs)
-        found[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
-        found[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
-    dataset = found[names[0]].to_dataset(name=names[0]).assign(found).assign_coords(intensity=strength)
-    about: dict[str, Any] = {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
-    about["over"] = over_text({"record": len(given), "direction": len(ways)})
-    return finished(dataset, cube, "incremental", curves=len(given) * len(ways), **about, **why)
+        coords = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
+        on_levels = xr.DataArray(rows, {**coords, "level": level}, ("curve", *inner.dims, "level"), attrs=whole.attrs)
+        result[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
+        result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
+    return with_coordinates(
+        result,
+        curves=len(x) * len(ways),
+        intensity=f"{strength.attrs['long_name']} ({strength.attrs['units']})",
+        over=over_text({"record": len(x), "direction": len(ways)}),
+        **why,
+    ).assign_coords(intensity=strength)
 
 
 def _levels(
-    given: np.ndarray, ways: list[np.ndarray], levels: Sequence[float] | None, units: str
+    x: np.ndarray, ways: list[np.ndarray], levels: Sequence[float] | None, units: str
 ) -> tuple[np.ndarray, dict[str, str]]:
     """Return the intensities of fractiles, and why there are none of all curves."""
-    ends = np.array([[x[way].min(), x[way].max()] for x in given for way in ways])
+    ends = np.array([[motion[way].min(), motion[way].max()] for motion in x for way in ways])
     low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
     if levels is not None:
         at = np.asarray(levels, dtype=float)
         if at.ndim != 1 or not at.size or not np.isfinite(at).all():
             msg = f"levels are {levels!r}; give one or more intensities ({units})"
             raise InputError(msg)
-    elif low > high * (1.0 + ROUNDING):
-        at = np.linspace(float(given.min()), float(given.max()), LEVELS)
-    elif len(ways) == 1 and np.allclose(given, given[0], rtol=ROUNDING, atol=0.0):
-        at = np.sort(given[0])
+    elif low > high * (1.0 + ROUND_OFF):
+        at = np.linspace(float(x.min()), float(x.max()), LEVELS)
+    elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
+        at = np.sort(x[0])
     else:
         at = np.linspace(low, high, LEVELS)
-    if ((at >= low * (1.0 - ROUNDING)) & (at <= high * (1.0 + ROUNDING))).any():
+    if ((at >= low * (1.0 - ROUND_OFF)) & (at <= high * (1.0 + ROUND_OFF))).any():
         return at, {}
     why = (
         f"none of these intensities is within the scales of all {len(ends)} curves (one begins at {low:.3g} {units}, "

@@ -8,27 +8,25 @@ law by law, where two free masses would rebound equally.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.along import interpolate
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     ROUND_OFF,
     chosen_variables,
     described,
-    finished,
+    interpolate,
     labelled,
     largest_of,
     law_keys,
     long_name,
-    need_dims,
     over,
     pounding_only,
-    present,
-    scenarios_only,
     values,
+    with_coordinates,
 )
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, get_law, realised_restitution
@@ -55,6 +53,7 @@ _LEAST = {"contact_work": 1e-4}
 @comparison(
     "contact laws against a reference law, at equal nominal and at equal realised restitution",
     needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
+    requires={"axes": ["law"], "laws": 2},
     columns=("basis", "law", "pair", "building"),
     variables=("_ratio",),
     lead=("impact_force_max_ratio", "drift_max_ratio"),
@@ -98,60 +97,38 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     >>> compare_laws(cube).impact_force_max_ratio.sel(basis="nominal", law="hertz").values.tolist()
     [0.8]
     """
-    what = "the comparison of laws"
-    cube = scenarios_only(cube)
-    need_dims(cube, what, ["law"])
     cube = pounding_only(cube)
     laws = law_keys(cube)
-    if len(laws) < 2:
-        msg = f"{what} needs two laws with contact, this cube has {', '.join(laws) or 'none'}; add laws to the sweep"
-        raise InputError(msg)
     if reference is None:
         reference = next((law for law in laws if law in LAWS and LAWS[law].takes_restitution), laws[0])
     if reference not in laws:
         raise InputError(unknown("reference law", reference, laws))
-    names = chosen_variables(cube, what, outputs, OUTPUTS, "output to compare laws by")
+    names = chosen_variables(cube, "the comparison of laws", outputs, OUTPUTS, "output to compare laws by")
 
-    why_not = _why_not_realised(cube)
-    found: dict[str, xr.DataArray] = {}
-    for name in names:
-        given = _on_bases(cube, values(cube, name), None if why_not else _realised(cube, laws))
-        base = given.sel(law=reference).reset_coords(drop=True)
-        found[f"{name}_compared"] = given
-        ratio = over(given, base, _LEAST.get(name, ROUND_OFF) * largest_of(given, "law"))
-        found[f"{name}_ratio"] = described(ratio, "1", f"{long_name(cube, name)} over that of {reference}")
-    dataset = found[f"{names[0]}_ratio"].to_dataset(name=f"{names[0]}_ratio").assign(found)
-    how = why_not or "linear between the restitutions of the sweep, each at its realised value"
-    return finished(dataset, cube, "laws", reference_law=reference, realised_basis=how)
-
-
-def _why_not_realised(cube: xr.Dataset) -> str:
-    """Say why values can't be read at equal realised restitution; "" where they can."""
+    strange = [law for law in laws if law not in LAWS]
+    realised: Any = None
+    how = "linear between the restitutions of the sweep, each at its realised value"
     if cube.sizes.get("restitution", 1) < 2:
-        return "not possible: the cube has one restitution; run the sweep over several, or restitution_basis='realised'"
-    strange = [law for law in law_keys(cube) if law not in LAWS]
-    if strange and not present(cube.reset_coords(), ["restitution_realised"]):
-        return f"not possible: no relation is known of {', '.join(strange)}"
-    return ""
-
-
-def _realised(cube: xr.Dataset, laws: list[str]) -> np.ndarray:
-    """Realised restitutions, shape (law, restitution)."""
-    if "restitution_realised" in cube.coords:
-        return np.asarray(cube["restitution_realised"].transpose("law", "restitution").values, dtype=float)
-    basis = str(cube.attrs.get("restitution_basis", "published"))
-    nominal = cube["restitution"].values
-    return np.array([realised_restitution(get_law(law), nominal, basis) for law in laws])
-
-
-def _on_bases(cube: xr.Dataset, given: xr.DataArray, realised: np.ndarray | None) -> xr.DataArray:
-    """Put the values at nominal and, where it is given, at realised restitution along ``basis``."""
-    bases = ["nominal"] if realised is None else ["nominal", "realised"]
-    parts = [given]
-    if realised is not None:
-        moved = given.transpose("law", ..., "restitution")
-        targets = cube["restitution"].values.astype(float)
-        rows = [interpolate(row, at, targets) for row, at in zip(moved.values, realised, strict=True)]
-        parts.append(moved.copy(data=np.stack(rows)).transpose(*given.dims))
-    index = labelled("basis", bases, "what equal restitution means")
-    return xr.concat(parts, dim=index, combine_attrs="override")
+        how = "not possible: the cube has one restitution; run the sweep over several, or restitution_basis='realised'"
+    elif "restitution_realised" in cube.variables:
+        realised = cube["restitution_realised"].transpose("law", "restitution").values.astype(float)
+    elif strange:
+        how = f"not possible: no relation is known of {', '.join(strange)}"
+    else:
+        basis = str(cube.attrs.get("restitution_basis", "published"))
+        realised = [realised_restitution(get_law(law), cube["restitution"].values, basis) for law in laws]
+    result: dict[str, xr.DataArray] = {}
+    for name in names:
+        parts = {"nominal": values(cube, name)}
+        if realised is not None:
+            moved = parts["nominal"].transpose("law", ..., "restitution")
+            targets = cube["restitution"].values.astype(float)
+            rows = [interpolate(row, np.asarray(at), targets) for row, at in zip(moved.values, realised, strict=True)]
+            parts["realised"] = moved.copy(data=np.stack(rows)).transpose(*parts["nominal"].dims)
+        bases = labelled("basis", parts, "what equal restitution means")
+        part = xr.concat(list(parts.values()), dim=bases, combine_attrs="override")
+        base = part.sel(law=reference).reset_coords(drop=True)
+        ratio = over(part, base, _LEAST.get(name, ROUND_OFF) * largest_of(part, "law"))
+        result[f"{name}_compared"] = part
+        result[f"{name}_ratio"] = described(ratio, "1", f"{long_name(cube, name)} over that of {reference}")
+    return with_coordinates(result, reference_law=reference, realised_basis=how)

@@ -8,7 +8,7 @@ touches in a row whose every gap is at least the largest such value of its own p
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -16,9 +16,9 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
-from pounding_sweep.analysis.scenarios import ROUND_OFF, described, finished, labelled, peak_displacement, values
+from pounding_sweep.analysis.rebuild import UncoupledRuns, runs_of_cube, runs_of_row
+from pounding_sweep.analysis.scenarios import ROUND_OFF, described, identity, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
-from pounding_sweep.analysis.uncoupled_runs import UncoupledRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
@@ -96,29 +96,13 @@ def required_gap(
         raise InputError(msg)
     else:
         runs = runs_of_row(source, records, folders)
-    used = {f"factor_{f.name}": _text(getattr(factors, f.name)) for f in fields(factors)}
-    cube = source if isinstance(source, xr.Dataset) else runs.cube
-    return finished(_gaps(runs, factors), cube, "required-gap", **used)
-
-
-def _gaps(runs: UncoupledRuns, factors: BehaviourFactors) -> xr.Dataset:
-    closing = values(runs.cube, "closing_max")
-    ends = _neighbours(runs, factors)
-    never = closing <= ROUND_OFF * (ends.left + ends.right)
-    closest, thick = closing.where(~never, 0.0), _thicknesses(runs.scene)
+    scene, closing = runs.scene, values(runs.cube, "closing_max")
+    ends, thick = _neighbours(runs, factors)
+    closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
     exact, reach = (closest + thick).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
     index = labelled("rule", [rule.key for rule in rules], "separation rule")
     rule_gap = xr.concat([(rule.gap(ends) + thick).max("storey") for rule in rules], dim=index)
-    about: dict[str, Any] = {
-        f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
-        for name in ("title", "formula", "clause", "edition", "note")
-    }
-    own = (
-        "pair",
-        [runs.scene.gaps[pair] for pair in runs.scene.pair_of_label],
-        {"units": "m", "long_name": "gap of the row"},
-    )
     found = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
@@ -128,84 +112,61 @@ def _gaps(runs: UncoupledRuns, factors: BehaviourFactors) -> xr.Dataset:
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
     variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}
+    coords: dict[str, Any] = {
+        f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
+        for name in ("title", "formula", "clause", "edition", "note")
+    }
+    gaps = [scene.gaps[pair] for pair in scene.pair_of_label]
+    coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
     if thick.any():
-        about["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
-    return xr.Dataset(variables).assign_coords({**about, "row_gap": own})
+        coords["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
+    used = {f"factor_{f.name}": factors.text(f.name) for f in fields(factors)}
+    about = {} if isinstance(source, xr.Dataset) else identity(runs.cube)
+    return xr.Dataset(variables).assign_coords(coords).assign_attrs({**about, **used})
 
 
-def _thicknesses(scene: Scene) -> xr.DataArray:
-    """Return what bumpers take of the gap (m), on pair and storey."""
-    found = np.zeros((len(scene.pair_labels), scene.n_storeys))
+def _neighbours(runs: UncoupledRuns, factors: BehaviourFactors) -> tuple[Neighbours, xr.DataArray]:
+    """Return what rules are given, missing where no floors meet, and what bumpers take of the gap (m).
+
+    Both are on pair and storey.
+    """
+    scene, labels = runs.scene, list(runs.scene.pair_labels)
+    names = [building.name for building in scene.buildings]
+    pair = {"pair": labels}
+    floor = {**pair, "storey": np.arange(1, scene.n_storeys + 1)}
+    # building at each side of a pair, -1 for a wall
+    row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
+    sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], pair, ("pair",)) for side in (0, 1)]
+
+    def of_sides(part: xr.DataArray) -> list[xr.DataArray]:  # of a wall 1
+        picked = (part.isel(building=side).where(side >= 0, 1.0) for side in sides)
+        return [one.reset_coords(drop=True).transpose("pair", ...) for one in picked]
+
+    # of each floor that could meet another: shares of the floors that it moves with, those beside struck columns
+    moves = np.zeros((2, len(labels), scene.n_storeys, len(names), scene.n_storeys))
+    thick, meets = np.zeros((2, len(labels), scene.n_storeys))
     for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
-        found[contact.place, contact.storey - 1] = thickness
-    return xr.DataArray(found, dims=("pair", "storey"), coords={"pair": list(scene.pair_labels)})
-
-
-def _text(factor: float | Mapping[str, float]) -> str:
-    return ", ".join(f"{k}: {v:g}" for k, v in factor.items()) if isinstance(factor, Mapping) else f"{factor:g}"
-
-
-def _neighbours(runs: UncoupledRuns, factors: BehaviourFactors) -> Neighbours:
-    """Return what rules are given, on pair and storey; missing where no floors meet."""
-    scene = runs.scene
-    ends = list(zip(scene.row[:-1], scene.row[1:], strict=True))
-    buildings = [[item for item in both if isinstance(item, Building)] for both in ends]
-    two = _on_pairs(scene, [len(both) == 2 for both in buildings])
-    meeting = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(ends))
-    lowest = [min(item.n_storeys for item in both) for both in buildings]
-    periods = _sides(scene, lambda name: runs.periods.sel(building=name, drop=True), 1.0)
-    damping = _sides(scene, lambda name: runs.damping.sel(building=name, drop=True), 1.0)
-    return Neighbours(
-        *_floors(scene, peak_displacement(runs.cube)),
-        correlation=cqc_correlation(*periods, *damping).where(two, 0.0),
-        level=two & _on_pairs(scene, meeting == np.array(lowest)),
-        factors={f.name: _sides(scene, _of(factors, f.name), 1.0) for f in fields(factors)},
-    )
-
-
-def _of(factors: BehaviourFactors, factor: str) -> Callable[[str], float]:
-    return lambda building: factors.of(factor, building)
-
-
-def _on_pairs(scene: Scene, of_pairs: Sequence[bool] | np.ndarray) -> xr.DataArray:
-    of_labels = np.asarray(of_pairs)[list(scene.pair_of_label)]
-    return xr.DataArray(of_labels, dims="pair", coords={"pair": list(scene.pair_labels)})
-
-
-def _sides(
-    scene: Scene, of: Callable[[str], xr.DataArray | float], at_wall: float
-) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return something of the left and of the right neighbour, along ``pair``."""
-    each = [xr.DataArray(of(item.name) if isinstance(item, Building) else at_wall) for item in scene.row]
-    each = list(xr.broadcast(*each))
-    index = labelled("pair", scene.pair_labels, "pair of neighbours, left-right")
-    left, right = ([each[pair + side] for pair in scene.pair_of_label] for side in (0, 1))
-    return xr.concat(left, dim=index), xr.concat(right, dim=index)
-
-
-def _floors(scene: Scene, of_floors: xr.DataArray) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return peaks of both sides of each contact, on pair and storey: 0 at a wall, of columns by shares of floors."""
-    dims, shape = ("pair", "storey"), (len(scene.pair_labels), scene.n_storeys)
-    coords = {"pair": list(scene.pair_labels), "storey": np.arange(1, scene.n_storeys + 1)}
-    there = np.zeros(shape, bool)
-    # of each side: the floor, its share, and those of the floor below struck columns
-    floors, shares = np.full((2, 2, *shape), -1), np.zeros((2, 2, *shape))
-    for contact in scene.contacts:
         place = contact.place, contact.storey - 1
-        there[place] = True
-        for floor, share in contact.ends:
-            side = int(share < 0.0)
-            part = int(floor not in (contact.left, contact.right))
-            floors[side, part, *place], shares[side, part, *place] = floor, abs(share)
-    found = []
-    for side in (0, 1):
-        total = xr.DataArray(0.0)
-        for floor, share in zip(floors[side], shares[side], strict=True):
-            building = np.maximum(np.searchsorted(scene.offsets, floor, side="right") - 1, 0)
-            storey = np.maximum(floor - np.asarray(scene.offsets)[building], 0)
-            at = {"building": xr.DataArray(building, dims=dims), "storey": xr.DataArray(storey, dims=dims)}
-            picked = of_floors.isel(at).reset_coords(drop=True).assign_coords(coords)
-            weight = xr.DataArray(share, dims=dims, coords=coords)
-            total = total + (weight * picked).where(weight > 0.0, 0.0)
-        found.append(total.where(xr.DataArray(there, dims=dims, coords=coords)))
-    return found[0], found[1]
+        meets[place], thick[place] = 1.0, thickness
+        for dof, share in contact.ends:
+            building = int(np.searchsorted(scene.offsets, dof, side="right")) - 1
+            moves[(int(share < 0.0), *place, building, dof - scene.offsets[building])] += abs(share)
+    peaks = peak_displacement(runs.cube).reset_coords(drop=True).rename(storey="floor")
+    known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(meets > 0.0, floor, ("pair", "storey"))
+    dims = ("pair", "storey", "building", "floor")
+    left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
+    periods, damping = of_sides(runs.periods), of_sides(runs.damping)
+    level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
+    neighbours = zip(scene.row[:-1], scene.row[1:], strict=True)
+    lowest = [min(item.n_storeys for item in both if isinstance(item, Building)) for both in neighbours]
+    two = (sides[0] >= 0) & (sides[1] >= 0)
+    return Neighbours(
+        left,
+        right,
+        correlation=cqc_correlation(*periods, *damping).where(two, 0.0),
+        level=two & xr.DataArray((level == lowest)[list(scene.pair_of_label)], pair, ("pair",)),
+        factors={
+            f.name: of_sides(xr.DataArray([factors.of(f.name, name) for name in names], dims="building"))
+            for f in fields(factors)
+        },
+    ), xr.DataArray(thick, floor, ("pair", "storey"))

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import Row, comparison
+from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import chosen_variables, finished, scenarios_only, values
-from pounding_sweep.analysis.sobol_indices import bootstrap_intervals, sobol_indices
+from pounding_sweep.analysis.scenarios import chosen_variables, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.spec.axes import AXES
@@ -23,31 +22,28 @@ _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_
 RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
 LEAST = 4
+#: Values that differ by less than this share of the largest do not differ.
+ROUNDING = 1e-9
+#: Numbers of the bootstrap that are held at a time.
+BLOCK_NUMBERS = 1 << 22
 
 
 def index_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per input, output, place and group of scenarios; inputs that matter most come first."""
-    rows = []
-    inputs = result["input"].values.tolist()
-    for name in [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]:
-        dims = [dim for dim in ("group", *INNER_DIMS) if dim in result[f"{name}_total"].dims]
-        first, total = (result[f"{name}_{what}"].transpose(*dims, "input").values for what in ("first", "total"))
-        ends = [
-            result[f"{name}_{what}_interval"].transpose(*dims, "input", "bound").values for what in ("first", "total")
-        ]
-        samples = result[f"{name}_samples"].transpose(*dims).values
-        for place in np.ndindex(first.shape[:-1]):
-            at: Row = {dim: None for dim in INNER_DIMS if dim in result.dims}
-            at |= {dim: result[dim].values[i].item() for dim, i in zip(dims, place, strict=True) if dim != "group"}
-            group = {key: result[key].values[place[0]].item() for key in ("law", "record", "beside") if key in result}
-            row = {"variable": name, **group, **at, "samples": int(samples[place])}
-            for i in np.argsort(-total[place], kind="stable") if np.isfinite(total[place]).all() else []:
-                one: Row = {**row, "input": inputs[i]}
-                for what, found, bounds in (("first", first, ends[0]), ("total", total, ends[1])):
-                    numbers = (found[place][i], *bounds[place][i])
-                    names = (what, f"{what}_lower", f"{what}_upper")
-                    one |= {key: float(n) if np.isfinite(n) else None for key, n in zip(names, numbers, strict=True)}
-                rows.append(one)
+    rows, count = [], result.sizes["input"]
+    dims = [dim for dim in INNER_DIMS if dim in result.dims]
+    numbers = [f"{what}{end}" for what in ("first", "total") for end in ("", "_lower", "_upper")]
+    keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
+    for name in (str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")):
+        columns = {"samples": result[f"{name}_samples"]}
+        for what in ("first", "total"):
+            columns[what], ends = result[f"{name}_{what}"], result[f"{name}_{what}_interval"]
+            columns |= {f"{what}_{end}": ends.sel(bound=end, drop=True) for end in ("lower", "upper")}
+        table = plain_rows(xr.Dataset(columns).transpose("group", *dims, "input", missing_dims="ignore"))
+        for part in (table[first : first + count] for first in range(0, len(table), count)):
+            if all(row["total"] is not None for row in part):
+                ordered = sorted(part, key=lambda row: -row["total"])
+                rows += [{"variable": name, **{key: row.get(key) for key in keys}} for row in ordered]
     return rows
 
 
@@ -91,34 +87,31 @@ def sensitivity(
 
     Notes
     -----
-    See `pounding_sweep.analysis.sobol_indices.sobol_indices` for the estimators. A point of which one of the
+    See `pounding_sweep.analysis.comparisons.sensitivity.sobol_indices` for the estimators. A point of which one of the
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
     if not 0.0 < confidence < 1.0 or resamples < 1:
         msg = f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
         raise InputError(msg)
-    cube = scenarios_only(cube)
     design, groups = _groups(cube)
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
-    usual = [name for name in valid if name not in _ASIDE]
-    names = chosen_variables(cube, "a sensitivity", variables, usual if variables is None else valid, "output")
+    default = [name for name in valid if name not in _ASIDE]
+    names = chosen_variables(cube, "a sensitivity", variables, default if variables is None else valid, "output")
     inputs = [each.name for each in design.inputs]
     found: dict[str, Any] = {}
     for name in names:
-        given = values(cube, name).transpose("case", ...)
-        inner = tuple(str(dim) for dim in given.dims[1:])
-        table = given.values.reshape(len(given), -1)
+        part = values(cube, name).transpose("case", ...)
+        inner, sizes = part.dims[1:], part.shape[1:]
+        table = part.values.reshape(len(part), -1)
         parts = [_indices(table[rows], len(inputs), confidence, resamples) for rows in groups.values()]
-        sizes = given.shape[1:]
-        about = str(given.attrs.get("long_name", name))
+        indices, ends, counts = (
+            np.stack(each).reshape(len(groups), *each[0].shape[:-1], *sizes) for each in zip(*parts, strict=True)
+        )
         for i, what in enumerate(("first", "total")):
-            text = f"{what} Sobol index: {about}"
-            stacked = np.stack([part[0][i] for part in parts]).reshape(len(groups), len(inputs), *sizes)
-            found[f"{name}_{what}"] = (("group", "input", *inner), stacked, {"units": "1", "long_name": text})
-            ends = np.stack([part[1][i] for part in parts]).reshape(len(groups), 2, len(inputs), *sizes)
-            dims = ("group", "bound", "input", *inner)
-            found[f"{name}_{what}_interval"] = (dims, ends, {"units": "1", "long_name": f"confidence interval, {text}"})
-        counts = np.stack([part[2] for part in parts]).reshape(len(groups), *sizes)
+            text = f"{what} Sobol index: {part.attrs.get('long_name', name)}"
+            about = {"units": "1", "long_name": text}, {"units": "1", "long_name": f"confidence interval, {text}"}
+            found[f"{name}_{what}"] = (("group", "input", *inner), indices[:, i], about[0])
+            found[f"{name}_{what}_interval"] = (("group", "bound", "input", *inner), ends[:, i], about[1])
         text = "points with a value in all blocks"
         found[f"{name}_samples"] = (("group", *inner), counts, {"units": "1", "long_name": text})
     coords: dict[str, Any] = {
@@ -127,58 +120,52 @@ def sensitivity(
         "bound": ("bound", ["lower", "upper"], {"long_name": "end of the confidence interval"}),
     }
     coords |= {dim: cube[dim].variable for dim in INNER_DIMS if dim in cube.coords}
-    for key, text in (("law", "contact law"), ("record", "ground-motion record"), ("beside", "values of other axes")):
-        labels = [dict(group)[key] for group in groups]
+    about_groups = {"law": "contact law", "record": "ground-motion record", "beside": "values of other axes"}
+    for (key, text), labels in zip(about_groups.items(), zip(*groups, strict=True), strict=True):
         if any(labels):
-            coords[key] = ("group", labels, {"long_name": text})
-    result = xr.Dataset(found, coords=coords)
-    return finished(result, cube, "sensitivity", confidence=confidence, resamples=resamples)
+            coords[key] = ("group", list(labels), {"long_name": text})
+    return xr.Dataset(found, coords, {"confidence": confidence, "resamples": resamples})
 
 
-def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[tuple[str, str], ...], np.ndarray]]:
-    """Return the design of a cube, and for each group its rows, shape (blocks, samples)."""
+def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[str, str, str], np.ndarray]]:
+    """Return the design of a cube, and the rows of each law, record and values of other axes: (blocks, samples)."""
     sweep = stored_sweep(cube)
-    told = sweep.get("design")
+    stored = sweep.get("design")
     placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
-    if told is None or told["kind"] != "saltelli" or not placed:
-        what = "of none" if told is None else f'a part of one of kind "{told["kind"]}"'
+    if stored is None or stored["kind"] != "saltelli" or not placed:
+        what = "of none" if stored is None else f'a part of one of kind "{stored["kind"]}"'
         msg = (
             f'Sobol indices need a design of kind "saltelli", and this cube is {what}; run a sweep with '
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
         raise InputError(msg)
-    design, cases = design_of(told), sweep["cases"]
-    fixed = [_fixed(case, design) for case in cases]
+    design = design_of(stored)
+    fixed = [_fixed(case, design) for case in sweep["cases"]]
     places: dict[tuple[tuple[str, str], ...], dict[tuple[str, int], int]] = {}
     numbers = zip(cube["case"].values.tolist(), cube[BLOCK].values.tolist(), cube[SAMPLE].values.tolist(), strict=True)
     for row, (number, block, sample) in enumerate(numbers):
         places.setdefault(fixed[number - 1], {})[block, sample] = row
     whole = [(block, sample) for block in design.blocks for sample in range(1, design.samples + 1)]
+    result: dict[tuple[str, str, str], np.ndarray] = {}
     for group, rows in places.items():
+        own = dict(group)
         if len(rows) < len(whole):
             msg = (
-                f"{len(whole) - len(rows)} of the {len(whole)} points of the design with {dict(group)['law']} are not "
+                f"{len(whole) - len(rows)} of the {len(whole)} points of the design with {own['law']} are not "
                 "in this part of the cube; give the whole cube"
             )
             raise InputError(msg)
-    several = [
-        key
-        for key in dict.fromkeys(key for group in places for key, _ in group)
-        if key not in ("law", "record") and len({dict(group).get(key) for group in places} - {None}) > 1
-    ]
-    labelled: dict[tuple[tuple[str, str], ...], np.ndarray] = {}
-    for group, rows in places.items():
-        own = dict(group)
-        beside = " ".join(f"{key}={own[key]}" for key in several if key in own)
-        label = (("law", own["law"]), ("record", own.get("record", "drawn")), ("beside", beside))
-        labelled[label] = np.array([rows[key] for key in whole]).reshape(len(design.blocks), -1)
-    return design, labelled
+        others = {key: {dict(other).get(key) for other in places} - {None} for key in own}
+        beside = (f"{key}={own[key]}" for key in own if key not in ("law", "record") and len(others[key]) > 1)
+        label = own["law"], own.get("record", "drawn"), " ".join(beside)
+        result[label] = np.array([rows[key] for key in whole]).reshape(len(design.blocks), -1)
+    return design, result
 
 
 def _fixed(case: dict[str, Any], design: Design) -> tuple[tuple[str, str], ...]:
     """Return what of a case the design did not draw, as names and texts."""
     drawn = {(each.argument, each.building) for each in design.inputs}
-    found = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
+    found: dict[str, Any] = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
     for argument, axis in AXES.items():
         if axis.by_building:
             factors = dict(case.get(argument, ()))
@@ -192,15 +179,56 @@ def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tu
     """Return indices, intervals and counts of points of outputs, from values of shape (blocks, samples, outputs)."""
     n_outputs = table.shape[2]
     found, ends = np.full((2, d, n_outputs), np.nan), np.full((2, 2, d, n_outputs), np.nan)
-    there = np.isfinite(table).all(axis=0)
-    alike: dict[bytes, list[int]] = {}
-    for i in range(n_outputs):
-        alike.setdefault(there[:, i].tobytes(), []).append(i)
-    for columns in alike.values():
-        rows = there[:, columns[0]]
+    known = np.isfinite(table).all(axis=0)
+    points, which = np.unique(known, axis=1, return_inverse=True)  # outputs that are known at the same points
+    for i, rows in enumerate(points.T):
         if rows.sum() >= LEAST:
+            columns = np.flatnonzero(which == i)
             a, b, *mixed = table[:, rows][:, :, columns].transpose(0, 2, 1)
-            given = a, b, np.stack(mixed)
-            found[:, :, columns] = sobol_indices(*given)
-            ends[:, :, :, columns] = bootstrap_intervals(*given, confidence, resamples)
-    return found, ends, there.sum(axis=0)
+            found[:, :, columns] = sobol_indices(a, b, np.stack(mixed))
+            ends[:, :, :, columns] = bootstrap_intervals(a, b, np.stack(mixed), confidence, resamples)
+    return found, ends, known.sum(axis=0)
+
+
+def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate first and total Sobol indices, shape (inputs, ...); NaN where values do not differ but by rounding."""
+    # `a` and `b` are values at the points of two independent blocks of inputs, of any number of outputs, shape (...,
+    # n); `mixed` those at the points of A with one input of B each, shape (inputs, ..., n). First indices by Saltelli,
+    # Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2), 259-270, table 2
+    # (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117, 35-43: half the
+    # mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all is taken off
+    # first, which changes no expectation but lessens the error
+    found = _from_means(_columns(a, b, mixed).mean(axis=-1), a)
+    return found[0], found[1]
+
+
+def bootstrap_intervals(
+    a: np.ndarray, b: np.ndarray, mixed: np.ndarray, confidence: float, resamples: int, seed: int = 0
+) -> np.ndarray:
+    """Return percentile intervals of the indices, shape (first and total, lower and upper, inputs, ...)."""
+    # points are drawn anew, each with its values in all blocks (Efron & Tibshirani 1993, "An Introduction to the
+    # Bootstrap", chapter 13)
+    columns, n, tail = _columns(a, b, mixed), a.shape[-1], (1.0 - confidence) / 2.0
+    random, block = np.random.default_rng(seed), max(1, BLOCK_NUMBERS // n)
+    means = [
+        columns @ (random.multinomial(n, np.full(n, 1.0 / n), size=min(block, resamples - first)) / n).T
+        for first in range(0, resamples, block)
+    ]
+    found = _from_means(np.concatenate(means, axis=-1), a[..., None, :])
+    return np.moveaxis(np.quantile(found, [tail, 1.0 - tail], axis=-1), 0, 1)
+
+
+def _columns(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> np.ndarray:
+    """Return what the indices are means of: products of first indices, squares of total ones, values, their squares."""
+    middle = 0.5 * (a + b).mean(axis=-1, keepdims=True)
+    a, b, mixed = a - middle, b - middle, mixed - middle
+    return np.concatenate([b * (mixed - a), 0.5 * (a - mixed) ** 2, [0.5 * (a + b), 0.5 * (a**2 + b**2)]])
+
+
+def _from_means(means: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Return first and total indices of means of `_columns`."""
+    d = len(means) // 2 - 1
+    variance = means[2 * d + 1] - means[2 * d] ** 2
+    varies = variance > (ROUNDING * np.abs(a).max(axis=-1)) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(varies, np.stack([means[:d], means[d : 2 * d]]) / variance, np.nan)
