@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from benchmarks.compare import Point
-from pounding_sweep.figures.style import in_style, look, subplots
+from pounding_sweep.figures.style import in_style, line_style, subplots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,9 +24,9 @@ def speed(points: Sequence[Point], caption: str) -> Figure:
     for number, title in enumerate(titles):
         own = [p for p in points if p.title == title and p.error > 0.0]
         mine = title.startswith(ENGINE)
-        style = look(number) | {
+        style = line_style(number) | {
             "linestyle": "-" if mine else "--",
-            "markerfacecolor": look(number)["color"] if mine else "white",
+            "markerfacecolor": line_style(number)["color"] if mine else "white",
             "label": title,
         }
         ax.plot([p.milliseconds for p in own], [p.error for p in own], **style)

@@ -262,7 +262,10 @@ def test_listed_cases_have_tables_and_say_why_there_is_no_figure(tmp_path):
     path = write_cube(cube, tmp_path / "cases.nc")
     result = run(path, "--what", "amplification", "-o", tmp_path / "out")
     assert result.exit_code == 0, result.stderr
-    assert "no figure of amplification: figure 'amplification' needs axes" in result.stderr
+    assert (
+        "no figure of amplification: the figure needs the axis 'law', and this cube lists its scenarios as cases"
+        in result.stderr
+    )
     assert "linear" in result.stdout
     assert "hertz" in result.stdout
 

@@ -23,8 +23,7 @@ from pounding_sweep.analysis.spectra import ORDINATES, usual_periods
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 from pounding_sweep.figures import plot
-from pounding_sweep.figures.gallery.ground_motion import ground_motion
-from pounding_sweep.figures.gallery.response_spectra import response_spectra
+from pounding_sweep.figures.gallery.spectra import ground_motion, response_spectra
 from pounding_sweep.records import records_dataset
 
 EL_CENTRO = ps.find_record("el_centro")

@@ -151,7 +151,7 @@ def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None)
     from pounding_sweep.analysis.comparisons import COMPARISONS, compared
     from pounding_sweep.analysis.scenarios import COMPARISON
     from pounding_sweep.figures import require
-    from pounding_sweep.figures.shown import SEVERAL
+    from pounding_sweep.figures.select import SEVERAL
     from pounding_sweep.output.select import select
     from pounding_sweep.outputs.variables import INNER_DIMS
 
@@ -170,7 +170,7 @@ def _print_figures(dataset: xr.Dataset) -> None:
     """Print which figures a dataset allows, and what the others lack."""
     from pounding_sweep.figures import FIGURES
 
-    lacks = {kind.key: kind.lacks(dataset) for kind in FIGURES.values()}
+    lacks = {kind.key: kind.missing(dataset) for kind in FIGURES.values()}
     possible = [[key, FIGURES[key].title] for key, missing in lacks.items() if not missing]
     others = [[key, ", ".join(missing)] for key, missing in lacks.items() if missing]
     if possible:

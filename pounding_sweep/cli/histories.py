@@ -70,7 +70,7 @@ def animate_command(
 
 def _simulate(options: ScenarioOptions) -> xr.Dataset:
     """Run the chosen scenario; say which it is, and how fine its histories are."""
-    from pounding_sweep.figures.shown import heading
+    from pounding_sweep.figures.select import scenario_title
     from pounding_sweep.run.one_scenario import simulate_shown
     from pounding_sweep.run.simulate import peaks_shown
     from pounding_sweep.run.sweep import load_sweep
@@ -87,7 +87,7 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
     say_laws(spec.own_laws)
     histories = simulate_shown(spec, step, **choice)
-    say(heading(histories))
+    say(scenario_title(histories))
     if histories.sizes.get("time", 0) > 1:
         interval = 1e3 * float(histories["time"][1] - histories["time"][0])
         say(f"histories at steps of {interval:.4g} ms show at least {peaks_shown(histories):.1%} of every peak")

@@ -1,7 +1,7 @@
 """Figures: each takes a dataset and returns a matplotlib figure; `force_gap` draws ``force-gap``, and so do all others.
 
-Each is defined and registered in a module of `pounding_sweep.figures.gallery` that is named after it. matplotlib is
-imported in this package, by the paper's figures, and nowhere else.
+Each is one function of a module of `pounding_sweep.figures.gallery`, which registers it. matplotlib is imported in this
+package, by the paper's figures, and nowhere else.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial, wraps
+from functools import cache, partial, wraps
+from importlib import import_module
 from inspect import signature
 from io import BytesIO
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, cast
 
-from pounding_sweep.base.deferred import Registry, attribute, key_of
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.figures.style import in_style
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,6 +33,16 @@ SOURCES: dict[str, str] = {
     "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
     "spectra": "the file of 'pounding-sweep records plot --data MOTIONS.nc'",
 }
+#: A law with contact, and the one without, as needs.
+CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
+#: A need in words: a variable, coordinate or dimension, `CONTACT` or `NO_CONTACT`, or of alternatives separated by
+#: ``|`` any one; "several " before axes means one with more than one value; or what says in words what is missing.
+Need = str | Callable[["xr.Dataset"], str]
+#: What several values of an axis are called.
+_PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
+#: Dots per inch that a page can be drawn in.
+_DPI = (10, 1200)
+_FIGURES: dict[str, Kind] = {}
 
 
 @dataclass(frozen=True)
@@ -43,106 +53,88 @@ class Kind:
     draw: Callable[..., Figure]
     source: str  # what it is drawn from, a key of `SOURCES`
     title: str  # what it shows
-    #: variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of alternatives,
-    #: separated by ``|``, any one
-    needs: tuple[str, ...] = ()
-    #: axes of which it must have more than one value, again with alternatives; of the laws those with contact count
-    several: tuple[str, ...] = ()
-    #: says in words what else a dataset lacks; "" where that is nothing
-    also: Callable[[xr.Dataset], str] = lambda dataset: ""
+    needs: tuple[Need, ...]
 
     @property
     def options(self) -> tuple[str, ...]:
         """What of the figure may be chosen: the arguments of its function that are given by name."""
         parameters = signature(self.draw).parameters.values()
-        return tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
+        return tuple(item.name for item in parameters if item.kind is item.KEYWORD_ONLY)
 
-    def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
-        """Return in words what a dataset has not of what it needs."""
-        there = {*map(str, dataset.variables), *map(str, dataset.sizes), *_kinds_of_laws(dataset)}
-        needs = [need.split("|") for need in self.needs]
-        several = [axes.split("|") for axes in self.several]
-        absent = [" or ".join(names) for names in needs if there.isdisjoint(names)]
-        single = [axes for axes in several if all(_size(dataset, axis) < 2 for axis in axes)]
-        several_of = [f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single]
-        return tuple(filter(None, (*absent, *several_of, self.also(dataset))))
+    def missing(self, dataset: xr.Dataset) -> tuple[str, ...]:
+        """Return in words what a dataset lacks of what the figure needs."""
+        from pounding_sweep.analysis.scenarios import law_keys
 
-
-#: A law with contact, and the one without, as needs.
-CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
-
-
-def _kinds_of_laws(dataset: xr.Dataset) -> set[str]:
-    """Return which of `CONTACT` and `NO_CONTACT` a dataset has; both where it does not say."""
-    from pounding_sweep.analysis.scenarios import law_keys
-
-    return {NO_CONTACT if law == "none" else CONTACT for law in law_keys(dataset) or ("", "none")}
-
-
-#: What several values of an axis are called.
-_PLURAL = {
-    "law": "laws with contact",
-    "record": "records",
-    "scale": "scales",
-    "pga": "PGAs",
-    "sa": "spectral accelerations",
-}
+        laws = law_keys(dataset) or ("", "none")  # of both kinds if the dataset does not say
+        present = {*dataset.variables, *dataset.sizes, *(NO_CONTACT if law == "none" else CONTACT for law in laws)}
+        sizes: dict[Any, int] = dict(dataset.sizes)
+        if "law" in sizes:
+            sizes["law"] = int((dataset["law"] != "none").sum())
+        missing = []
+        for need in self.needs:
+            if not isinstance(need, str):
+                missing.append(need(dataset))
+            elif need.startswith("several "):
+                axes = need.removeprefix("several ").split("|")
+                words = " or ".join(_PLURAL.get(axis, f"{axis}s") for axis in axes)
+                missing.append("" if any(sizes.get(axis, 1) > 1 for axis in axes) else f"several {words}")
+            elif present.isdisjoint(names := need.split("|")):
+                missing.append(" or ".join(names))
+        return tuple(filter(None, missing))
 
 
-def _size(dataset: xr.Dataset, axis: str) -> int:
-    """Return the number of values along an axis, of laws with contact where it is theirs; 1 where it is none."""
-    if axis == "law" and axis in dataset.dims:
-        return int((dataset[axis] != "none").sum())
-    return int(dataset.sizes.get(axis, 1))
+@cache
+def _figures() -> dict[str, Kind]:
+    """Return all figures by name, in alphabetical order: modules of the gallery register theirs."""
+    gallery = import_module("pounding_sweep.figures.gallery")
+    for module in iter_modules(gallery.__path__, f"{gallery.__name__}."):
+        import_module(module.name)
+    return dict(sorted(_FIGURES.items()))
 
 
-def one_instant(dataset: xr.Dataset) -> str:
-    """Say that a figure of histories lacks times where one was chosen."""
-    return "several times" if "time" in dataset.coords and dataset.sizes.get("time", 1) < 2 else ""
+def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+    """Register a function of a dataset as a figure by that name, in our style.
 
-
-#: All figures by name, in alphabetical order.
-FIGURES: Registry[Kind] = Registry("pounding_sweep.figures.gallery")
-
-
-def figure_of(source: str, title: str, **about: Any) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
-    """Register a function of a dataset as the figure of its module, `about` being fields of `Kind`; in our style."""
-    # its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
-    # axes it was given
+    Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
+    axes it was given.
+    """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
-        key = key_of(draw.__module__)
-
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
             from matplotlib.axes import Axes
 
+            from pounding_sweep.figures.select import NothingToDrawError, nothing_to_draw
+            from pounding_sweep.figures.style import in_style
             from pounding_sweep.output.netcdf import with_texts
 
-            whole = with_inner_dims(with_texts(dataset))
+            whole = _with_inner_dims(with_texts(dataset))
             require(whole, key)
             with in_style():
-                found = draw(whole, **options)
-            if isinstance(found, Axes):
-                return cast("Figure", found.get_figure())
-            found._repr_png_ = partial(_png, found)  # notebooks show it, though pyplot knows nothing of it
-            return cast("Figure", found)
+                try:
+                    figure = draw(whole, **options)
+                except NothingToDrawError:
+                    raise InputError(nothing_to_draw(whole, key)) from None
+            if isinstance(figure, Axes):
+                return cast("Figure", figure.get_figure())
+            figure._repr_png_ = partial(_png, figure)  # notebooks show it, though pyplot knows nothing of it
+            return cast("Figure", figure)
 
-        FIGURES.add(key, Kind(key, drawn, source, title, **about))
+        _FIGURES[key] = Kind(key, drawn, source, title, needs)
         return drawn
 
     return register
 
 
-def with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
+def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
     """Return a cube whose variables have the dimensions again of a building, pair or storey that was selected."""
     from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 
     for dim in INNER_DIMS:
-        if dim in dataset.coords and not dataset[dim].ndim:
-            names = [name for name in map(str, dataset.data_vars) if name in VARIABLES and dim in VARIABLES[name].dims]
+        names = [name for name in dataset.data_vars if name in VARIABLES and dim in VARIABLES[name].dims]
+        if names and dim in dataset.coords and not dataset[dim].ndim:
             spread = {name: dataset[name].expand_dims(dim, -1) for name in names}
-            dataset = dataset.drop_vars([*names, dim]).assign(spread) if names else dataset
+            dataset = dataset.drop_vars([*names, dim]).assign(spread)
     return dataset
 
 
@@ -153,17 +145,12 @@ def _png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-#: Dots per inch that a page can be drawn in.
-_DPI = (10, 1200)
-
-
 def require(dataset: xr.Dataset, key: str) -> None:
-    """Raise `InputError` where a dataset lacks what a figure needs."""
-    kind = FIGURES[key]
-    lacking = kind.lacks(dataset)
-    if lacking:
+    """Raise `InputError` if a dataset lacks what a figure needs."""
+    kind = _figures()[key]
+    if missing := kind.missing(dataset):
         msg = (
-            f"figure {key!r} needs {', '.join(lacking)}, which this file has not; it is drawn from "
+            f"figure {key!r} needs {', '.join(missing)}, which this file has not; it is drawn from "
             f"{SOURCES[kind.source]}"
         )
         if kind.source == "cube" and "status" in dataset.variables:
@@ -200,24 +187,20 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     OutputError
         The file can't be written.
     """
-    from pounding_sweep.figures.shown import nothing_to_draw, shows_values
-
-    if kind not in FIGURES:
-        raise InputError(unknown("figure", kind, FIGURES))
-    low, high = _DPI
-    if not low <= dpi <= high:
-        msg = f"dpi is {dpi:g}; it must be from {low} to {high}"
+    figures = _figures()
+    if kind not in figures:
+        raise InputError(unknown("figure", kind, figures))
+    if not _DPI[0] <= dpi <= _DPI[1]:
+        msg = f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}"
         raise InputError(msg)
-    target = expanded(path)
-    given = {name: value for name, value in options.items() if value is not None}
-    for name in given:
-        if name not in FIGURES[kind].options:
-            takers = ", ".join(key for key, each in FIGURES.items() if name in each.options)
+    options = {name: value for name, value in options.items() if value is not None}
+    for name in options:
+        if name not in figures[kind].options:
+            takers = ", ".join(key for key, item in figures.items() if name in item.options)
             msg = f"figure {kind!r} takes no {name}; " + (f"{takers} do" if takers else "nor does any other")
             raise InputError(msg)
-    figure = FIGURES[kind].draw(dataset, **given)
-    if not shows_values(figure):
-        raise InputError(nothing_to_draw(dataset, kind))
+    target = expanded(path)
+    figure = figures[kind].draw(dataset, **options)
     try:
         figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:
@@ -228,14 +211,16 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     return target
 
 
-#: Public names that are loaded where they are first used, beside the figures.
-_HOME = {"animate": "pounding_sweep.figures.animation"}
-
-
 def __getattr__(name: str) -> Any:
+    """Load the figures, and `animate`, when they are first asked for (PEP 562)."""
+    if name == "animate":
+        return import_module("pounding_sweep.figures.animation").animate
     key = name.replace("_", "-")
-    return FIGURES[key].draw if key in FIGURES else attribute(__name__, _HOME, name)
+    if name != "FIGURES" and (name.startswith("_") or key not in _figures()):
+        msg = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(msg)
+    return _figures() if name == "FIGURES" else _figures()[key].draw
 
 
 def __dir__() -> list[str]:
-    return sorted(["FIGURES", "SOURCES", "plot", *_HOME, *(key.replace("-", "_") for key in FIGURES)])
+    return sorted(["FIGURES", "SOURCES", "animate", "plot", *(key.replace("-", "_") for key in _figures())])

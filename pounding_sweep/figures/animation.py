@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,9 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
-from pounding_sweep.figures.gallery.row import Stage, forces_of, strongest
-from pounding_sweep.figures.shown import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS, LINES, in_style
+from pounding_sweep.figures.gallery.row import Stage, contact_forces, find_strongest
+from pounding_sweep.figures.select import scenario_title
+from pounding_sweep.figures.style import COLOURS, in_style, legend_beside, line_style, wrap_title
 
 #: Periods of the motion that are shown by default, and how long that takes to watch (s).
 PERIODS, WATCHED = 4.0, 6.0
@@ -71,25 +72,54 @@ def animate(
     target = Path(path)
     check_movie(target, frames, speed)
     require(one, "row")
-    first, last = _window(one, start, end)
-    rate = (frames - 1) / ((last - first) / speed) if speed else frames / WATCHED
-    kind: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
-    writer = kind(fps=rate)
-    time = one.time.values
+    time, forces, stage = one.time.values, contact_forces(one), Stage(one)
+    first, last = _choose_window(one, start, end)
     shown = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
+    inside = (time >= first) & (time <= last)
+    pairs = one.pair.values.tolist() if forces.shape[1] else []
+    writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
+    writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
     with in_style():
-        picture = _Picture(one, first, last)
+        figure, (_, ground, *strips) = stage.draw(below=2 if pairs else 1)
+        ground.plot(time[inside], one.ground_acceleration.values[inside], color="black", linewidth=0.8)
+        ground.set_ylabel("ground\n(m/s²)")
+        ground.tick_params(labelbottom=not pairs)
+        for number, pair in enumerate(pairs):
+            largest = forces[inside, number].max(axis=1)
+            strips[0].plot(time[inside], largest, label=pair, linewidth=1.0, **line_style(number, marked=False))
+            strips[0].set_ylabel("force\n(kN)")
+            legend_beside(strips[0])
+        strips = [ground, *strips]
+        strips[-1].set_xlabel("time (s)")
+        cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in strips]
+        for strip in strips:
+            strip.set_xlim(first, last)
+        title = wrap_title(7.2, scenario_title(one), f"displacements and gaps drawn {stage.factor:g} times")
+        heading = figure.suptitle(f"{title}\n{first:.2f} s")
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # nothing moves from frame to frame but the row
+        marks = fading_marks(forces / (forces[inside].max(initial=0.0) or 1.0), shown)
         try:
-            with writer.saving(picture.figure, str(target), dpi=70):
-                before = shown[0]
-                for number in shown:
-                    picture.show(before, number)
+            with writer.saving(figure, str(target), dpi=70):
+                for number, areas in zip(shown.tolist(), marks, strict=True):
+                    stage.show(number, areas)
+                    heading.set_text(f"{title}\n{time[number]:.2f} s")
+                    for cursor in cursors:
+                        cursor.set_xdata([time[number]] * 2)
                     writer.grab_frame()
-                    before = number
         except (OSError, ValueError) as error:
             msg = f"can't write {str(target)!r} ({error}); give a file in a folder that exists"
             raise OutputError(msg) from error
     return target
+
+
+def fading_marks(forces: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Return the areas of marks in the frames at those instants: the largest force since the frame before, fading."""
+    starts = np.concatenate([shown[:1], shown[:-1] + 1])
+    marks = np.maximum.reduceat(forces[: shown[-1] + 1], starts, axis=0)
+    for before, now in pairwise(marks):
+        np.maximum(now, np.where(before > 0.05, _FADING * before, 0.0), out=now)
+    return marks
 
 
 def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) -> None:
@@ -109,67 +139,17 @@ def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) 
         raise InputError(msg)
 
 
-def _window(one: xr.Dataset, start: float | None, end: float | None) -> tuple[float, float]:
-    """Return the part of the record (s) that is shown."""
+def _choose_window(one: xr.Dataset, start: float | None, end: float | None) -> tuple[float, float]:
+    """Return the part of the record (s) that is shown: by default, four periods round the strongest impact."""
     time = one.time.values
-    centre, length = strongest(one), PERIODS * _period(one)
+    rates = float(np.square(one.velocity).mean()) if "velocity" in one else 0.0
+    squares = float(np.square(one.displacement).mean())
+    period = 2.0 * np.pi * np.sqrt(squares / rates) if rates else time[-1] - time[0]  # of the motion of all floors
     if start is None:
-        start = centre - 0.25 * length if end is None else end - length
-    if end is None:
-        end = start + length
+        start = time[find_strongest(one)] - 0.25 * PERIODS * period if end is None else end - PERIODS * period
+    end = start + PERIODS * period if end is None else end
     first, last = max(float(time[0]), start), min(float(time[-1]), end)
     if not first < last:
         msg = f"nothing lies between {start:g} s and {end:g} s; the record runs from {time[0]:g} s to {time[-1]:g} s"
         raise InputError(msg)
     return first, last
-
-
-def _period(one: xr.Dataset) -> float:
-    """Period (s) of the motion, by displacement beside velocity: 2 pi rms(u) / rms(v) of all floors."""
-    rates = float(np.square(one.velocity).mean()) if "velocity" in one else 0.0
-    if rates == 0.0:
-        return float(one.time[-1] - one.time[0])
-    return 2.0 * np.pi * float(np.sqrt(np.square(one.displacement).mean() / rates))
-
-
-class _Picture:
-    """The figure of an animation, and what changes in it."""
-
-    def __init__(self, one: xr.Dataset, first: float, last: float) -> None:
-        self.time, self.forces = one.time.values, forces_of(one)
-        self.stage = Stage(one)
-        pairs = one.pair.values.tolist() if self.forces.shape[1] else []
-        self.figure, (ax, ground, *force) = self.stage.figure(below=2 if pairs else 1)
-        self.stage.draw(ax)
-        inside = (self.time >= first) & (self.time <= last)
-        ground.plot(self.time[inside], one.ground_acceleration.values[inside], color="black", linewidth=0.8)
-        ground.set_ylabel("ground\n(m/s²)")
-        for number, pair in enumerate(pairs):
-            largest = self.forces[inside, number].max(axis=1)
-            colour, line = COLOURS[number % len(COLOURS)], LINES[number % len(LINES)]
-            force[0].plot(self.time[inside], largest, color=colour, linestyle=line, linewidth=1.0, label=pair)
-            force[0].set_ylabel("force\n(kN)")
-            force[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-        below = [ground, *force]
-        for strip in below:
-            strip.set_xlim(first, last)
-        ground.tick_params(labelbottom=not force)
-        below[-1].set_xlabel("time (s)")
-        self.cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in below]
-        self.title = heading(one, f"displacements and gaps drawn {self.stage.factor:g} times", WIDTH)
-        self.heading = self.figure.suptitle(f"{self.title}\n{first:.2f} s", fontsize=9)
-        self.highest = self.forces[inside].max(initial=0.0)
-        self.marks = np.zeros(self.forces.shape[1:])
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")  # nothing moves from frame to frame but the row
-
-    def show(self, before: int, number: int) -> None:
-        """Show an instant, and the impacts since an earlier one."""
-        if self.highest > 0.0:
-            since = self.forces[min(before + 1, number) : number + 1].max(axis=0) / self.highest
-            faded = np.where(self.marks > 0.05, _FADING * self.marks, 0.0)
-            self.marks = np.maximum(since, faded)
-        self.stage.show(number, self.marks)
-        for cursor in self.cursors:
-            cursor.set_xdata([self.time[number]] * 2)
-        self.heading.set_text(f"{self.title}\n{self.time[number]:.2f} s")

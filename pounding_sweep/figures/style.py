@@ -1,29 +1,26 @@
-"""One style for all figures: readable in print and for colour-blind readers."""
+"""One style for all figures, readable in print and for colour-blind readers, and the panels they are made of."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from pounding_sweep.base.errors import InputError
 
-if TYPE_CHECKING:
-    import numpy as np
-
 #: Colours of Okabe & Ito (2008), told apart by colour-blind readers, with black first.
 COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C510A")
-#: Drawn beside the colours, so that lines are told apart without them.
+#: Drawn with the colours, so that lines are told apart without them.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES = ("-", "--", "-.", ":")
-#: Characters of a title in an inch.
-_CHARACTERS = 14
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
+    "figure.titlesize": 9,
     "axes.grid": True,
     "grid.color": "0.9",
     "grid.linewidth": 0.6,
@@ -35,38 +32,43 @@ _SETTINGS: dict[str, Any] = {
 }
 
 
-@contextmanager
-def in_style() -> Iterator[None]:
-    """Draw in the package's style, whatever the reader's matplotlib settings are."""
-    import matplotlib as mpl
+def in_style() -> Any:
+    """Return a context, and decorator, that draws in the package's style whatever the user's matplotlib settings."""
+    from matplotlib.style import context
 
-    settings: Any = dict(mpl.rcParamsDefault)
-    settings.update(_SETTINGS)
-    with mpl.rc_context(settings):
-        yield
+    return context(_SETTINGS, after_reset=True)
 
 
-def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None) -> tuple[Any, Any]:
-    """Return a figure and its axes, always a 2-D array; `size` in inches."""
-    # with `ax`, the one panel is drawn into these axes, which stand for the figure too: titles and legends go there
-    import numpy as np
+def line_style(number: int, *, marked: bool = True) -> dict[str, Any]:
+    """Return colour, marker and line style of the `number`-th line; unmarked ones are told apart by their dashes."""
+    count = len(COLOURS)
+    dashes = number // count if marked else number
+    style = {"color": COLOURS[number % count], "linestyle": LINES[dashes % len(LINES)]}
+    return style | ({"marker": MARKERS[number % count]} if marked else {})
+
+
+def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None, **sharing: Any) -> tuple[Any, Any]:
+    """Return a figure of that size (inches) and its axes, a 2-D array; with `ax`, these axes stand for both."""
     from matplotlib.figure import Figure
 
-    if ax is not None:
-        if rows * columns != 1:
-            msg = (
-                f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
-            )
-            msg += "are for (pair, building, law or response), or leave ax out"
-            raise InputError(msg)
-        return ax, np.array([[ax]], dtype=object)
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey="row")
+    if ax is None:
+        figure = Figure(figsize=size, layout="constrained")
+        options: Any = {"sharex": True, "sharey": "row"} | sharing
+        return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    if rows * columns != 1:
+        msg = (
+            f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
+            "are for (pair, building, law or response), or leave ax out"
+        )
+        raise InputError(msg)
+    return ax, np.array([[ax]], dtype=object)
 
 
-def start_at_zero(ax: Any) -> None:
-    """Have the y of a panel, and of those that share it, begin at 0 and end above all that is drawn."""
-    ax.set_ylim(0.0, 1.03 * ax.get_ylim()[1])
+def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> None:
+    """Write labels at the edges of a grid of panels, a legend of so many columns below it, and the parts of a title."""
+    label_edges(axes, x, rows)
+    legend_below(figure, axes[0, 0], legend)
+    put_title(figure, *title)
 
 
 def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
@@ -75,6 +77,42 @@ def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
         ax.set_xlabel(x)
     for ax, label in zip(axes[:, 0], rows, strict=True):
         ax.set_ylabel(label)
+
+
+def legend_below(figure: Any, ax: Any, most: int = 3) -> None:
+    """Put a legend of the lines of one panel below all, in as many columns as fit the figure, `most` at most."""
+    handles, labels = ax.get_legend_handles_labels()
+    if figure is ax and labels:
+        ax.legend(handles, labels)
+    elif labels:
+        entry = 0.6 + 0.07 * max(map(len, labels))  # width in inches: line, name, space
+        columns = max(1, min(most, len(labels), int(figure.get_figwidth() / entry)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def legend_beside(ax: Any) -> None:
+    """Put the legend of a panel beside it, where it hides nothing."""
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+
+
+def put_title(figure: Any, *parts: str) -> None:
+    """Write above a figure, or above axes that stand for it, what it shows."""
+    if hasattr(figure, "suptitle"):
+        figure.suptitle(wrap_title(figure.get_figwidth(), *parts))
+    else:
+        figure.set_title("\n".join(filter(None, (figure.get_title(), join_nonempty(*parts)))))
+
+
+def wrap_title(width: float, *parts: str) -> str:
+    """Return a title over a figure of that width (inches); lines end between its parts only."""
+    unbroken = join_nonempty(*parts).replace(" ", "\xa0").replace(";\xa0", "; ")
+    return fill(unbroken, int(14 * width), break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+
+
+def join_nonempty(*parts: str) -> str:
+    """Join those parts of a text that are not empty."""
+    return "; ".join(filter(None, parts))
 
 
 def unit_text(attributes: Mapping[str, Any]) -> str:
@@ -89,67 +127,9 @@ def unit_text(attributes: Mapping[str, Any]) -> str:
     return (" ".join(above) or "1" * bool(below)) + under
 
 
-def axis_label(name: str, attributes: Mapping[str, Any]) -> str:
-    """Return the label of an axis: its name and its unit, "-" where it has none."""
-    return f"{name} ({unit_text(attributes) or '-'})"
-
-
-def legend_below(figure: Any, ax: Any, most: int = 3) -> None:
-    """Put a legend of the lines of one panel below all, in so many columns at most as the figure is wide enough for."""
-    handles, labels = ax.get_legend_handles_labels()
-    if figure is ax and labels:
-        ax.legend(handles, labels)
-    elif labels:
-        each = 0.6 + 0.07 * max(map(len, labels))  # width of an entry (inches): line, name, space
-        columns = max(1, min(most, len(labels), int(figure.get_figwidth() / each)))
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-
-
 def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
     """Return the edges of cells around values: halfway between their logarithms, or `even`, between themselves."""
-    import numpy as np
-
     if not even:
         return np.asarray(np.exp(cell_edges(np.log(values), even=True)))
     half = 0.5 * np.diff(values) if len(values) > 1 else np.array([np.log(2.0)])
     return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1], [values[-1] + half[-1]]])
-
-
-def joined(*parts: str) -> str:
-    """Join those parts of a title that are there."""
-    return "; ".join(filter(None, parts))
-
-
-def put_title(figure: Any, *parts: str) -> None:
-    """Write above a figure, or above axes given for it, what it shows; lines end between parts."""
-    text = joined(*parts)
-    if hasattr(figure, "suptitle"):
-        figure.suptitle(wrapped(text, int(_CHARACTERS * figure.get_figwidth())), fontsize=9)
-    else:
-        figure.set_title("\n".join(filter(None, (figure.get_title(), text))), fontsize=9)
-
-
-def wrapped(text: str, width: int) -> str:
-    """Break a title into lines of so many characters, between its parts only."""
-    whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")
-    return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
-
-
-def history_look(number: int) -> dict[str, Any]:
-    """Return colour and line style of a history: it has too many points for markers."""
-    return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number % len(LINES)], "linewidth": 1.0}
-
-
-def legend_beside(ax: Any) -> None:
-    """Put the legend of a panel beside it, where it hides nothing."""
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-
-
-def look(number: int) -> dict[str, Any]:
-    """Return colour, marker and line style of the `number`-th line."""
-    return {
-        "color": COLOURS[number % len(COLOURS)],
-        "marker": MARKERS[number % len(MARKERS)],
-        "linestyle": LINES[(number // len(COLOURS)) % len(LINES)],
-    }

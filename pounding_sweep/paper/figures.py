@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
-from pounding_sweep.figures.gallery.ground_motion import ground_motion
+from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title

@@ -1,1 +1,1 @@
-"""Figures, one in a module that is named after it; `pounding_sweep.figures.FIGURES` lists them."""
+"""Figures: every module registers its own with `pounding_sweep.figures.figure_of`; `FIGURES` lists them."""

@@ -1,0 +1,159 @@
+"""Ground motions and spectra: acceleration histories, response spectra of records and of floors."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pounding_sweep.analysis.spectra import floor_spectra
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.select import law_name, record_name, scenario_title
+from pounding_sweep.figures.style import COLOURS, line_style, put_title, subplots
+
+#: More lines than this in one panel are drawn grey, with their median and fractiles.
+MOST_LINES = len(COLOURS)
+#: More histories than this in one column are too flat to be read.
+_ROWS = 12
+
+
+@figure_of(
+    "ground-motion",
+    "spectra",
+    "acceleration histories and response spectra of records, as 'records plot' draws them",
+    *("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
+)
+def ground_motion(motions: xr.Dataset) -> Figure:
+    """Draw the acceleration history of each record, and the response spectra of all."""
+    n = motions.sizes["record"]
+    if not n:
+        msg = "there is no record to draw; give at least one"
+        raise InputError(msg)
+    columns = -(-n // _ROWS)
+    rows = -(-n // columns)
+    width = 4.6 if columns == 1 else 2.7 * columns
+    figure = Figure(figsize=(width + 4.2, max(4.2, 0.6 + 0.95 * rows)), layout="constrained")
+    halves: Any = figure.subfigures(1, 2, width_ratios=[width, 4.2])
+    left, right = halves
+    axes = left.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for number, ax in enumerate(axes.T.flat):
+        if number >= n:
+            ax.set_axis_off()
+            continue
+        motion = motions.isel(record=number)
+        peak = motion.isel(point=int(abs(motion["ground_acceleration"]).argmax("point")))
+        style = {"color": COLOURS[number] if n <= MOST_LINES else COLOURS[0]}
+        ax.plot(motion["time"], motion["ground_acceleration"], linewidth=0.7, **style)
+        ax.plot(peak["time"], peak["ground_acceleration"], "o", markersize=3.5, **style)
+        words = f"{record_name(motion['record'].item())}: {abs(peak['ground_acceleration'].item()):.3g} m/s²"
+        ax.set_title(words, loc="left", fontsize=7, pad=2)
+    limit = 1.3 * float(abs(motions["ground_acceleration"]).max() or 1.0)
+    axes[0, 0].set(xlim=(0.0, float(motions["time"].max()) or 1.0), ylim=(-limit, limit))
+    for column in range(columns):
+        axes[min(rows, n - column * rows) - 1, column].tick_params(labelbottom=True)
+    left.supxlabel("time (s)", fontsize=9)
+    left.supylabel("ground acceleration (m/s²); dots: peaks", fontsize=9)
+    ax = right.subplots()
+    _draw_spectra(ax, motions["pseudo_acceleration"], "pseudo-acceleration (m/s²)")
+    ax.set(xlabel="period (s)", ylim=(0.0, None))
+    ax.set_title(f"response spectra, damping ratio {motions['damping_ratio'].item():g}")
+    if n > 1:
+        right.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+@figure_of(
+    "response-spectra",
+    "spectra",
+    "response or floor spectra: pseudo-acceleration and displacement against period",
+    *("period", "pseudo_acceleration", "spectral_displacement"),
+)
+def response_spectra(spectra: xr.Dataset) -> Figure:
+    """Draw pseudo-acceleration and displacement spectra against period."""
+    title = [str(spectra.attrs.get("title", "Response spectra"))]
+    for name in (name for name in ("record", "law") if name not in spectra.dims):
+        key = str(spectra[name].item() if name in spectra.coords else spectra.attrs.get(name, ""))
+        title.append(record_name(key) if name == "record" else law_name(spectra, key))
+    if "damping_ratio" in spectra.coords and not spectra["damping_ratio"].ndim:
+        title.append(f"damping ratio {spectra['damping_ratio'].item():g}")
+    figure = _draw_both(spectra)
+    put_title(figure, *title)
+    return figure
+
+
+@figure_of(
+    "floor-spectra",
+    "histories",
+    "5 % response spectra of the floors' total accelerations, from 'simulate'",
+    *("time", "acceleration"),
+)
+def floor_response(histories: xr.Dataset) -> Figure:
+    """Draw the 5 % spectra of the total acceleration of every floor."""
+    figure = _draw_both(floor_spectra(histories))
+    put_title(figure, scenario_title(histories), "floor spectra, damping ratio 0.05")
+    return figure
+
+
+def _draw_both(spectra: xr.Dataset) -> Figure:
+    """Draw pseudo-acceleration above displacement, in a column for each building that there is."""
+    buildings = spectra["building"].values.tolist() if "building" in spectra.dims else [None]
+    figure, axes = subplots(2, len(buildings), (2.6 + 3.4 * len(buildings), 5.6))
+    entries: dict[str, Any] = {}
+    for (above, below), building in zip(axes.T, buildings, strict=True):
+        part = spectra if building is None else spectra.sel(building=building)
+        first = building == buildings[0]
+        _draw_spectra(above, part["pseudo_acceleration"], "pseudo-acceleration (m/s²)" * first)
+        _draw_spectra(below, part["spectral_displacement"] * 1e3, "displacement (mm)" * first)
+        below.set_xlabel("period (s)")
+        above.set_title(building or "")
+        entries |= {label: handle for handle, label in zip(*above.get_legend_handles_labels(), strict=True)}
+    for ax in axes[:, 0]:
+        ax.set_ylim(bottom=0.0)
+    if len(entries) > 1:
+        columns = min(2 * len(buildings), len(entries))
+        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
+    return figure
+
+
+def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
+    """Draw one ordinate on ``period``, a line of finite numbers for each place along its other dimensions."""
+    values = values.transpose(..., "period")
+    lines: list[tuple[str, np.ndarray]] = []
+    for place in np.ndindex(values.shape[:-1]):
+        parts = []  # labels of texts alone, numbers with the name of their dimension
+        for dim, index in zip_longest(values.dims[:-1], place):
+            if values.sizes[dim] > 1 or len(place) == 1:
+                text = values[dim].values[index]
+                text = record_name(text) if dim == "record" else text
+                parts.append(text if isinstance(text, str) else f"{str(dim).replace('_', ' ')} {text:g}")
+        if np.isfinite(values.values[place]).all():
+            lines.append((", ".join(parts), values.values[place]))
+    if not lines:
+        msg = "there is no spectrum to draw: none holds finite numbers"
+        raise InputError(msg)
+    periods = values["period"].values
+    if len(lines) > max(MOST_LINES, values.sizes.get("record", 0)):
+        sizes = ", ".join(f"{size} {dim}" for dim, size in values.sizes.items() if dim != "period")
+        msg = f"{len(lines)} spectra in one panel can't be told apart: select at most {MOST_LINES} of {sizes}"
+        raise InputError(msg)
+    if len(lines) > MOST_LINES:
+        array = np.array([line for _, line in lines])
+        ax.plot(periods, array.T, color="0.75", linewidth=0.6)
+        for share, dashes in ((0.84, ":"), (0.5, "-"), (0.16, "--")):
+            name = "median" if share == 0.5 else f"{share:.0%} fractile"
+            ax.plot(periods, np.quantile(array, share, axis=0), color=COLOURS[0], linestyle=dashes, label=name)
+    else:
+        for number, (name, line) in enumerate(lines):
+            ax.plot(periods, line, label=name, **line_style(number, marked=False))
+    even = periods.size < 3 or np.allclose(np.diff(periods), periods[1] - periods[0])
+    if not even:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter("{x:g}")
+    positive = periods[periods > 0]
+    if positive.size > 1:
+        ax.set_xlim(0.0 if even else positive.min(), positive.max())
+    ax.set_ylabel(label)

@@ -1,0 +1,157 @@
+"""What inputs matter, and what accuracy costs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from itertools import product
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.select import RESPONSES, NothingToDrawError, law_name, record_name, result_of
+from pounding_sweep.figures.style import COLOURS, finish, join_nonempty, line_style, subplots
+from pounding_sweep.outputs.variables import get_variable
+
+#: Rows of panels at most.
+_GROUPS = 3
+#: What tells groups of scenarios apart.
+_GROUP = ("law", "record", "beside")
+#: What is drawn of each input: how it is called, colour, marker, and how far above its place.
+_INDICES = {
+    "first": ("first index: of the input alone", COLOURS[1], "o", 0.16),
+    "total": ("total index: with what it does together with others", COLOURS[2], "s", -0.16),
+}
+
+
+@figure_of(
+    "sensitivity",
+    "design",
+    "which inputs of a design matter: first and total Sobol indices",
+    lambda cube: "" if {"input", "design_block"} & {*cube.coords} else 'a design of kind "saltelli"',
+)
+def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
+    """Draw the Sobol indices of an output with their intervals; inputs that matter most are at the top.
+
+    One column per pair or building, at its highest storey that has indices, one row per law, record and value of
+    other axes, three at most.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube of a design of kind "saltelli", or what `pounding_sweep.analysis.sensitivity` made of one.
+    value : str, optional
+        An output; by default the peak impact force, else the first response that has indices.
+    ax : matplotlib.axes.Axes, optional
+        Axes for a figure of one panel.
+    """
+    result = result_of(cube, "sensitivity")
+    names = [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]
+    if value not in (None, *names):
+        raise InputError(unknown("value to draw", value, names))
+    valued = [name for name in (*RESPONSES, *names) if name in names and result[f"{name}_total"].notnull().any()]
+    value = value or next(iter(valued or names))
+    total = result[f"{value}_total"]
+    if not total.notnull().any():
+        raise NothingToDrawError
+    per = next((dim for dim in ("pair", "building") if dim in total.dims), "")
+    places = []
+    for part in [result.sel({per: end}) for end in result[per].values] if per else [result]:
+        there = part[f"{value}_total"].notnull().any(["group", "input"])
+        places.append(part.isel(storey=int(np.flatnonzero(there)[-1]) if there.any() else 0) if there.ndim else part)
+    complete = np.any([place[f"{value}_total"].notnull().all("input") for place in places], axis=0)
+    groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
+    shown = groups[:_GROUPS]
+    rank = np.mean([place[f"{value}_total"].isel(group=shown).mean("group") for place in places], axis=0)
+    order = np.argsort(np.nan_to_num(rank), kind="stable")  # the largest last, at the top
+    size = (2.2 + 2.4 * len(places), 1.5 + len(shown) * (0.6 + 0.3 * len(order)))
+    figure, axes = subplots(len(shown), len(places), size, ax)
+    varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
+    for (row, column), panel in np.ndenumerate(axes):
+        part = places[column].isel(group=int(shown[row]), input=order)
+        for name, (label, colour, marker, up) in _INDICES.items():
+            at = np.arange(len(order)) + up
+            low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
+            panel.hlines(at, low, high, color=colour, linewidth=1.0)
+            panel.plot(part[f"{value}_{name}"], at, color=colour, marker=marker, linestyle="none", label=label)
+        panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
+        titles = [f"{dim} {part[dim].item()}" for dim in (per, "storey") if dim in part.coords]
+        lines = [join_nonempty(*titles), _describe_group(part, varied)]
+        panel.set_title("\n".join(fill(text, 34) for text in lines if text))
+    intervals = [part[f"{value}_{name}_interval"].isel(group=shown) for part in places for name in _INDICES]
+    ends = [0.0, 1.0, *(float(end) for interval in intervals for end in (interval.min(), interval.max()))]
+    inputs = [str(name).replace("_", " ") for name in result["input"].values[order]]
+    limits = {"xlim": (np.nanmin(ends) - 0.03, np.nanmax(ends) + 0.03), "ylim": (-0.6, len(order) - 0.4)}
+    for panel in axes[:, 0]:
+        panel.set(yticks=range(len(inputs)), yticklabels=inputs, **limits)
+    what = str(total.attrs["long_name"]).removeprefix("total Sobol index: ")
+    cut = f"{len(shown)} of {len(groups)} groups of scenarios" if len(shown) < len(groups) else ""
+    same = _describe_group(result.isel(group=int(shown[0])), [name for name in _GROUP if name not in varied])
+    title = f"Sobol indices of the {what}", f"{result.attrs['confidence']:.0%} intervals", same, cut
+    finish(figure, axes, "share of the variance (-)", ["input"] * len(shown), *title, legend=1)
+    return figure
+
+
+def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
+    """Say that of a group of scenarios which `names` mean."""
+    law, record, beside = (str(group[name].item()) if name in names and name in group.coords else "" for name in _GROUP)
+    of = "records drawn" if record == "drawn" else f"record {record_name(record)}" if record else ""
+    return join_nonempty(law_name(group, law) if law else "", of, beside.replace("_", " "))
+
+
+@figure_of(
+    "work-precision",
+    "trade",
+    "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
+    *("scheme", "located", "error", "cost"),
+)
+def work_precision(trade: xr.Dataset) -> Figure:
+    """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
+
+    Along a line the step changes. Colour and marker tell scheme and locating; a hollow marker on a dashed line is
+    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors in
+    the grey band are below what the converged solution resolves.
+    """
+    check_trade(trade)
+    chosen = trade.sel(population="steady", statistic="worst")
+    if not (chosen["error"] * chosen["cost"]).notnull().any():
+        msg = "figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps"
+        raise InputError(msg)
+    outputs = leading_outputs(trade)
+    figure, axes = subplots(1, len(outputs), (1.2 + 3.6 * len(outputs), 4.6))
+    ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
+    for ax, output in zip(axes[0], outputs, strict=True):
+        one = chosen.sel(output=output)
+        one = one.where((one["error"] > 0.0) & np.isfinite(one["error"]) & np.isfinite(one["cost"]))
+        for number, (scheme, located) in enumerate(product(one["scheme"].values, one["located"].values)):
+            for precision in one["precision"].values:
+                line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
+                if line.sizes["step"]:
+                    style = line_style(number) | {"linestyle": "-"}
+                    if precision == "float32":
+                        style |= {"linestyle": "--", "markerfacecolor": "white"}
+                    label = f"{scheme}, {'located' if located else 'not located'}, {precision}"
+                    ax.plot(line["cost"], line["error"], label=label, **style)
+        front = one.where(one["pareto"] == 1)
+        cost, error = xr.broadcast(front["cost"], front["error"])
+        ax.plot(cost.values.ravel(), error.values.ravel(), label="Pareto front", **ring)
+        ax.set(xscale="log", yscale="log", title=get_variable(output).long_name)
+        ax.xaxis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("")
+    bottom = axes[0, 0].get_ylim()[0]
+    for ax, output in zip(axes[0], outputs, strict=True):
+        limit = float(chosen["resolution"].sel(output=output).max())
+        if limit > bottom:
+            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
+    axes[0, 0].set_ylim(bottom=bottom)
+    count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
+    steps = trade["step"].values * 1e3
+    title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
+    finish(figure, axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)
+    return figure

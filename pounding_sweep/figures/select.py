@@ -1,0 +1,321 @@
+"""What a figure shows of a dataset that has more in it than it can draw, the axis it is drawn along, and the words."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.figures.style import COLOURS, join_nonempty, unit_text
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
+from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
+from pounding_sweep.spec.axes import AXES, DIMENSIONS
+
+#: Attribute of an axis of which several values were asked for: a figure that draws one of them refuses.
+SEVERAL = "several_asked"
+#: Lines in a panel at most, unless more were asked for.
+_LINES_SHOWN = 5
+#: Responses that are drawn, the first that is there, and what they are called.
+RESPONSES = {
+    "impact_force_max": "peak impact force",
+    "drift_max": "peak drift",
+    "displacement_max": "peak displacement",
+    "acceleration_max": "peak acceleration",
+    "storey_shear_max": "peak storey shear",
+}
+_DIMS = tuple(dim for dims in DIMENSIONS.values() for dim in dims)
+_BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_building)
+#: Axes against which a comparison is drawn, the first of those that vary.
+_DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
+#: Characters in a line of an axis label; values of an axis up to which each has a tick of its own; largest over
+#: smallest value from which an axis may be logarithmic.
+_LABEL, _TICKS, _WIDE = 36, 8, 3.999
+
+
+class NothingToDrawError(InputError):
+    """What a figure would draw has no value."""
+
+
+def select_default(
+    dataset: xr.Dataset, keep: Collection[str], drawn: Iterable[str], *, median: bool = False
+) -> tuple[xr.Dataset, str]:
+    """Take one value of every axis that a figure does not `keep`: the middle one at which floors touch.
+
+    Where nothing touches it is the middle one at which one of `drawn` has a value. With `median`, several records give
+    their median. The text names what was taken, and of how many.
+    """
+    drawn = [name for name in drawn if name in dataset]
+    place: dict[Any, int] = {}
+    records = dataset.sizes.get("record", 1) if median else 1
+    kept = {*keep, "record"} if records > 1 else {*keep}
+    sizes = {dim: dataset.sizes[dim] for dim in scenario_dims(dataset) if dim not in kept}
+    for dim in sizes:
+        check_drawn(dataset, dim)
+    place |= {dim: (size - 1) // 2 for dim, size in sizes.items()}
+    if _score(dataset.isel(place), drawn, ()).max() < 2:  # else all of a large cube would be read
+        score = _score(dataset, drawn, sizes)
+        if not score.any():
+            raise NothingToDrawError
+        for dim, middle in place.items():
+            score = score - 1e-6 * abs(xr.DataArray(np.arange(sizes[dim]), dims=dim) - middle)
+        place = {dim: int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
+    dataset = dataset.isel(place)
+    words = describe(dataset, sizes, but=keep)
+    return median_over_records(dataset, words, drawn) if records > 1 else (dataset, words)
+
+
+def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
+    """Score places along `dims`: 2 where floors touch and there are values, 1 where there are values, else 0."""
+    touch = next((dataset[name] > 0 for name in ("touches", *TOUCH_VARIABLES) if name in dataset), xr.DataArray(False))
+    touch = touch.any([dim for dim in INNER_DIMS if dim in touch.dims])
+    score = xr.DataArray(0)
+    for name in names:
+        valued = dataset[name].notnull()
+        valued = valued.any([dim for dim in INNER_DIMS if dim in valued.dims]) * (1 + touch)
+        score = xr.where(score > (best := valued.max([dim for dim in valued.dims if dim not in dims])), score, best)
+    return score
+
+
+def describe(dataset: xr.Dataset, sizes: Mapping[str, int] | None = None, but: Collection[str] = ()) -> str:
+    """Say which single values of axes a dataset is of, and of how many (`sizes`) each was taken."""
+    sizes, words = sizes or {}, []
+    single = [str(name) for name, coord in dataset.coords.items() if not coord.ndim and name not in but]
+    for name in single:
+        axis = name in (*_DIMS, *INNER_DIMS, *sizes, "law", "record", "case") or name.startswith(_BY_BUILDING)
+        value, size = dataset[name].item(), sizes.get(name, 0)
+        repeated = name == "scale" and not {"pga", "sa"}.isdisjoint(single)
+        if axis and not repeated and not dataset[name].isnull() and not (size == 1 and value == 1.0):
+            words.append(coord_text(dataset, name, value) + (f" (one of {size})" if size > 1 else ""))
+    if dataset.sizes.get("storey") == 1 and "storey" not in but:
+        words.append(f"storey {dataset['storey'].item():g}")
+    return join_nonempty(*words)
+
+
+def coord_text(dataset: xr.Dataset, name: str, value: Any) -> str:
+    """Say that a coordinate has a value, as titles do."""
+    if name == "law":
+        return law_name(dataset, value) if value else ""
+    if name == "record":
+        return f"record {record_name(value)}"
+    if isinstance(value, str):
+        return f"{name.replace('_', ' ')} {value}"
+    unit, factor = drawn_unit(dataset[name].attrs)
+    return f"{name.replace('_', ' ')} {factor * value:.6g} {unit}".rstrip()
+
+
+def nothing_to_draw(dataset: xr.Dataset, key: str) -> str:
+    """Say that a figure has nothing to draw of a dataset, why, and what to do."""
+    status = dataset["status"].values if "status" in dataset.data_vars else np.array(int(Status.OK))
+    counts = {item.label: int((status == int(item)).sum()) for item in STATUS if item != Status.OK}
+    failed = [f"{count} of {status.size} scenarios are {label}" for label, count in counts.items() if count]
+    at = describe(dataset)
+    why = ", ".join(failed) or "none of its values is a number"
+    return f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {why}; choose others with --at"
+
+
+def check_drawn(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
+    """Raise `InputError` where more values of an axis were asked for than the figure draws."""
+    if axis in dataset.coords and SEVERAL in dataset[axis].attrs and dataset.sizes.get(axis, 1) > most:
+        shows = "takes one value of that axis" if most == 1 else f"shows {most} of them at most"
+        asked = f"{dataset.sizes[axis]} values of {axis} are asked for"
+        msg = f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE"
+        raise InputError(msg)
+
+
+def select_lines(result: xr.Dataset, axis: str) -> list[int]:
+    """Return the places on an axis of which each has a line: all that were asked for, else five, evenly chosen."""
+    check_drawn(result, axis, len(COLOURS))
+    most = len(COLOURS) if axis in result.coords and SEVERAL in result[axis].attrs else _LINES_SHOWN
+    return [int(place) for place in np.unique(np.linspace(0, result.sizes[axis] - 1, most).round())]
+
+
+def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, panels: bool = False) -> list[Any]:
+    """Return the labels of an axis at which any of those variables has a value; for panels, all if none has."""
+    valued = np.zeros(dataset.sizes[axis], bool)
+    for name in names:
+        valued |= dataset[name].notnull().any([dim for dim in dataset[name].dims if dim != axis]).values
+    labels: list[Any] = dataset[axis].values[valued].tolist()
+    return labels or (dataset[axis].values.tolist() if panels else [])
+
+
+def median_over_records(result: xr.Dataset, words: str, drawn: Collection[str]) -> tuple[xr.Dataset, str]:
+    """Take the median of several records, and say so before the words."""
+    records, valued = result.sizes["record"], len(labels_with_values(result, "record", drawn))
+    of = "" if valued in (0, records) else f"{valued} of "
+    return result.median("record", keep_attrs=True), join_nonempty(f"median of {of}{records} records", words)
+
+
+def with_dims(cube: xr.Dataset, *axes: str, absent: Any = None) -> xr.Dataset:
+    """Return a cube with those axes as dimensions, of one value if it is a scalar coordinate, or `absent`."""
+    for axis in axes:
+        if axis in cube.coords and cube[axis].ndim and axis not in cube.dims:
+            msg = (
+                f"the figure needs the axis {axis!r}, and this cube lists its scenarios as cases; draw one of them, "
+                "with --at case=N, or give the axes of the sweep"
+            )
+            raise InputError(msg)
+        if axis not in cube.dims:
+            cube = cube.expand_dims(axis if axis in cube.coords or absent is None else {axis: [absent]})
+    return cube
+
+
+def result_of(dataset: xr.Dataset, key: str, **drawn: Any) -> xr.Dataset:
+    """Return a comparison's result: the dataset itself if it is one, else what the comparison makes of the cube."""
+    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset, **drawn)
+
+
+def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:
+    """Return name, label, factor and dimension ("pair" or "building") of the first of `RESPONSES` it can draw."""
+    touching = "law" not in result.coords or bool((result["law"] != "none").any())
+    for name, words in RESPONSES.items():
+        per = VARIABLES[name].dims[0]
+        if name in result and (touching or per == "building"):
+            unit, factor = drawn_unit({"units": VARIABLES[name].units})
+            return name, f"{words} ({unit})", factor, per
+    names = ", ".join(RESPONSES)
+    msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
+    raise InputError(msg)
+
+
+def over_storeys(part: xr.DataArray) -> xr.DataArray:
+    """Return the largest value over storeys, of minima and first times the smallest; a single value as it is."""
+    if "storey" not in part.dims:
+        return part
+    least = str(part.name).endswith("_min") or part.name == "first_impact_time"
+    return part.min("storey") if least else part.max("storey")
+
+
+def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the unit in which figures show a variable, and the factor that brings it there: mm for m, else its own."""
+    return ("mm", 1e3) if attributes.get("units") == "m" else (unit_text(attributes), 1.0)
+
+
+def law_name(cube: xr.Dataset | xr.DataArray, law: str) -> str:
+    """Return what a contact law is called: by the registry, else by the cube, else its key."""
+    if law in LAWS:
+        return LAWS[law].title
+    if {"law", "law_title"} <= {*cube.coords} and cube["law_title"].dims == cube["law"].dims:
+        keys, titles = (np.atleast_1d(cube[name].values).astype(str) for name in ("law", "law_title"))
+        return next(iter(titles[keys == law].tolist()), law)
+    return law
+
+
+def record_name(key: str) -> str:
+    """Return what a record is called: event, station and component of a known one, else its own name."""
+    return KNOWN_RECORDS[key].description if key in KNOWN_RECORDS else key
+
+
+def scenario_title(one: xr.Dataset) -> str:
+    """Return what a simulated scenario is: its title, its gaps, and what else tells it from others of its sweep."""
+    title = one.attrs.get("title", "one scenario")
+    if {"record", "law"} <= one.attrs.keys():
+        title = f"{record_name(one.attrs['record'])}: {law_name(one, one.attrs['law'])}"
+    gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
+    gaps = gaps if len({*gaps}) > 1 else gaps[:1]
+    words = f"gap{'s' * (len(gaps) > 1)} {', '.join(gaps)} mm" if gaps else ""
+    return join_nonempty(title, words, one.attrs.get(SCENARIO_ATTRIBUTE, ""))
+
+
+def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Dataset:
+    """Return the part of histories from `start` to `end` (s); the whole if neither is given."""
+    part = one.sel(time=slice(start, end))
+    if part.sizes["time"] < 2:
+        time = one["time"].values
+        asked = f"from {time[0] if start is None else start:g} s to {time[-1] if end is None else end:g} s"
+        msg = f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
+        raise InputError(msg)
+    return part
+
+
+@dataclass(frozen=True)
+class PlotAxis:
+    """An axis to draw along."""
+
+    dim: str  # dimension of the cube
+    name: str  # the dimension, or a coordinate along it by which it is drawn, such as the ratio of two periods
+    label: str  # name with its unit
+    factor: float  # from the unit of the cube to the one drawn
+
+    def values(self, result: xr.Dataset | xr.DataArray) -> np.ndarray:
+        """Return the values that are drawn."""
+        return np.asarray(result[self.name].values, dtype=float) * self.factor
+
+
+def plot_axis(result: xr.Dataset, name: str) -> PlotAxis:
+    """Return an axis, or a coordinate along one, to draw along."""
+    unit, factor = drawn_unit(result[name].attrs)
+    words = "gap" if name == "gap" else str(result[name].attrs.get("long_name", name.replace("_", " ")))
+    label = fill(f"{words}\xa0({unit or '-'})", _LABEL).replace("\xa0", " ")  # a unit stays with the last word
+    return PlotAxis(str(result[name].dims[0]), name, label, factor)
+
+
+def plot_axes(result: xr.Dataset) -> dict[str, PlotAxis]:
+    """Return what can be drawn along, by name: axes of several numbers, and coordinates that follow one of them."""
+    numbers = [str(name) for name, coord in result.coords.items() if coord.ndim == 1 and coord.dtype.kind in "iuf"]
+    dims = [dim for dim in scenario_dims(result) if dim in numbers and result.sizes[dim] > 1 and dim != "case"]
+    along = [name for name in numbers if name not in dims and result[name].dims[0] in dims]
+    return {name: plot_axis(result, name) for name in (*dims, *along)}
+
+
+def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()) -> PlotAxis | None:
+    """Return the axis that was asked for, else the first that has several numbers; None if none has.
+
+    Along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
+    means the first of such names.
+    """
+    axes = plot_axes(result)
+    if asked is None:
+        dim = first_varied(result, but)
+        ratios = [axis for axis in axes.values() if axis.dim == dim and "_ratio_" in axis.name]
+        return ratios[0] if ratios else axes.get(str(dim))
+    name = asked if asked in axes else next((name for name in axes if name.startswith(f"{asked}_")), asked)
+    if name in result.coords and len(dims := result[name].dims) > 1:
+        varied = " and ".join(map(str, dims))
+        msg = f"{name} varies with {varied}; choose one value of all but one of them with --at, such as {dims[0]}=..."
+        raise InputError(msg)
+    if name not in axes:
+        raise InputError(unknown("axis to draw along", asked, axes))
+    if axes[name].dim in but:
+        msg = f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}"
+        raise InputError(msg)
+    return axes[name]
+
+
+def first_varied(result: xr.Dataset, but: Collection[str]) -> str | None:
+    """Return the axis to draw along: the first that has several values, building properties last; None without one."""
+    others = [dim for dim in scenario_dims(result) if dim not in (*_DRAWN_ALONG, "law", "record", "case")]
+    axes = plot_axes(result)
+    return next((axis for axis in (*_DRAWN_ALONG, *others) if axis in axes and axis not in but), None)
+
+
+def scale_axis(axis: Any, values: np.ndarray, *, marked: bool = False) -> None:
+    """Make an axis of a panel logarithmic if its values are; a tick at each if they are few and it is, or `marked`."""
+    if log := is_log(values):
+        use_logarithms(axis)
+    if len(values) <= _TICKS and (log or marked):
+        axis.set_ticks(values, [f"{value:g}" for value in values])
+
+
+def use_logarithms(axis: Any) -> None:
+    """Make an axis of a panel logarithmic, with ticks at 1, 2 and 5."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    axis.minorticks_off()
+    axis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
+    axis.set_major_formatter("{x:g}")
+
+
+def is_log(values: np.ndarray) -> bool:
+    """Whether values are spaced in even ratios rather than evenly, over a wide range."""
+    if len(values) < 3 or values.min() <= 0.0 or values.max() < _WIDE * values.min():
+        return False
+    steps, ratios = np.diff(values), np.diff(np.log(values))
+    return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean())

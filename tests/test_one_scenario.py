@@ -1,0 +1,172 @@
+"""One scenario of a sweep: which it is, what of it may be chosen, and how fine its histories are; nothing is run."""
+
+from __future__ import annotations
+
+import figure_data as made
+import numpy as np
+import pytest
+import xarray as xr
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.plan.scenarios import case_variants
+from pounding_sweep.run.one_scenario import scenario_of, simulate_one, simulate_shown
+from pounding_sweep.run.simulate import peaks_shown
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.build import build_spec
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What `simulate` is asked for; nothing is run."""
+    calls = []
+
+    def simulate(*args, **more):
+        calls.append((args, more))
+        return xr.Dataset()
+
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
+    return calls
+
+
+def pulses(*names):
+    return [ps.pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in names]
+
+
+def test_the_scenario_in_the_middle(asked):
+    spec = build_spec(
+        scene=made.scene(),
+        records=pulses("one", "two", "three"),
+        laws=["none", "kelvin_voigt", "linear"],
+        gaps=[0.01, 0.02, 0.03, 0.04],
+        stiffness_factors=[0.5, 2.0, 4.0],
+        restitutions=[0.4, 0.6],
+        scales=[1.0, 2.0],
+        period_factors={"b": [1.0, 1.5, 2.0]},
+        mass_factors={"a": [3.0]},
+        damping_ratios=[0.02, 0.04],
+        method="newmark",
+        dt=2e-3,
+        gamma=0.6,
+        beta=0.35,
+    )
+    case = Case("kelvin_voigt", 0.02, None, 2.0, 0.4, "two", 1.0, {"b": 1.5}, {"a": 3.0}, 0.02)
+    assert scenario_of(spec) == case
+    properties = "period factor of b 1.5; damping ratio 0.02"
+    one = simulate_one(spec)
+    assert one.attrs["scenario"] == f"stiffness factor 2; restitution 0.4; scale 1; {properties}"
+    one = simulate_one(spec, gap=0.5, law="linear", record="one", scale=3.0, stiffness_factor=0.1)
+    assert one.attrs["scenario"] == f"stiffness factor 0.1; scale 3; {properties}"  # linear takes no restitution
+    (scene, record), first = asked[0]
+    assert (first["law"].key, first["stiffness"], first["restitution"]) == ("kelvin_voigt", 2e6, 0.4)
+    assert (first["method"], first["dt"], first["beta"], first["gamma"]) == ("newmark", 2e-3, 0.35, 0.6)
+    assert record == spec.record("two")
+    assert scene.gaps == (0.02,)
+    want = case_variants(made.scene(), [case])[0]
+    np.testing.assert_allclose(np.concatenate([b.masses for b in scene.buildings]), want.masses[1])
+    np.testing.assert_allclose(np.concatenate([b.stiffnesses for b in scene.buildings]), want.stiffnesses[1])
+    for i, building in enumerate(scene.buildings):
+        np.testing.assert_allclose(building.rayleigh, [x[1] for x in want.rayleigh(i)])
+    (scene, record), second = asked[1]
+    assert (scene.gaps, second["law"].key, second["stiffness"]) == ((0.5,), "linear", 1e5)
+    np.testing.assert_allclose(record.acceleration, 3.0 * spec.record("one").acceleration)
+
+
+def test_a_listed_case(asked):
+    cases = [{"law": "none"}, {"law": "hertz", "gap": [0.01, 0.03], "stiffness": 3e6}, {"law": "linear"}]
+    spec = build_spec(scene=made.scene(right_wall=True), records=pulses("one"), cases=cases)
+    for number in (None, 2):
+        assert simulate_one(spec, case=number).attrs["scenario"] == "case 2; stiffness 3e+06 kN/m^1.5"
+        (scene, _), given_ = asked[-1]
+        assert (scene.gaps, given_["law"].key, given_["stiffness"]) == ((0.01, 0.03), "hertz", 3e6)
+    simulate_one(spec, case=1)
+    assert asked[-1][1]["stiffness"] is None
+    with pytest.raises(InputError, match="cases 1 to 3"):
+        simulate_one(spec, case=4)
+
+
+def test_a_stiffness_is_not_taken_in_another_unit(asked):
+    product = build_spec(
+        scene=made.scene(), records=pulses("one"), laws=["kelvin_voigt", "none"], stiffnesses=[1e6, 2e6, 4e6]
+    )
+    listed = build_spec(scene=made.scene(), records=pulses("one"), cases=[{"law": "linear", "stiffness": 2e6}])
+    words = r"2e\+06 kN/m, is that of law '{}', and law 'hertz' takes kN/m\^1.5; give a stiffness \(kN/m\^1.5\)"
+    for spec, own in ((product, "kelvin_voigt"), (listed, "linear")):
+        with pytest.raises(InputError, match=words.format(own)):
+            simulate_one(spec, law="hertz")
+        assert not asked
+        for law in ("none", "stereomechanical", "linear"):
+            simulate_one(spec, law=law)
+        assert [more["stiffness"] for _, more in asked] == [None, None, 2e6]
+        simulate_one(spec, law="hertz", stiffness=3e7)
+        simulate_one(spec, law="hertz", stiffness_factor=2.0)
+        assert [more["stiffness"] for _, more in asked[3:]] == [3e7, 2e7]
+        asked.clear()
+
+
+def test_a_stiffness_of_zero_is_not_the_one_of_the_scene(asked):
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    for choice in ({"stiffness": 0.0}, {"stiffness_factor": 0.0}):
+        simulate_one(spec, **choice)  # which `simulate` refuses
+        assert asked[-1][1]["stiffness"] == 0.0
+
+
+def test_every_axis_may_be_chosen(asked):
+    spec = build_spec(
+        scene=made.scene(right_wall=True),
+        records=pulses("one"),
+        laws="linear",
+        pgas=[1.0, 2.0],
+        period_factors={"b": [1.0, 1.5]},
+        damping_ratios=[0.02, 0.05],
+    )
+    choice = {"pga": 3.0, "period_factor_b": 2.0, "mass_factor_a": 4.0, "damping_ratio": 0.1, "gap": [0.01, 0.03]}
+    one = simulate_one(spec, **choice)
+    (scene, record), _ = asked[0]
+    assert record.pga == pytest.approx(3.0)
+    assert scene.gaps == (0.01, 0.03)
+    case = Case("linear", period_factors={"b": 2.0}, mass_factors={"a": 4.0}, damping_ratio=0.1)
+    want = case_variants(made.scene(right_wall=True), [case])[0]
+    np.testing.assert_allclose(np.concatenate([b.masses for b in scene.buildings]), want.masses[1])
+    np.testing.assert_allclose(np.concatenate([b.stiffnesses for b in scene.buildings]), want.stiffnesses[1])
+    assert one.attrs["scenario"] == "pga 3; period factor of b 2; mass factor of a 4; damping ratio 0.1"
+    assert simulate_one(spec, mass_factor_a=1.0).attrs["scenario"].endswith("mass factor of a 1; damping ratio 0.02")
+    for bad, text in (
+        ({"period_factor_c": 1.0}, "did you mean 'period_factor_b'"),
+        ({"mass_factor_a": -1.0}, r"factor is -1.0; it must be in \[0.001, 1000\]"),
+        ({"damping_ratio": 1.5}, "damping ratio is 1.5"),
+    ):
+        with pytest.raises(InputError, match=text):
+            simulate_one(spec, **bad)
+
+
+def test_histories_are_run_finer_until_they_show_their_peaks(monkeypatch):
+    """By default; a step that is asked for is the one that is taken."""
+    taken = []
+
+    def simulate(*args, output_step=None, **more):
+        taken.append(output_step)
+        step = output_step or 8e-3
+        shown = 100.0 * (1.0 - step**2 / 4e-4)
+        values = {"impact_force_max": ("pair", [100.0]), "contact_force": (("time", "pair"), [[0.0], [shown]])}
+        return xr.Dataset(values, attrs={"time_step": step})
+
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    assert peaks_shown(simulate_shown(spec)) == pytest.approx(0.99)
+    assert taken == [None, 4e-3, 2e-3]
+    simulate_shown(spec, 5e-3)
+    assert taken[3:] == [5e-3]
+
+
+def test_choices_are_checked(asked):
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    for choice, text in (
+        ({"case": 1}, "product of axes"),
+        ({"record": "ono"}, "did you mean 'one'"),
+        ({"stiffness": 1.0, "stiffness_factor": 1.0}, "exclude each other"),
+        ({"gaps": 1.0}, "did you mean 'gap'"),
+    ):
+        with pytest.raises(InputError, match=text):
+            simulate_one(spec, **choice)
+    assert not asked
