@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from pounding_sweep.spec.spec import SweepSpec
 
 
-#: Variants whose motions are estimated at a time.
-_BLOCK = 4096
 #: Damping ratio at which a first mode is taken that its base damps beyond vibration.
 _MOST_DAMPED = 0.999
 
@@ -59,63 +57,45 @@ def highest_frequency(row: Scene | Variants) -> np.ndarray:
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
-    """Estimate how fast the neighbours of each pair approach each other (m/s)."""
+    """Estimate how fast the neighbours of each pair approach each other (m/s), shape (variants, pairs)."""
     variants = variants_of(row)
-    scene = variants.scene
 
-    def compute(given: np.ndarray) -> np.ndarray:
-        found = np.empty((len(scene.pair_names), given.shape[1]))
-        for first in range(0, given.shape[1], _BLOCK):
-            some = given[:, first : first + _BLOCK].T
-            factors, ratio = some[:, :-1], np.where(some[:, -1] < 0.0, np.nan, some[:, -1])
-            found[:, first : first + _BLOCK] = _pair_speeds(
-                Variants(scene, factors, np.ones_like(factors), ratio), record
-            )
-        return found
+    def speeds(motions: np.ndarray) -> np.ndarray:
+        factors, ratio = motions[:-1].T, np.where(motions[-1] < 0.0, np.nan, motions[-1])
+        return _pair_speeds(Variants(variants.scene, factors, np.ones_like(factors), ratio), record)
 
     # masses that vary with their stiffnesses change no motion
     motion = np.vstack([variants.period_factor.T, np.nan_to_num(variants.damping_ratio, nan=-1.0)])
-    return np.asarray(distinct(motion, compute).T)
+    return np.asarray(distinct(motion, speeds).T)
 
 
 def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
-    """Largest difference of velocities between neighbours (m/s), shape (pairs, n)."""
-    moving = np.array([isinstance(item, Building) for item in variants.scene.row])
-    fastest = np.zeros((len(moving) - 1, len(variants)))
-    for some in _roof_velocities(variants, record, 1 + _BLOCK // len(variants)):
-        velocities = np.zeros((len(some), len(moving), len(variants)))  # walls stand still
-        velocities[:, moving] = some
-        fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
-    return fastest
+    """Largest difference of the roof velocities of neighbours in their first modes (m/s), shape (pairs, n)."""
+    from scipy.signal import lfilter
 
-
-def _roof_velocities(variants: Variants, record: Record, most: int) -> Iterator[np.ndarray]:
-    """Yield the velocity of each roof in the first mode (m/s), up to `most` points of the record at a time."""
     h, ground = record.dt, record.acceleration
-    buildings = variants.scene.buildings
+    row, buildings = variants.scene.row, variants.scene.buildings
+    moving = [place for place, item in enumerate(row) if isinstance(item, Building)]
     frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
     damping = np.stack([variants.modal_damping(b, 0) for b in range(len(buildings))])
     damping = np.where(damping < 1.0, damping, _MOST_DAMPED)
-    share = np.array([_roof_share(building) for building in buildings])
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
     root = frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
-    grown = np.exp(root * h)
-    late = (grown - 1.0 - root * h) / (root**2 * h)
-    early = (grown - 1.0) / root - late
-    state = np.zeros(root.shape, complex)
-    for first in range(1, len(ground), most):
-        a = ground[first - 1 : first + most, None, None]
-        states = -(early * a[:-1] + late * a[1:])
-        states[0] += grown * state
-        reach, power = 1, grown  # each state then knows of the `reach` points up to its own
-        while reach < len(states):
-            states[reach:] += power * states[:-reach]
-            reach, power = 2 * reach, power * power
-        state = states[-1]
-        yield (root * states).imag * (share[:, None] / root.imag)
+    growth = np.exp(root * h)
+    late = (growth - 1.0 - root * h) / (root**2 * h)
+    early = (growth - 1.0) / root - late
+    participation = [_roof_participation(building) for building in buildings]
+    fastest = np.empty((len(row) - 1, len(variants)))
+    for i in range(len(variants)):
+        velocities = np.zeros((len(row), len(ground) - 1))  # walls stand still
+        for b, place in enumerate(moving):
+            state = lfilter([1.0], [1.0, -growth[b, i]], -(early[b, i] * ground[:-1] + late[b, i] * ground[1:]))
+            velocities[place] = (root[b, i] * state).imag * (participation[b] / root[b, i].imag)
+        fastest[:, i] = np.abs(np.diff(velocities, axis=0)).max(axis=1, initial=0.0)
+    return fastest
 
 
-def _roof_share(building: Building) -> float:
+def _roof_participation(building: Building) -> float:
     """Velocity of the roof by that of the first mode, as the ground moves the building with all it stands on."""
     phi, n = building.modes[1][:, 0], building.n_storeys
     moved = building.masses if building.foundation is None else (*building.masses, building.foundation.mass)
@@ -278,44 +258,21 @@ def advise(
     initial_speed: float = 0.0,
     measured: Measured | None = None,
 ) -> Advice:
-    """Choose the scheme of a sweep and the steps of each of its scenarios.
+    """Choose the scheme of a sweep with an accuracy, and the steps of its unique scenarios; always the same.
 
-    Parameters
-    ----------
-    spec : SweepSpec
-        A sweep with an ``accuracy``; its ``method`` and ``precision`` are kept where it names them.
-    laws : sequence of Law
-        Laws by the index that `table` uses; the last is no pounding.
-    table : Scenarios
-        Unique scenarios.
-    variants : Variants
-        Building properties by the index that `table` uses.
-    initial_speed : float
-        Largest speed (m/s) of approach at the start.
-    measured : Measured, optional
-        Errors and costs; those of this package by default.
-
-    Returns
-    -------
-    Advice
-        The same for the same sweep, always.
-
-    Raises
-    ------
-    SweepError
-        A law was not measured, or no scheme reached the accuracy.
+    `laws` are those that `table` counts, the last without contact; `initial_speed` (m/s) is the largest of approach
+    at the start. Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
     """
     assert spec.accuracy is not None
-    known = load_measured() if measured is None else measured
-    some, alike = but_for_gaps(table)
-    demand = _Demand(spec, laws, some, alike, variants, initial_speed)
-    costs: dict[SchemeAndFormat, float] = {}
-    best: tuple[SchemeAndFormat, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
-    reached: dict[SchemeAndFormat, tuple[float, str]] = {}
+    measured = load_measured() if measured is None else measured
+    rows, repeats = but_for_gaps(table)
+    demand = _Demand(spec, laws, rows, repeats, variants, initial_speed)
     schemes = [
-        (m, p)
-        for m, p in known.cost
-        if spec.method in (None, m) and _holds(spec, m, p) and SCHEMES[m].refuses(spec.scene, p) is None
+        (method, precision)
+        for method, precision in measured.cost
+        if spec.method in (None, method)
+        and _may_have(spec, method, precision)
+        and SCHEMES[method].refuses(spec.scene, precision) is None
     ]
     if not schemes:
         may_be = spec.method is None or SCHEMES[spec.method].ladder
@@ -323,31 +280,33 @@ def advise(
         whose = spec.method or "any scheme that runs this row"
         msg = f"accuracy: no errors of {whose} were measured; give dt instead{how}"
         raise SweepError(msg)
+    costs: dict[SchemeAndFormat, float] = {}
+    best: tuple[SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray] | None = None
+    reached: list[str] = []
     for scheme in schemes:
-        need, error = _needed(known, spec, scheme, laws)
-        if max(need.values()) < math.inf:
-            steps, uncoupled = demand.steps(scheme[0], need)
-            costs[scheme] = demand.cost(scheme[0], known.cost[scheme], steps, need)
-            if best is None or costs[scheme] < costs[best[0]]:
-                best = scheme, steps, uncoupled, need
-        else:
-            reached[scheme] = error
+        need, (error, law) = _needed(measured, spec, scheme, laws)
+        if max(need.values()) == math.inf:
+            reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")
+            continue
+        steps, no_contact = demand.steps(scheme[0], need)
+        costs[scheme] = demand.cost(scheme[0], measured.cost[scheme], steps, need)
+        if best is None or costs[scheme] < costs[best[0]]:
+            best = scheme, need, steps, no_contact  # the steps of the others are let go
     if best is None:
-        listed = ", ".join(f"{' '.join(s)} reaches {value:.2g} with law {law}" for s, (value, law) in reached.items())
         msg = (
             f"accuracy {spec.accuracy:g} was not reached when errors were measured "
-            f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
+            f"({', '.join(reached)}); ask for less, for other laws or another method, or give dt and see the "
+            "audit of the cube"
         )
         raise SweepError(msg)
-    scheme, steps, uncoupled, need = best
-    cost = costs[scheme]
-    others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
+    scheme, need, steps, no_contact = best
+    others = {name: cost / costs[scheme] for name, cost in costs.items() if name != scheme and costs[scheme] > 0}
     return Advice(
         *scheme,
         _refinement(scheme[0], need),
-        np.repeat(steps, alike) if len(some) < len(table) else steps,
-        uncoupled,
-        *demand.describe(known, scheme, need, steps, uncoupled, others),
+        np.repeat(steps, repeats) if len(rows) < len(table) else steps,
+        no_contact,
+        *demand.describe(measured, scheme, need, steps, no_contact, others),
     )
 
 
@@ -356,7 +315,7 @@ def rounding(method: str) -> float:
     return ROUNDING if SCHEMES[method].flies_exactly else ROUNDING_OF_STEPS
 
 
-def _holds(spec: SweepSpec, method: str, precision: str) -> bool:
+def _may_have(spec: SweepSpec, method: str, precision: str) -> bool:
     """Whether a number format may be chosen: small differences of large numbers need the wide one."""
     assert spec.accuracy is not None
     if spec.precision is not None:
@@ -366,36 +325,37 @@ def _holds(spec: SweepSpec, method: str, precision: str) -> bool:
 
 
 def _needed(
-    known: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
+    measured: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
 ) -> tuple[dict[str, float], tuple[float, str]]:
     """Return what laws need (of exact flight `refinement`, else steps in the shortest time), and the worst error."""
     assert spec.accuracy is not None
-    need, best, bumpers = {}, (0.0, ""), [bumper.law for bumper in spec.scene.bumpers]
-    beside, kinds = 0.0, classes_of(spec.outputs)
+    bumpers = [bumper.law for bumper in spec.scene.bumpers]
+    need, worst, need_of_bumpers = dict[str, float](), (0.0, ""), 0.0
     for law in (*bumpers, *laws):
         # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
-        likes = [law.key] if LAWS.get(law.key) == law else list(LAWS)
-        curves = [known.curves.get((*scheme, like, kind)) for like in likes for kind in kinds]
-        if None in curves:
+        similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
+        places = [(*scheme, key, kind) for key in similar for kind in classes_of(spec.outputs)]
+        if any(place not in measured.curves for place in places):
             msg = (
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
                 "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
             )
             raise SweepError(msg)
+        curves = [measured.curves[place] for place in places]
         # the run that is kept has half the step
         ordered = not law.impulsive and spec.accuracy <= ORDERLY
-        begins = EARLY * spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
-        found = [(curve.needed(spec.accuracy), curve.needed(begins)) for curve in curves if curve is not None]
-        most = max(reached if math.inf in (reached, begin) else begin for reached, begin in found)
+        start = EARLY * spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
+        pairs = [(curve.needed(spec.accuracy), curve.needed(start)) for curve in curves]
+        most = max(pair[0] if math.inf in pair else pair[1] for pair in pairs)
         # steps by series hardly err: it is flight that decides
         if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
             most = max(most, 0.5 * flight_refinement(spec.accuracy))
         if law in laws:
-            need[law.key] = max(most, beside) if law.has_contact else most
+            need[law.key] = max(most, need_of_bumpers) if law.has_contact else most
         else:
-            beside = max(beside, most)
-        best = max(best, *((curve.error[-1], law.key) for curve in curves if curve is not None))
-    return need, best
+            need_of_bumpers = max(need_of_bumpers, most)
+        worst = max(worst, *((curve.error[-1], law.key) for curve in curves))
+    return need, worst
 
 
 def _refinement(method: str, need: dict[str, float]) -> float:
@@ -406,42 +366,39 @@ def _refinement(method: str, need: dict[str, float]) -> float:
 class _Demand:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
-    # `alike` says how many scenarios each row of the table stands for
+    # `repeats` says how many scenarios each row of the table stands for
 
     def __init__(
         self,
         spec: SweepSpec,
         laws: Sequence[Law],
         table: Scenarios,
-        alike: np.ndarray,
+        repeats: np.ndarray,
         variants: Variants,
         initial_speed: float,
     ) -> None:
-        self.spec, self.laws, self.table, self.alike, self.variants = spec, laws, table, alike, variants
+        self.spec, self.laws, self.table, self.repeats, self.variants = spec, laws, table, repeats, variants
         self.contact = np.full(len(table), np.inf)
         self.mode = math.pi / highest_frequency(variants)
-        speeds = [self._speeds(record) for record in spec.records]
-        for i, law in enumerate(laws):
-            for r in range(len(spec.records)):
+        # only forces that are not linear make contacts of a duration that depends on the speed
+        linear = all(law.exponent in (None, 1.0) for law in (*laws, *(bumper.law for bumper in spec.scene.bumpers)))
+        for r, record in enumerate(spec.records):
+            still = np.zeros((len(variants), len(spec.scene.pair_names)))
+            speeds = still if linear else approach_speeds(variants, record)
+            for i, law in enumerate(laws):
                 if law.exponent is None or not spec.scene.contacts:
                     continue
-                for rows in _blocks(np.flatnonzero((table.law == i) & (table.record == r))):
-                    each = np.abs(table.scale[rows])[:, None] * speeds[r][table.variant[rows]] + initial_speed
+                mine = np.flatnonzero((table.law == i) & (table.record == r))
+                for first in range(0, len(mine), BLOCK):
+                    rows = mine[first : first + BLOCK]
                     self.contact[rows] = shortest_contact(
                         variants[table.variant[rows]],
                         law,
                         table.stiffness[rows],
                         table.restitution[rows],
-                        each,
+                        np.abs(table.scale[rows])[:, None] * speeds[table.variant[rows]] + initial_speed,
                         spec.restitution_basis,
                     )
-
-    def _speeds(self, record: Record) -> np.ndarray:
-        """Speeds of approach, shape (variants, pairs); zeros where no law of the sweep depends on them."""
-        laws = (*self.laws, *(bumper.law for bumper in self.spec.scene.bumpers))
-        if all(law.exponent in (None, 1.0) for law in laws):
-            return np.zeros((len(self.variants), len(self.spec.scene.pair_names)))
-        return approach_speeds(self.variants, record)
 
     def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
@@ -474,8 +431,8 @@ class _Demand:
         contact, mode = self.contact[rows], self.mode[table.variant]
         wanted = uncoupled_need / mode
         if not SCHEMES[method].flies_exactly:
-            own = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
-            wanted = np.maximum(own, wanted)  # where contacts are followed with sub-steps, modes decide
+            of_laws = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
+            wanted = np.maximum(of_laws, wanted)  # where contacts are followed with sub-steps, modes decide
         wanted = np.maximum(wanted, CONTACT_MARGIN * SCHEMES[method].min_steps_located / contact)
         for i in np.unique(table.law).tolist():
             mine = np.flatnonzero(table.law == i)
@@ -518,12 +475,12 @@ class _Demand:
                     numerics = Numerics(method, record.dt / count, refinement=refinement)
                     kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                     each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
-                total += (record.n_points - 1) * float((each_interval * self.alike[rows]).sum())
+                total += (record.n_points - 1) * float((each_interval * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * each * 1e-9
 
     def describe(
         self,
-        known: Measured,
+        measured: Measured,
         scheme: SchemeAndFormat,
         need: dict[str, float],
         steps: np.ndarray,
@@ -531,7 +488,7 @@ class _Demand:
         others: dict[SchemeAndFormat, float],
     ) -> tuple[str, dict[str, Any]]:
         """Say in one sentence what was chosen, and return the numbers that led to it."""
-        spec, quantile = self.spec, float(known.about["quantile"])
+        spec, quantile = self.spec, float(measured.about["quantile"])
         uncoupled = uncoupled[:, np.unique(self.table.variant)]
         counts = np.concatenate([steps, uncoupled.ravel()])
         interval = np.array([r.dt for r in spec.records])
@@ -559,12 +516,6 @@ class _Demand:
             "relative_cost_of_others": {" ".join(name): ratio for name, ratio in others.items()},
         }
         return sentence, numbers
-
-
-def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Cut rows into parts whose arrays take little memory."""
-    for first in range(0, len(rows), BLOCK):
-        yield rows[first : first + BLOCK]
 
 
 def _range(values: np.ndarray, form: str) -> str:

@@ -32,11 +32,9 @@ _NAMED = 3
 class Limit:
     """What a quantity of real buildings, and of what is done to them, lies between."""
 
-    #: the quantity and its unit
-    what: str
+    what: str  # the quantity
     unit: str
-    #: real ones lie between these, ends included
-    low: float
+    low: float  # real ones lie between these, ends included
     high: float
     #: slips of units that are common, each with the factor that mends the value
     slips: tuple[tuple[str, float], ...] = ()
@@ -44,129 +42,97 @@ class Limit:
 
     def doubt(self, named: Iterable[tuple[str, float]]) -> str:
         """Say which of some values, each with where it stands, are outside, and of what slip; "" where none is."""
-        found = [(place, value) for place, value in named if not self.low <= value <= self.high]
-        if not found:
+        outside = [(place, value) for place, value in named if not self.low <= value <= self.high]
+        if not outside:
             return ""
         unit = f" {self.unit}" if self.unit else ""
-        told = ", ".join(f"{value:.4g}{unit}{f' ({place})' if place else ''}" for place, value in found[:_NAMED])
-        more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+        values = ", ".join(f"{value:.4g}{unit}{f' ({place})' if place else ''}" for place, value in outside[:_NAMED])
+        more = f" and {len(outside) - _NAMED} more" if len(outside) > _NAMED else ""
         span = f"from {self.low:g} to {self.high:.4g}{unit}" if self.low else f"up to {self.high:.4g}{unit}"
         span = span if math.isfinite(self.high) else f"from {self.low:g}{unit} on"
-        worst = max(
-            (value for _, value in found), key=lambda value: max(value / self.high, self.low / max(value, 1e-30))
-        )
+        worst = max((v for _, v in outside), key=lambda value: max(value / self.high, self.low / max(value, 1e-30)))
         slips = [f"{slip} ({worst * f:.4g}{unit})" for slip, f in self.slips if self.low <= worst * f <= self.high]
-        return f"{self.what} {told}{more}: {self.real} lie {span}" + (
-            f"; likely {', or '.join(slips)}" if slips else ""
-        )
+        likely = f"; likely {', or '.join(slips)}" if slips else ""
+        return f"{self.what} {values}{more}: {self.real} lie {span}{likely}"
 
 
+_LENGTH = (("mm given for m", 1e-3), ("cm given for m", 1e-2))
+_STIFFNESS = (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
+_HERTZ = (("N/m^1.5 given for kN/m^1.5", 1e-3), ("MN/m^1.5 given for kN/m^1.5", 1e3))
+_MASS = (("kg given for t", 1e-3), ("kt or Gg given for t", 1e3))
+_PERIOD = (
+    ("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5),
+    ("stiffnesses in N/m for kN/m", 1e3**0.5),
+)
+_GROUND = (
+    ("cm/s2 (gal) given for m/s2", 1e-2),
+    ("mm/s2 given for m/s2", 1e-3),
+    ("scales meant for a motion in g", 1 / STANDARD_GRAVITY),
+)
+_PGA, _G = "peak ground acceleration", (("g given for m/s2", STANDARD_GRAVITY),)
+_ALLOWED, _POUND = "those that Eurocode 8 (4.4.2.2) allows", "those that buildings pound under"
 #: Limits by quantity.
 LIMITS = {
-    "gap": Limit("gap", "m", 0.0, 1.0, (("mm given for m", 1e-3), ("cm given for m", 1e-2))),
-    "mass": Limit("floor mass", "t", 1.0, 2e4, (("kg given for t", 1e-3), ("kt or Gg given for t", 1e3))),
-    "stiffness": Limit(
-        "storey stiffness", "kN/m", 50.0, 1e8, (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
-    ),
-    "height": Limit("storey height", "m", 1.5, 30.0, (("mm given for m", 1e-3), ("cm given for m", 1e-2))),
-    "period": Limit(
-        "first period",
-        "s",
-        0.02,
-        10.0,
-        (("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5), ("stiffnesses in N/m for kN/m", 1e3**0.5)),
-    ),
+    "gap": Limit("gap", "m", 0.0, 1.0, _LENGTH),
+    "mass": Limit("floor mass", "t", 1.0, 2e4, _MASS),
+    "stiffness": Limit("storey stiffness", "kN/m", 50.0, 1e8, _STIFFNESS),
+    "height": Limit("storey height", "m", 1.5, 30.0, _LENGTH),
+    "period": Limit("first period", "s", 0.02, 10.0, _PERIOD),
     "damping": Limit("damping ratio", "", 0.0, 0.3, (("per cent given for the ratio", 1e-2),)),
-    "pga": Limit(
-        "peak ground acceleration",
-        "m/s2",
-        0.0,
-        2.0 * STANDARD_GRAVITY,
-        (
-            ("cm/s2 (gal) given for m/s2", 1e-2),
-            ("mm/s2 given for m/s2", 1e-3),
-            ("scales meant for a motion in g", 1 / STANDARD_GRAVITY),
-        ),
-        "the strongest recorded ones",
-    ),
-    "strongest": Limit(
-        "peak ground acceleration of the strongest motion",
-        "m/s2",
-        1.0,
-        math.inf,
-        (("g given for m/s2", STANDARD_GRAVITY),),
-        "those that buildings pound under",
-    ),
-    "linear_stiffness": Limit(
-        "contact stiffness", "kN/m", 1e3, 1e9, (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
-    ),
-    "hertz_stiffness": Limit(
-        "contact stiffness of Hertz",
-        "kN/m^1.5",
-        1e4,
-        1e10,
-        (("N/m^1.5 given for kN/m^1.5", 1e-3), ("MN/m^1.5 given for kN/m^1.5", 1e3)),
-    ),
-    "stability": Limit(
-        "stability coefficient P / (k h) of a storey", "", 0.0, 0.3, real="those that Eurocode 8 (4.4.2.2) allows"
-    ),
+    "pga": Limit(_PGA, "m/s2", 0.0, 2.0 * STANDARD_GRAVITY, _GROUND, "the strongest recorded ones"),
+    "strongest": Limit(f"{_PGA} of the strongest motion", "m/s2", 1.0, math.inf, _G, _POUND),
+    "linear_stiffness": Limit("contact stiffness", "kN/m", 1e3, 1e9, _STIFFNESS),
+    "hertz_stiffness": Limit("contact stiffness of Hertz", "kN/m^1.5", 1e4, 1e10, _HERTZ),
+    "stability": Limit("stability coefficient P / (k h) of a storey", "", 0.0, 0.3, real=_ALLOWED),
     "drift": Limit("storey drift over the storey's height", "", 0.0, 0.1),
 }
 
 
 def doubts(spec: SweepSpec) -> list[str]:
     """Return what of a sweep is outside any real building, one text each."""
-    scene = spec.scene
-    cases = spec.cases or ()
-    found = []
+    scene, factors = spec.scene, _factors(spec)
+    texts: list[str] = []
 
-    def held(kind: str, named: Iterable[tuple[str, float]]) -> None:
-        if text := LIMITS[kind].doubt(named):
-            found.append(text)
+    def check(kind: str, named: Iterable[tuple[str, float]]) -> None:
+        texts.extend(filter(None, [LIMITS[kind].doubt(named)]))
 
-    of_cases = (case.gap if isinstance(case.gap, tuple) else (case.gap,) for case in cases if case.gap is not None)
-    asked = spec.gaps or tuple(itertools.chain.from_iterable(of_cases))
+    gaps = spec.gaps or [gap for case in spec.cases or () for gap in np.ravel(case.gap or ()).tolist()]
     # comparisons use the row's own gaps, even where others replace them in every scenario
-    places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(asked, "")
-    held("gap", ((place, gap) for gap, place in places.items()))
-    factors = _factors(spec)
+    places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(gaps, "")
+    check("gap", ((place, gap) for gap, place in places.items()))
     for building in scene.buildings:
         name = building.name
-        assert building.storey_heights is not None
         masses, periods = factors["mass_factor", name], factors["period_factor", name]
-        each = list(enumerate(zip(building.masses, building.stiffnesses, building.storey_heights, strict=True), 1))
-        held("mass", ((f"{name}, floor {i}", f * m) for i, (m, _, _) in each for f in masses))
-        pairs = list(itertools.product(masses, periods))
-        held("stiffness", ((f"{name}, storey {i}", f / p**2 * k) for i, (_, k, _) in each for f, p in pairs))
-        held("height", ((f"{name}, storey {i}", h) for i, (_, _, h) in each))
+        floors = [f"{name}, floor {i}" for i in range(1, building.n_storeys + 1)]
+        storeys = [f"{name}, storey {i}" for i in range(1, building.n_storeys + 1)]
+        check("mass", [(at, f * m) for at, m in zip(floors, building.masses, strict=True) for f in masses])
+        scales = [f / p**2 for f, p in itertools.product(masses, periods)]
+        check("stiffness", [(at, f * k) for at, k in zip(storeys, building.stiffnesses, strict=True) for f in scales])
+        check("height", zip(storeys, building.storey_heights or (), strict=True))
         for p in periods if building.p_delta else ():
-            shares = zip(building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
-            held("stability", [(f"{name}, storey {i}", g / (k / p**2 + g)) for i, (k, g) in enumerate(shares, 1)])
-        if text := _weight_like(building):
-            found.append(text)
-        held("period", ((name, p * float(building.periods[0])) for p in periods))
-        ratio = building.damping_ratio
-        own = ratio if isinstance(ratio, tuple) else (ratio,)
-        held("damping", ((name, z) for z in (spec.damping_ratios or own)))
-    scales = list(dict.fromkeys(_scales(spec)))
-    named = [(f"{record}, scale {scale:.4g}", abs(scale) * pga) for record, scale, pga in scales]
-    held("pga", named)
-    held("strongest", [max(named, key=lambda each: each[1])])
-    found += [text for record in spec.records for text in record_doubts(record)]
-    converting = [scale for _, scale, _ in scales if _converts(scale)]
-    if converting:
-        text = "converts units, but records are in m/s2 already; leave it out"
-        found.append(f"record scale {converting[0]:g} {text}")
-    negative = list(dict.fromkeys(scale for _, scale, _ in scales if scale < 0.0))
+            shares = zip(storeys, building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
+            check("stability", [(at, g / (k / p**2 + g)) for at, k, g in shares])
+        texts.extend(filter(None, [_weight_like(building)]))
+        check("period", [(name, p * float(building.periods[0])) for p in periods])
+        check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
+    scenarios = list(dict.fromkeys(_scales(spec)))
+    named = [(f"{record}, scale {scale:.4g}", abs(scale) * pga) for record, scale, pga in scenarios]
+    check("pga", named)
+    check("strongest", [max(named, key=lambda item: item[1])])
+    texts += [text for record in spec.records for text in record_doubts(record)]
+    factor = next((scale for _, scale, _ in scenarios if _converts(scale)), None)
+    if factor is not None:
+        texts.append(f"record scale {factor:g} converts units, but records are in m/s2 already; leave it out")
+    negative = list(dict.fromkeys(f"{scale:g}" for _, scale, _ in scenarios if scale < 0.0))
     if negative:
-        told = ", ".join(f"{scale:g}" for scale in negative[:_NAMED])
-        found.append(f"record scale {told} is negative: it turns the ground motion round; was a range or a sign meant?")
-    still = list(dict.fromkeys(record for record, scale, _ in scales if not scale))
+        question = "it turns the ground motion round; was a range or a sign meant?"
+        texts.append(f"record scale {', '.join(negative[:_NAMED])} is negative: {question}")
+    still = list(dict.fromkeys(record for record, scale, _ in scenarios if not scale))
     if still:
-        found.append(f"record scale 0 leaves the ground of {', '.join(still[:_NAMED])} standing still")
+        texts.append(f"record scale 0 leaves the ground of {', '.join(still[:_NAMED])} standing still")
     for kind, exponent in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
-        held(kind, (("", k) for k in dict.fromkeys(_contact_stiffnesses(spec, exponent))))
-    return found
+        check(kind, [("", k) for k in dict.fromkeys(_contact_stiffnesses(spec, exponent))])
+    return texts
 
 
 def record_doubts(record: Record) -> list[str]:
