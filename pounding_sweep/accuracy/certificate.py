@@ -8,6 +8,8 @@ negligible, run by the same kernels as every sweep.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from itertools import product
 
 import numpy as np
 import xarray as xr
@@ -46,12 +48,14 @@ def contact_stiffness(law: Law) -> float:
     return (of_one / DURATION) ** (n + 1.0)
 
 
-def _valid(law: Law, e: float, basis: str) -> bool:
-    try:
-        law.check_restitution(e, basis)
-    except LawError:
-        return False
-    return True
+def _closed_form(law: Law, nominal: np.ndarray, basis: str) -> np.ndarray:
+    """Closed-form restitution and damping number, shape (2, n); missing where the law is not valid."""
+    result = np.full((2, nominal.size), np.nan)
+    for column, e in zip(result.T, nominal.tolist(), strict=True):
+        with suppress(LawError):
+            law.check_restitution(e, basis)
+            column[:] = realised_restitution(law, np.array([e]), basis)[0], damping_number(law, np.array([e]), basis)[0]
+    return result
 
 
 def certify(
@@ -108,67 +112,55 @@ def certify(
         if not law.has_contact:
             msg = f"law {law.key!r} has no contact, so nothing rebounds; leave it out"
             raise LawError(msg)
-
-    shape = (len(found), len(RESTITUTION_BASES), nominal.size)
-    analytic, numbers, measured = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
-    for i, law in enumerate(found):
-        for j, basis in enumerate(RESTITUTION_BASES):
-            valid = np.array([_valid(law, float(e), basis) for e in nominal])
-            if valid.any():
-                analytic[i, j, valid] = realised_restitution(law, nominal[valid], basis)
-                numbers[i, j, valid] = damping_number(law, nominal[valid], basis)
-
-    slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
+    pairs = list(product(found, RESTITUTION_BASES))
+    forms = np.array([_closed_form(law, nominal, basis) for law, basis in pairs])
+    slowest = float(np.min(forms[:, 0], where=forms[:, 0] > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
     record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
-    half = APPROACH / 2.0
+    speeds = APPROACH / 2.0, -APPROACH / 2.0
     kernels = [
-        [
-            RowKernel(_scene(), law, numerics, frozenset({"energy"}), initial_velocity=(half, -half), basis=basis)
-            for basis in RESTITUTION_BASES
-        ]
-        for law in found
+        RowKernel(_scene(), law, numerics, frozenset({"energy"}), initial_velocity=speeds, basis=basis)
+        for law, basis in pairs
     ]
+    measured = np.full((len(pairs), nominal.size), np.nan)
     progress = progress or Progress()
     try:
-        shapes = list(dict.fromkeys(kernel.shape for both in kernels for kernel in both))
+        shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
         progress.stage("kernels", len(shapes))
         prepare(shapes, workers, progress.advance)
-        for i, both in enumerate(kernels):
-            for j, kernel in enumerate(both):
-                valid = np.isfinite(numbers[i, j])
-                if valid.any():
-                    measured[i, j, valid] = _rebound(kernel, record, nominal[valid])
+        for kernel, row, number in zip(kernels, measured, forms[:, 1], strict=True):
+            valid = np.isfinite(number)
+            if valid.any():
+                row[valid] = _rebound(kernel, record, nominal[valid])
     finally:
         progress.close()
-    axes = ("law", "basis", "restitution")
+    shape = (len(found), len(RESTITUTION_BASES), nominal.size)
+    data = {
+        "measured": (measured, "restitution measured through the kernels"),
+        "analytic": (forms[:, 0], "restitution by the closed form"),
+        "damping_number": (forms[:, 1], "damping number of the law"),
+    }
+    axes = {
+        "law": ([law.key for law in found], {"long_name": "contact law"}),
+        "basis": (list(RESTITUTION_BASES), {"long_name": "what the nominal restitution means"}),
+        "restitution": (nominal, {"units": "1", "long_name": "nominal restitution"}),
+    }
     return xr.Dataset(
         {
-            "measured": (axes, measured, {"units": "1", "long_name": "restitution measured through the kernels"}),
-            "analytic": (axes, analytic, {"units": "1", "long_name": "restitution by the closed form"}),
-            "damping_number": (axes, numbers, {"units": "1", "long_name": "damping number of the law"}),
+            name: (tuple(axes), values.reshape(shape), {"units": "1", "long_name": text})
+            for name, (values, text) in data.items()
         },
-        coords={
-            "law": ("law", [law.key for law in found], {"long_name": "contact law"}),
-            "basis": ("basis", list(RESTITUTION_BASES), {"long_name": "what the nominal restitution means"}),
-            "restitution": ("restitution", nominal, {"units": "1", "long_name": "nominal restitution"}),
-        },
-        attrs={"method": method, "steps_per_contact": steps, "time_step": numerics.dt},
+        {name: (name, *axis) for name, axis in axes.items()},
+        {"method": method, "steps_per_contact": steps, "time_step": numerics.dt},
     )
 
 
 def _rebound(kernel: RowKernel, record: Record, nominal: np.ndarray) -> np.ndarray:
     """Restitution of every nominal value: the square root of the kinetic energy that is left."""
-    n = nominal.size
-    raw = kernel.run(
-        record,
-        scale=np.ones(n),
-        gaps=np.full((n, 1), kernel.scene.gaps[0] + kernel.law.thickness),
-        stiffness=np.full(n, contact_stiffness(kernel.law)),
-        restitution=nominal,
-    )
-    before = MASS * (APPROACH / 2.0) ** 2
-    return np.sqrt(raw["e_kin"].sum(axis=1) / before)
+    one = np.ones(nominal.size)
+    gaps, stiffness = (kernel.scene.gaps[0] + kernel.law.thickness) * one[:, None], contact_stiffness(kernel.law) * one
+    raw = kernel.run(record, scale=one, gaps=gaps, stiffness=stiffness, restitution=nominal)
+    return np.sqrt(raw["e_kin"].sum(axis=1) / (MASS * (APPROACH / 2.0) ** 2))
 
 
 def deviation(certificate: xr.Dataset) -> xr.DataArray:

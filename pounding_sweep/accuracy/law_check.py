@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from pounding_sweep.base.errors import LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import SOLVED, Law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import REDUCERS
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
@@ -187,20 +187,16 @@ def solved_restitution(
 
 def _twins(law: Law) -> tuple[dict[str, float], int]:
     """Run a scene through the compiled kernel and through its twin; return their differences and the impacts."""
-    scene = Scene([Wall(), Building("tower", [30.0], [2e4], damping_ratio=0.05)], gaps=[0.002])
-    time = 0.02 * np.arange(60)
-    record = Record("pulse", 0.02, 4.0 * np.sin(2.0 * math.pi * time / 0.4))
+    contact = ContactProperties(linear_stiffness=2e5, hertz_stiffness=2e6)
+    scene = Scene([Wall(), Building("tower", [30.0], [2e4], damping_ratio=0.05)], gaps=[0.002], contact=contact)
+    record = Record("pulse", 0.02, 4.0 * np.sin(2.0 * math.pi * 0.02 * np.arange(60) / 0.4))
     kernel = RowKernel(scene, law, Numerics("rk4", 4e-3), frozenset(REDUCERS))
-    stiff = replace(scene.contact, linear_stiffness=2e5, hertz_stiffness=2e6)
-    reference = stiff.reference(law.exponent or 1.0)
-    given: dict[str, Any] = {
-        "scale": np.ones(1),
-        "gaps": np.full((1, 1), 0.002 + law.thickness),
-        "stiffness": np.full(1, 2e5 * 100.0 ** ((law.exponent or 1.0) - 1.0) if reference is None else reference),
-        "restitution": np.full(1, 0.6),
-    }
-    compiled = kernel.run(record, **given)
-    plain = kernel.run(record, **given, twin=True)
+    stiffness = contact.reference(law.exponent or 1.0) or 2e5 * 100.0 ** ((law.exponent or 1.0) - 1.0)
+    one = np.ones(1)
+    values: dict[str, Any] = {"gaps": (0.002 + law.thickness) * one[:, None], "restitution": 0.6 * one}
+    compiled, plain = (
+        kernel.run(record, scale=one, stiffness=stiffness * one, **values, twin=twin) for twin in (False, True)
+    )
     off = {
         name: float(np.abs(plain[name] - found).max() / max(np.abs(found).max(), 1e-300))
         for name, found in compiled.items()
