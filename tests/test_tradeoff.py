@@ -82,12 +82,15 @@ def trade(sweep):
     return tradeoff(sweep, steps=STEPS, scenarios=6, repeats=2)
 
 
+#: One configuration of each step alone, on few scenarios.
+ONE = {"methods": ["rk4"], "located": [True], "precisions": ["float64"], "scenarios": 2, "repeats": 1}
+
+
 def chosen(trade, **labels):
     return trade.sel({"population": "all", "statistic": "worst", **labels})
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Errors
+# -- Errors ----------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -97,22 +100,11 @@ def oracle(trade):
     found = []
     for i in range(trade.sizes["scenario"]):
         one = trade.isel(scenario=i)
-        law = str(one.scenario_law.item())
-        answer = naive.run(
-            buildings,
-            one.scenario_gap.values.tolist(),
-            SHORT.acceleration,
-            SHORT.dt,
-            law,
-            one.scenario_stiffness.item(),
-            one.scenario_restitution.item(),
-            rtol=1e-11,
-            atol=1e-13,
-        )
-        force = np.array(answer["impact_force_max"], float)
-        displacement = np.array(answer["displacement_max"], float)
-        assert force.max() > 0.0
-        found.append({"impact_force_max": force, "displacement_max": displacement})
+        scenario = [one[f"scenario_{name}"].item() for name in ("law", "stiffness", "restitution")]
+        gaps = one.scenario_gap.values.tolist()
+        exact = naive.run(buildings, gaps, SHORT.acceleration, SHORT.dt, *scenario, rtol=1e-11, atol=1e-13)
+        found.append({name: np.array(exact[name], float) for name in ("impact_force_max", "displacement_max")})
+        assert found[-1]["impact_force_max"].max() > 0.0
     return found
 
 
@@ -125,11 +117,7 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
     compared = 0
     for i, want in enumerate(oracle):
         one = trade.isel(scenario=i).sel(scheme=method, located=int(located), precision="float64", step=dt)
-        case = {
-            "gap": one.scenario_gap.item(),
-            "stiffness": one.scenario_stiffness.item(),
-            "restitution": one.scenario_restitution.item(),
-        }
+        case = {name: one[f"scenario_{name}"].item() for name in ("gap", "stiffness", "restitution")}
         cases = [{"law": law, **case} for law in LAWS]
         cube = ps.Sweep(SCENE, SHORT, cases=cases, outputs=OUTPUTS, method=method, dt=dt, locate=located, audit=0.0)
         got = cube.run(scheduler="synchronous").isel(case=LAWS.index(one.scenario_law.item()))
@@ -179,17 +167,13 @@ def test_single_precision_is_no_better(trade):
 
 
 def test_every_output_has_an_error():
-    sweep = make_sweep(outputs=EVERY)
-    found = tradeoff(
-        sweep, steps=STEPS[1:3], methods=["rk4"], located=[True], precisions=["float64"], scenarios=4, repeats=1
-    )
+    found = tradeoff(make_sweep(outputs=EVERY), steps=STEPS[1:3], **{**ONE, "scenarios": 4})
     assert found.output.values.tolist() == [name for name in VARIABLES if name in EVERY]
     finest = chosen(found).squeeze().isel(step=-1)
     assert finest.error.sel(output="impact_count").item() == 0.0
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Marks
+# -- Marks ----------------------------------------------------------------
 
 
 def test_a_refused_configuration_is_marked(trade):
@@ -216,9 +200,7 @@ def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
 @pytest.mark.slow
 def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
     stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True)
-    found = tradeoff(
-        stiff, steps=[5e-3], methods=["rk4"], located=[False], precisions=["float64"], scenarios=2, repeats=1
-    )
+    found = tradeoff(stiff, steps=[5e-3], **{**ONE, "located": [False]})
     one = chosen(found, output="impact_force_max").squeeze()
     assert one.status_count.sel(status="diverged").item() >= 1
     assert np.isinf(one.error.item())
@@ -259,9 +241,8 @@ def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
 def test_a_change_of_the_inputs_is_what_finds_them():
     """A floor that only just touches: the smallest change of the inputs is a large one of the penetration."""
     grazing = float(run_without_pounding().closing_max.max()) * (1.0 - 1e-6)
-    settings = {"methods": ["rk4"], "located": [True], "precisions": ["float64"], "scenarios": 2, "repeats": 1}
     with pytest.warns(RuntimeWarning, match="converged solution of 2 of 2 scenarios differs"):
-        found = tradeoff(make_sweep(gaps=[grazing]), steps=[2e-3], **settings)
+        found = tradeoff(make_sweep(gaps=[grazing]), steps=[2e-3], **ONE)
     assert found.attrs["sensitive_scenarios"] == 2
 
 
@@ -305,8 +286,7 @@ def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
     assert (trade.cost_median >= trade.cost).where(trade.cost.notnull(), True).all()
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The sample
+# -- The sample ----------------------------------------------------------------
 
 
 def test_only_touching_scenarios_are_drawn_and_always_the_same(sweep):
@@ -338,8 +318,7 @@ def test_without_touching_scenarios_there_is_nothing_to_measure():
         tradeoff(make_sweep(gaps=[5.0]))
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Statistics and the front
+# -- Statistics and the front ----------------------------------------------------------------
 
 NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
 
@@ -378,8 +357,7 @@ def test_scenarios_without_an_error_do_not_count():
     assert np.isnan(statistics_of(errors[1:2])).all()
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# File, table, figure, command
+# -- File, table, figure, command ----------------------------------------------------------------
 
 
 def test_the_file_holds_everything(trade, sweep, tmp_path):
@@ -393,8 +371,7 @@ def test_the_file_holds_everything(trade, sweep, tmp_path):
     assert json.loads(again.attrs["sweep"])["outputs"] == list(sweep.spec.outputs)
     assert json.loads(again.attrs["machine"])["lanes_per_kernel"] == LANES
     for variable in again.data_vars.values():
-        assert variable.attrs["long_name"]
-        assert "units" in variable.attrs or "flag_values" in variable.attrs
+        assert {"long_name", "units"} <= set(variable.attrs) or "flag_values" in variable.attrs
     assert trade_rows(again) == trade_rows(trade)
     text = describe(again)
     assert "Speed-accuracy trade" in text
@@ -402,15 +379,7 @@ def test_the_file_holds_everything(trade, sweep, tmp_path):
 
 
 def test_true_steps_are_reported_and_equal_ones_measured_once():
-    found = tradeoff(
-        make_sweep(gaps=[0.003]),
-        steps=[1.1e-3, 3e-3, 2.9e-3],
-        methods=["rk4"],
-        located=[True],
-        precisions=["float64"],
-        scenarios=2,
-        repeats=1,
-    )
+    found = tradeoff(make_sweep(gaps=[0.003]), steps=[1.1e-3, 3e-3, 2.9e-3], **ONE)
     assert found.step.values.tolist() == [3e-3, 1.1e-3]
     np.testing.assert_allclose(found.time_step.values, [[0.02 / 7, 0.02 / 19]])
     headings, rows = table_of(found)
@@ -452,18 +421,6 @@ def test_the_figure_tells_schemes_and_cores(trade):
     words = " ".join(text.get_text() for text in figure.findobj(Text))
     for label in LABELS:
         assert label in words
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_the_figure_is_drawn(trade, tmp_path, suffix):
-    path = plot(trade, "work-precision", tmp_path / f"trade.{suffix}")
-    assert path.stat().st_size > 5_000
-    if suffix == "svg":
-        text = path.read_text()
-        assert text.count("<!-- ") > 10
-        for label in LABELS:
-            assert label in text
 
 
 def test_the_figure_needs_a_trade():
@@ -508,7 +465,8 @@ def tiny(tmp_path):
     return path
 
 
-def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_rendered):
+def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_rendered, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
     out, figure = tmp_path / "trade.nc", tmp_path / "trade.png"
     done = command(tiny, "-o", out, "--steps", "2e-3", "--scenarios", "2", "--plot", figure, "--quiet")
     assert done.exit_code == 0, done.output
