@@ -3,9 +3,7 @@
 A kernel is a small module whose one function has the traced kernel for its body. Its
 name is a digest of all that decides its machine code: what it is compiled for, the
 sources that trace it, the versions of numba and llvmlite, the processor. So an edited
-law, scheme or reducer is another file, compiled afresh. numba trusts its files; so that
-damaged ones are compiled anew, the SHA-256 of each file of machine code is kept beside
-it.
+law, scheme or reducer is another file, compiled afresh.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
@@ -41,8 +39,6 @@ from pounding_sweep.kernel.spec import PARAMETERS, KernelSpec, to_json
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
 _LOADED: set[KernelSpec] = set()
-#: Folders of which it was said that they are damaged, or can't be used.
-_TOLD: set[Path] = set()
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
 SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/formula.py", "model/laws.py", "model/rebound.py")
@@ -74,10 +70,6 @@ def run({names}):
 '''
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
-#: Ending of the file beside machine code that holds its SHA-256.
-DIGEST = ".sha256"
-#: Seconds in which a process that wrote machine code writes its digest too.
-SETTLE_SECONDS = 0.5
 
 
 def cache_folder() -> Path:
@@ -140,113 +132,48 @@ def is_loaded(shape: KernelSpec) -> bool:
 
 
 def is_cached(shape: KernelSpec) -> bool:
-    """Whether a compiled form of this kernel, and of its flight, is on disk (for some CPU), not seen to be damaged."""
+    """Whether a compiled form of this kernel, and of its flight, is on disk (for some CPU)."""
     return all(map(is_piece_cached, shape.pieces))
 
 
 def is_piece_cached(piece: KernelSpec) -> bool:
     """Whether what is compiled by itself is on disk."""
-    name = source_digest(piece)
-    try:
-        found = _compiled(cache_folder(), name)
-        return {path.suffix for path in found} >= {".nbi", ".nbc"} and not _damaged(found)
-    except OSError:
-        return False
+    return {path.suffix for path in _compiled_files(cache_folder(), source_digest(piece))} >= {".nbi", ".nbc"}
+
+
+def _compiled_files(folder: Path, name: str) -> list[Path]:
+    """Return the files that numba keeps of a module."""
+    return list((folder / "__pycache__").glob(f"{name}.*"))
 
 
 def _write(folder: Path, name: str, text: str) -> Path:
+    """Write a kernel's module where it is not there yet, and mark it as used."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.py"
-    if path.exists():
-        if path.read_bytes() == text.encode():
-            os.utime(folder / f"{name}.used") if (folder / f"{name}.used").exists() else None
-            return path
-        path.unlink()
-    _put(path, text)
-    (folder / f"{name}.used").touch()
-    _prune(folder)
+    path, used = folder / f"{name}.py", folder / f"{name}.used"
+    if not path.exists() or path.read_bytes() != text.encode():
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=name, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(text.encode())
+            # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
+            os.utime(temporary, (1_000_000_000, 1_000_000_000))
+            os.replace(temporary, path)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+        _prune(folder)
+    with suppress(OSError):
+        used.touch()
     return path
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a file that is there whole or not at all."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(text.encode())
-        # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
-        os.utime(temporary, (1_000_000_000, 1_000_000_000))
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _prune(folder: Path) -> None:
     """Remove kernels that have not been used for `KEEP_SECONDS`."""
     limit = time.time() - KEEP_SECONDS
-    for used in folder.glob("pounding_kernel_*.used"):
-        try:
+    with suppress(OSError):  # another process does the same
+        for used in folder.glob("pounding_kernel_*.used"):
             if used.stat().st_mtime < limit:
-                for path in [*folder.glob(f"{used.stem}.*"), *(folder / "__pycache__").glob(f"{used.stem}.*")]:
+                for path in [*_compiled_files(folder, used.stem), *folder.glob(f"{used.stem}.*")]:
                     path.unlink(missing_ok=True)
-        except OSError:
-            continue
-
-
-def _compiled(folder: Path, name: str) -> list[Path]:
-    """Return the files that Python and numba keep of a module; not those that they are writing."""
-    kept = folder / "__pycache__"
-    try:
-        found = os.listdir(kept)
-    except FileNotFoundError:
-        return []
-    return [kept / each for each in found if each.startswith(f"{name}.") and each.endswith((".nbi", ".nbc", ".pyc"))]
-
-
-def _digest_file(path: Path) -> Path:
-    return path.with_name(path.name + DIGEST)
-
-
-def _kept_digest(path: Path) -> str | None:
-    """Return the digest kept beside machine code; None where there is none."""
-    try:
-        return _digest_file(path).read_text(encoding="latin-1")
-    except FileNotFoundError:
-        return None
-
-
-def _is_damaged(path: Path) -> bool:
-    """Whether a file is seen not to be what numba wrote: an index that is a whole pickle, code of the digest kept."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:  # another process has just forgotten it
-        return False
-    if path.suffix == ".nbi":
-        return not (content.startswith(b"\x80") and content.endswith(b"."))
-    return _kept_digest(path) != hashlib.sha256(content).hexdigest()
-
-
-def _damaged(files: Iterable[Path]) -> list[Path]:
-    """Return those of numba's files that are damaged."""
-    found = [path for path in files if path.suffix != ".pyc" and _is_damaged(path)]
-    if found:
-        time.sleep(SETTLE_SECONDS)
-    return [path for path in found if _is_damaged(path)]
-
-
-def _forget(files: Iterable[Path]) -> None:
-    for path in files:
-        path.unlink(missing_ok=True)
-        _digest_file(path).unlink(missing_ok=True)
-
-
-def _keep_digests(folder: Path, name: str) -> None:
-    """Write the digests of machine code that has none, or that of a file before."""
-    for path in _compiled(folder, name):
-        if path.suffix == ".nbc" and _kept_digest(path) != (found := hashlib.sha256(path.read_bytes()).hexdigest()):
-            _digest_file(path).unlink(missing_ok=True)  # that of a file before: a full disk takes no other in its place
-            _put(_digest_file(path), found)
 
 
 @lru_cache(maxsize=1)
@@ -275,6 +202,27 @@ def _load(folder: Path, name: str, text: str) -> ModuleType:
     return module
 
 
+def _load_or_compile(folder: Path, name: str, text: str) -> ModuleType:
+    """Return a kernel's module, compiled anew if its files are cut or damaged so that numba can't read them."""
+    try:
+        return _load(folder, name, text)
+    except (OSError, MemoryError):
+        raise
+    except Exception:  # whatever numba makes of such a file
+        files = _compiled_files(folder, name)
+        if not files:
+            raise
+        for path in files:
+            path.unlink(missing_ok=True)
+        _warn_once(f"damaged kernels in {str(folder)!r} are compiled anew; if that comes again, check its disk")
+        return _load(folder, name, text)
+
+
+@lru_cache(maxsize=64)
+def _warn_once(text: str) -> None:
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
 @contextmanager
 def _seldom_collected() -> Iterator[None]:
     """Have Python look for garbage less often: compiling makes millions of objects, and most of them stay."""
@@ -285,45 +233,6 @@ def _seldom_collected() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
-
-
-def _load_sound(folder: Path, name: str, text: str) -> ModuleType:
-    """Return a kernel's module; what is damaged of it is compiled anew."""
-    damaged = _damaged(_compiled(folder, name))
-    _forget(damaged)
-    try:
-        module = _load(folder, name, text)
-    except (OSError, MemoryError):
-        raise
-    except Exception:  # whatever numba makes of a damaged file
-        damaged = _compiled(folder, name)
-        if not damaged:
-            raise
-        _forget(damaged)
-        module = _load(folder, name, text)
-    if not _was_kept(module.run):
-        with suppress(OSError):
-            _keep_digests(folder, name)
-    if damaged:
-        _tell(
-            folder,
-            f"compiled kernels in {str(folder)!r} were damaged or half written, and are compiled anew; if that comes "
-            f"again, check its disk, or name another folder in {CACHE_VARIABLE}",
-        )
-    return module
-
-
-def _was_kept(compiled: Any) -> bool:
-    """Whether machine code came from disk."""
-    stats = getattr(compiled, "stats", None)
-    return bool(compiled.cache_hits) if stats is None else not any(stats.cache_misses.values())
-
-
-def _tell(folder: Path, text: str) -> None:
-    """Warn about a folder, once."""
-    if folder not in _TOLD:
-        _TOLD.add(folder)
-        warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 @lru_cache(maxsize=256)
@@ -349,15 +258,13 @@ def compile_piece(piece: KernelSpec) -> Any:
     with _LOCK, _seldom_collected():
         folder, name, text = cache_folder(), source_digest(piece), module_text(piece)
         try:
-            return _load_sound(folder, name, text).run
+            return _load_or_compile(folder, name, text).run
         except OSError as error:
-            found = _load(_own_folder(), name, text).run
-            _tell(
-                folder,
+            _warn_once(
                 f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
-                f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
+                f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}"
             )
-            return found
+            return _load(_own_folder(), name, text).run
 
 
 def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
