@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -68,16 +68,14 @@ FLAGS = {
 class Rerun:
     """Scenarios of one law, record and step that are run again together."""
 
-    rows: np.ndarray  # rows of the plan's unique scenarios, a lane group at most; int
-    #: index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and those
-    #: that they began with
-    law: int
-    record: int
-    steps: int
-    begun: int
+    rows: np.ndarray  # rows of the plan's unique scenarios; int
+    law: int  # index of the law
+    record: int  # and of the record
+    steps: int  # per record interval, with which the scenarios ended in the sweep
+    begun: int  # with which they began
 
     def cost(self, plan: Plan) -> int:
-        """Lane-steps that it takes; a group costs all its lanes, filled or not."""
+        """Lane-steps of a lane group of it, filled or not."""
         times = FINER if plan.spec.accuracy is None else FINER * ENDS
         return LANES * times * self.steps * (plan.spec.records[self.record].n_points - 1)
 
@@ -220,11 +218,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
     where = np.sort(np.concatenate([sample.rows for sample in samples]))
     own = outcome.results.gather(where)
-    batches = _batches(plan, _by_step(plan, where, own))
-    both = _run(batches, dispatcher, _halved_task(plan, outputs))
-    if both is None:
+    pair = _run(plan, dispatcher, outputs, where, own)
+    if pair is None:
         return None
-    fine, moved = both
+    fine, moved = pair
     error = _table(relative_errors(outputs, own, fine))
     sensitivity = _table(relative_errors(outputs, moved, fine))
     sensitive = _counts_differ(moved, fine) | (sensitivity.max(axis=1) > tolerance)
@@ -232,49 +229,50 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
     if len(again):
         some = {name: values[again] for name, values in own.items()}
-        batches = _batches(plan, _by_step(plan, where[again], some))
-        found = _run(batches, dispatcher, _settling_task(plan, outputs, tolerance))
-        if found is None:
+        settled = _run(plan, dispatcher, outputs, where[again], some, accuracy=CONVERGED * tolerance)
+        if settled is None:
             return None
-        (settled,) = found
-        error[again] = _table(relative_errors(outputs, some, settled))
-        undecided[again] = settled["status"] != Status.OK
+        error[again] = _table(relative_errors(outputs, some, settled[0]))
+        undecided[again] = settled[0]["status"] != Status.OK
     result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
     _warn(plan, result)
     return result
 
 
-def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Rerun]:
-    """Put scenarios of one law and record together that began and ended with the same step."""
-    table = plan.unique[rows]
-    steps = plan.steps[rows]
-    if plan.spec.accuracy is not None:
-        interval = np.array([record.dt for record in plan.spec.records])[table.record]
-        steps = np.rint(interval / own["time_step"]).astype(int)
-    kinds = np.stack([table.law, table.record, steps, plan.steps[rows]])
-    samples = []
-    for kind in np.unique(kinds, axis=1).T:
-        alike = rows[(kinds == kind[:, None]).all(axis=0)]
-        samples += [Rerun(alike[i : i + LANES], *kind.tolist()) for i in range(0, len(alike), LANES)]
-    return samples
-
-
 def _run(
-    batches: list[list[Rerun]], dispatcher: Dispatcher, task_of: Callable[[list[Rerun], int], ChunkTask]
+    plan: Plan,
+    dispatcher: Dispatcher,
+    outputs: Sequence[str],
+    rows: np.ndarray,
+    own: dict[str, np.ndarray],
+    accuracy: float | None = None,
 ) -> list[dict[str, np.ndarray]] | None:
-    """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
-    # a dictionary for each time that a task has all scenarios of its batch
+    """Run scenarios at half the step, as they are and with all inputs changed, or in double precision to an accuracy.
+
+    Returns the results in the order of their rows; None, with a warning, if some could not be run.
+    """
+    batches = _batches(plan, rows, own)
     measured: list[tuple[np.ndarray, np.ndarray]] = []
     failures: list[str] = []
+
+    def task_of(position: int) -> ChunkTask:
+        batch = batches[position]
+        kernel, table = replace(_kernel_of(plan, batch), accuracy=None), plan.unique[batch.rows]
+        if accuracy is None:
+            table = joined([table, changed(table)])
+        else:
+            kernel = replace(kernel.in_double, accuracy=accuracy)
+        key = f"audit-{plan.digest[:32]}-{'halved' if accuracy is None else 'settled'}-{position}"
+        return ChunkTask(key, kernel, batch.record, table, plan.variants[table.variant], tuple(outputs))
 
     def receive(position: int, found: np.ndarray | str) -> None:
         if isinstance(found, str):
             failures.append(found)
         else:
-            rows = np.concatenate([sample.rows for sample in batches[position]])
-            measured.append((rows, found.reshape(-1, len(rows))))
+            mine = batches[position].rows
+            measured.append((mine, found.reshape(-1, len(mine))))
 
-    dispatcher.run(len(batches), lambda position: task_of(batches[position], position), receive)
+    dispatcher.run(len(batches), task_of, receive)
     if failures:
         warnings.warn(
             f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
@@ -283,46 +281,25 @@ def _run(
             stacklevel=4,
         )
         return None
-    rows, tables = (np.concatenate(part, axis=-1) for part in zip(*measured, strict=True))
-    return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(rows)]]
+    which, tables = (np.concatenate(part, axis=-1) for part in zip(*measured, strict=True))
+    return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(which)]]
 
 
-def _batches(plan: Plan, samples: list[Rerun]) -> list[list[Rerun]]:
-    """Put samples of one law, record and step together: enough of them that a task is worth its while."""
-    kinds: dict[tuple[int, ...], list[Rerun]] = {}
-    for sample in samples:
-        kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
-    size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
+def _batches(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Rerun]:
+    """Put scenarios together that are of one law and record, and began and ended with the same step."""
+    table, steps = plan.unique[rows], plan.steps[rows]
+    if plan.spec.accuracy is not None:
+        interval = np.array([record.dt for record in plan.spec.records])[table.record]
+        steps = np.rint(interval / own["time_step"]).astype(int)
+    kinds, which = np.unique(np.stack([table.law, table.record, steps, plan.steps[rows]]), axis=1, return_inverse=True)
+    alike = [rows[which.ravel() == number] for number in range(kinds.shape[1])]
+    groups = sum(-(-len(mine) // LANES) for mine in alike)
     batches = []
-    for (_, record, steps, _), alike in kinds.items():
-        most = max(size, int(BATCH_SECONDS / (LANES * plan.scenario_seconds(record, FINER * steps))))
-        batches += [alike[i : i + most] for i in range(0, len(alike), most)]
+    for mine, kind in zip(alike, kinds.T.tolist(), strict=True):
+        worth = int(BATCH_SECONDS / (LANES * plan.scenario_seconds(kind[1], FINER * kind[2])))
+        most = LANES * max(min(LARGEST_BATCH, math.ceil(groups / BATCHES)), worth)
+        batches += [Rerun(mine[i : i + most], *kind) for i in range(0, len(mine), most)]
     return batches
-
-
-def _halved_task(plan: Plan, outputs: Sequence[str]) -> Callable[[list[Rerun], int], ChunkTask]:
-    """Return what makes the run of a batch at half of all its steps, as it is and with all inputs changed."""
-
-    def task_of(batch: list[Rerun], position: int) -> ChunkTask:
-        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
-        kernel = replace(_kernel_of(plan, sample), accuracy=None)
-        key = f"audit-{plan.digest[:32]}-halved-{position}"
-        both = joined([table, changed(table)])
-        return ChunkTask(key, kernel, sample.record, both, plan.variants[both.variant], tuple(outputs))
-
-    return task_of
-
-
-def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Rerun], int], ChunkTask]:
-    """Return what makes the run of a batch in double precision, at ever finer steps until they agree."""
-
-    def task_of(batch: list[Rerun], position: int) -> ChunkTask:
-        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
-        kernel = replace(_kernel_of(plan, sample).in_double, accuracy=CONVERGED * tolerance)
-        key = f"audit-{plan.digest[:32]}-settled-{position}"
-        return ChunkTask(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
-
-    return task_of
 
 
 def _kernel_of(plan: Plan, sample: Rerun) -> RowKernel:
