@@ -166,10 +166,10 @@ def around(scenarios: int, rounds: int = ROUNDS) -> Around:
     outside, alone, peak = [], [], 0
     with tempfile.TemporaryDirectory() as folder, replayed() as replay:
         path = Path(folder) / "cube.nc"
-        _sweep(2000).write(path, workers=2)  # what is loaded once is no cost of a scenario
+        _sweep(2000).run(path, workers=2).close()  # what is loaded once is no cost of a scenario
         for _ in range(rounds):
             replay.seconds, started = 0.0, time.process_time()
-            sweep.write(path, workers=2, overwrite=True)
+            sweep.run(path, workers=2, overwrite=True).close()
             outside.append(time.process_time() - started - replay.seconds)
             peak = peak or 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             alone.append(_by_library(path, Path(folder) / "copy.nc"))

@@ -567,7 +567,7 @@ def test_chunks_that_may_not_be_read(tmp_path):
 def test_names_that_a_run_can_not_use(tmp_path):
     """Refused before anything runs."""
     sweep = Sweep(scene=row(), records=motions(), **AXES)
-    with pytest.raises(OutputError, match="is too long for what stands beside it in a run; give a shorter path"):
+    with pytest.raises(OutputError, match="has a name too long for the files next to it in a run; give a shorter path"):
         sweep.run(tmp_path / f"{'x' * 247}.nc")
     with pytest.raises(OutputError, match=r"not usable \(no UTF-8\); give another path"):
         sweep.run(tmp_path / os.fsdecode(b"\xff.nc"))

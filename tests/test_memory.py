@@ -28,7 +28,7 @@ from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.audited import audit_sentence, audit_table
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.describe import describe
-from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.output.summary import Tally
@@ -227,8 +227,9 @@ LISTED = {"cases": [Case(law, gap=g, record="one") for g in (0.0005, 0.5, 0.01) 
 def test_what_a_run_tells_is_what_its_file_holds(changes, tmp_path):
     """Whoever runs a sweep for its file need not read it for a summary."""
     axes = {"dt": AXES["dt"], "outputs": OUTPUTS} if "cases" in changes else AXES
-    told = Sweep(**{"scene": row(), "records": motions(), **axes, **changes}).write(tmp_path / "out.nc")
-    with open_cube(tmp_path / "out.nc") as cube:
+    sweep = Sweep(**{"scene": row(), "records": motions(), **axes, **changes})
+    with sweep.run(tmp_path / "out.nc") as cube:
+        told = sweep.last_written
         read = tally_of(cube)
         assert told.tally.summary() == read.summary()
         assert told.tally.statuses() == read.statuses()

@@ -151,7 +151,7 @@ def test_no_other_kernel_is_asked_for_where_scenarios_are_refined(monkeypatch, t
 
     monkeypatch.setattr(cache, "get_kernel", get_kernel)
     monkeypatch.setattr(compile, "get_kernel", get_kernel)
-    sweep.write(tmp_path / "cube.nc", scheduler="synchronous")
+    sweep.run(tmp_path / "cube.nc", scheduler="synchronous").close()
     assert asked == set(sweep.plan().shapes())
 
 

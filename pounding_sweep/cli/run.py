@@ -51,16 +51,17 @@ def run_command(
         if not named:
             say(f"the cube is written to {out}; -o names another file")
         with closing(make_progress(quiet)) as progress:
-            cube = sweep.write(
+            sweep.run(
                 out,
                 scheduler=scheduler,
                 workers=options.workers,
                 overwrite=overwrite,
                 progress=progress,
                 extend=extend,
-            )
-        outcome = sweep.last_outcome
+            ).close()
+        outcome, cube = sweep.last_outcome, sweep.last_written
         assert outcome is not None
+        assert cube is not None
         attributes = cube.frame.attrs
         report = {
             **_description(sweep),

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
 from pounding_sweep.base.tables import html_table
@@ -77,6 +77,8 @@ class Sweep:
         self.spec: SweepSpec = build_spec(scene=scene, records=records, laws=laws, **arguments)
         self.last_outcome: Outcome | None = None
         self.last_audit: Audit | None = None
+        #: Labels, audit and a summary of the cube that was written to a file last.
+        self.last_written: Written | None = None
 
     #: Every argument by its name, for `help` and editors: those of `build_spec`, the first three by place too.
     __signature__ = inspect.Signature(
@@ -90,9 +92,7 @@ class Sweep:
     def from_spec(cls, spec: SweepSpec) -> Sweep:
         """Return the sweep of a description that is already checked."""
         sweep = cls.__new__(cls)
-        sweep.spec = spec
-        sweep.last_outcome = None
-        sweep.last_audit = None
+        sweep.spec, sweep.last_outcome, sweep.last_audit, sweep.last_written = spec, None, None, None
         return sweep
 
     def __repr__(self) -> str:
@@ -197,56 +197,8 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
         may be waited for meanwhile: they would wait for the lock.
         """
-        found = self._run(out, scheduler, workers, overwrite, progress, extend)
-        if out is None:
-            return cast("xr.Dataset", found)
-        from pounding_sweep.output.netcdf import open_cube
-
-        return open_cube(out)
-
-    def write(
-        self,
-        out: str | os.PathLike[str],
-        *,
-        scheduler: str | Client = "threads",
-        workers: int | None = None,
-        overwrite: bool = False,
-        progress: Progress | None = None,
-        extend: str | os.PathLike[str] | None = None,
-    ) -> Written:
-        """Run the sweep and write its cube as `run` does, which is not opened: xarray is never loaded.
-
-        Parameters
-        ----------
-        out : path
-            netCDF file for the cube.
-        scheduler, workers, overwrite, progress, extend
-            As for `run`.
-
-        Returns
-        -------
-        Written
-            Labels and audit of the cube, a summary of its impacts and statuses.
-
-        Raises
-        ------
-        PoundingSweepError
-            What `run` raises.
-        """
-        return cast("Written", self._run(out, scheduler, workers, overwrite, progress, extend))
-
-    def _run(
-        self,
-        out: str | os.PathLike[str] | None,
-        scheduler: str | Client,
-        workers: int | None,
-        overwrite: bool,
-        progress: Progress | None,
-        extend: str | os.PathLike[str] | None,
-    ) -> xr.Dataset | Written:
-        """Run the sweep; its cube in memory, or what is told of the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
@@ -265,14 +217,13 @@ class Sweep:
         earlier = None
         if extend is not None:
             earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE], None if target is None else target.parent)
-        store = log = writer = None
-        begun = earlier is not None
+        store = log = writer = cube = None
         with ExitStack() as contexts:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
                 store = ChunkStore(parts_folder(target), *identity_of(plan))
-                begun |= contexts.enter_context(store.lock())
+                begun = contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
                 _check_disks(plan, target, store)
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
@@ -280,7 +231,7 @@ class Sweep:
             try:
                 with ExitStack() as writing:
                     if store is not None:
-                        writer = writing.enter_context(ChunkWriter(store, at_once=begun))
+                        writer = writing.enter_context(ChunkWriter(store, at_once=begun or earlier is not None))
                     with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
                         runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
                         outcome = execute(plan, runs, writer=writer, progress=progress, earlier=earlier)
@@ -294,9 +245,11 @@ class Sweep:
                     progress.stage("cube", plan.n_asked)
                     told = (plan, outcome, self.last_audit)
                     if target is None or store is None:
-                        cube: Any = cube_in_memory(*told, progress, more)
+                        cube = cube_in_memory(*told, progress, more)
                     else:
-                        cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
+                        self.last_written = write_cube_of(
+                            *told, target, progress, more, overwrite=overwrite, folder=store.folder
+                        )
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
@@ -315,7 +268,7 @@ class Sweep:
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
         for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
-        return cast("xr.Dataset | Written", cube)
+        return open_cube(target) if cube is None else cube  # type: ignore[arg-type]
 
 
 def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
