@@ -7,10 +7,6 @@ import itertools
 import json
 import math
 import os
-import resource
-import subprocess
-import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -20,14 +16,13 @@ from analysis_cubes import hand_cube, random_fill
 from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError
-from pounding_sweep.base.files import is_temporary
 from pounding_sweep.cli.app import app
 from pounding_sweep.output import export as exporting
-from pounding_sweep.output import tidy
+from pounding_sweep.output import tables
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.output.tidy import TidyTable
+from pounding_sweep.output.tables import long_table
 
 AXES = {"law": ["none", "linear", "hertz_damped"], "gap": [0.01, 0.1, 1 / 3], "record": ["one", "two"]}
 NAMES = ("drift_max", "impact_force_max", "impact_count", "energy_input")
@@ -86,10 +81,10 @@ def read(path):
 
 @pytest.mark.parametrize("at_a_time", [7, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (1, 40, 10**6))])
 def test_csv_is_what_loops_over_the_cube_give(cube, tmp_path, monkeypatch, at_a_time):
-    monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
+    monkeypatch.setattr(tables, "CELLS_AT_A_TIME", at_a_time)
     found = read(export_cube(cube, tmp_path / "all.csv"))
     expected = list(rows_of(cube, ["building", "pair"]))
-    assert len(found) == len(expected) == 18 * (3 + 2) == TidyTable(cube).n_rows
+    assert len(found) == len(expected) == 18 * (3 + 2) == long_table(cube).n_rows
     check(found, expected)
     assert list(found[0])[:3] == ["law", "gap", "record"]
     assert {"record_pga", "building", "pair", "storey", "status", *NAMES} <= set(found[0])
@@ -107,19 +102,6 @@ def test_one_kind_of_variables_leaves_no_cell_empty(cube, tmp_path):
     assert all(text for row in found for name, text in row.items() if name != "right_storey")  # a wall has none
     assert "building" not in found[0]
     assert {row["law"] for row in found} == {"none"}
-
-
-def test_one_variable_needs_no_list(cube, tmp_path):
-    one, listed = (
-        export_cube(cube, tmp_path / name, given) for name, given in (("a.csv", "drift_max"), ("b.csv", ["drift_max"]))
-    )
-    assert one.read_text() == listed.read_text()
-
-
-def test_values_of_scenarios_have_a_row_each(cube, tmp_path):
-    found = read(export_cube(cube, tmp_path / "status.csv", ["status"]))
-    assert [int(row["status"]) for row in found] == cube.status.values.ravel().tolist()
-    assert set(found[0]) == {"law", "gap", "record", "record_pga", "status"}
 
 
 def test_a_part_of_a_cube(cube, tmp_path):
@@ -158,7 +140,7 @@ def test_listed_cases_say_what_they_are(tmp_path):
 
 def test_parquet(cube, tmp_path, monkeypatch):
     pq = pytest.importorskip("pyarrow.parquet")
-    monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", 11)
+    monkeypatch.setattr(tables, "CELLS_AT_A_TIME", 11)
     file = pq.ParquetFile(export_cube(cube, tmp_path / "all.parquet"))
     assert file.num_row_groups > 1
     found = file.read()
@@ -181,57 +163,7 @@ def test_zarr(cube, tmp_path, monkeypatch, names):
         export_cube(cube, path, overwrite=True)
 
 
-def test_a_failed_zarr_leaves_nothing(cube, tmp_path, monkeypatch):
-    pytest.importorskip("zarr")
-
-    def full(self, path, **_):
-        path.mkdir()
-        (path / "half").write_text("")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(xr.Dataset, "to_zarr", full)
-    with pytest.raises(WriteError, match=r"No space left on device\); free some space.*Nothing was replaced"):
-        export_cube(cube, tmp_path / "cube.zarr")
-    assert [path.name for path in tmp_path.iterdir()] == ["cube.nc"]
-
-
-def test_a_zarr_that_gets_no_name_leaves_nothing(cube, tmp_path, monkeypatch):
-    pytest.importorskip("zarr")
-
-    def refused(self, target):
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr("pathlib.Path.replace", refused)
-    with pytest.raises(WriteError, match="Input/output error"):
-        export_cube(cube, tmp_path / "cube.zarr")
-    assert [path.name for path in tmp_path.iterdir()] == ["cube.nc"]
-
-
 NEEDS = {".csv": "csv", ".parquet": "pyarrow", ".zarr": "zarr"}
-
-
-@pytest.mark.parametrize("ending", NEEDS)
-def test_all_is_on_disk_before_it_has_its_name(cube, tmp_path, monkeypatch, ending):
-    pytest.importorskip(NEEDS[ending])
-    synced, named = set(), []
-    fsync, replace = os.fsync, Path.replace
-
-    def noted(handle):
-        fsync(handle)
-        synced.add(os.fstat(handle).st_ino)
-
-    def checked(self, target):
-        if is_temporary(self.name):  # zarr renames files too
-            below = [self, *self.rglob("*")] if self.is_dir() else [self]
-            assert {path.stat().st_ino for path in below} <= synced
-            named.append((Path(target).name, len(below)))
-        return replace(self, target)
-
-    monkeypatch.setattr(os, "fsync", noted)
-    monkeypatch.setattr("pathlib.Path.replace", checked)
-    path = export_cube(cube, tmp_path / f"all{ending}")
-    assert named[0][0] == path.name
-    assert named[0][1] > (20 if ending == ".zarr" else 0)
 
 
 @pytest.mark.parametrize("ending", [".csv", pytest.param(".parquet", marks=pytest.mark.slow)])
@@ -250,25 +182,6 @@ def test_a_full_disk_ends_with_a_remedy_and_replaces_nothing(cube, tmp_path, mon
     done = CliRunner().invoke(app, ["export", str(source), "-o", str(path), "--overwrite"])
     assert (done.exit_code, "Nothing was replaced" in done.stderr) == (1, True)
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
-
-
-def test_a_description_that_gets_no_name_is_told(cube, tmp_path, monkeypatch):
-    path = export_cube(cube, tmp_path / "all.csv", ["status"])
-    before = (tmp_path / "all.csv.json").read_bytes()
-    replace = Path.replace
-
-    def refused(self, target):
-        if Path(target).suffix == ".json":
-            raise OSError(5, "Input/output error")
-        return replace(self, target)
-
-    monkeypatch.setattr("pathlib.Path.replace", refused)
-    with pytest.raises(WriteError, match=r"all\.csv' is complete, but writing .*all\.csv\.json' failed") as caught:
-        export_cube(cube, path, overwrite=True)
-    assert "Nothing was replaced" not in str(caught.value)
-    assert len(read(path)) == 90
-    assert (tmp_path / "all.csv.json").read_bytes() == before
-    assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "all.csv", "all.csv.json"}
 
 
 @pytest.mark.parametrize("ending", NEEDS)
@@ -320,6 +233,42 @@ def test_faults_are_named(cube, tmp_path):
     assert not path.exists()
 
 
+@pytest.fixture
+def trade(tmp_path):
+    """A file of several tables, as 'tradeoff' writes one."""
+    data = {
+        "error": (("scenario", "scheme"), np.arange(6.0).reshape(3, 2)),
+        "sensitive": ("scenario", [0, 1, 0]),
+        "count": (("scheme", "status"), np.arange(8.0).reshape(2, 4)),
+    }
+    labels = {"scheme": ["rk4", "exact"], "time_step": (("record", "step"), np.ones((5, 7)))}
+    return write_cube(xr.Dataset(data, labels, {"pounding_sweep_version": "1"}), tmp_path / "trade.nc")
+
+
+def test_variables_that_share_no_dimensions_make_no_table(trade, tmp_path):
+    said = r"\(scenario, scheme\), 6 rows: error, sensitive; \(scheme, status\), 8 rows: count. Name .* --var error;"
+    with open_cube(trade) as cube, pytest.raises(InputError, match=said):
+        export_cube(cube, tmp_path / "all.csv")
+    run = CliRunner().invoke
+    asked = ["export", str(trade), "-o", str(tmp_path / "all.csv")]
+    assert run(app, asked).exit_code == 2
+    named = [*asked, "--var", "error", "--var", "count"]
+    first, second = (tmp_path / f"all-{dims}.csv" for dims in ("scenario-scheme", "scheme-status"))
+    assert run(app, named).stdout.split() == [str(first), str(second)]
+    assert [(row["scheme"], row["error"]) for row in read(first)] == [
+        (scheme, str(value)) for value, scheme in zip(np.arange(6.0), ["rk4", "exact"] * 3, strict=True)
+    ]
+    assert [float(row["count"]) for row in read(second)] == [*range(8)]
+    assert run(app, [*asked, "--var", "sensitive"]).stdout.strip() == str(tmp_path / "all.csv")
+    assert [row["sensitive"] for row in read(tmp_path / "all.csv")] == ["0", "1", "0"]
+
+
+def test_the_size_of_a_large_table_is_said(cube, tmp_path, monkeypatch):
+    monkeypatch.setattr(exporting, "MANY_ROWS", 89)
+    with pytest.warns(RuntimeWarning, match=r"all.csv' will have 90 rows of \d+ columns, about .* kB as text; take"):
+        export_cube(cube, tmp_path / "all.csv")
+
+
 def test_command(cube, tmp_path):
     run = CliRunner().invoke
     source = str(write_cube(cube.load(), tmp_path / "source.nc"))  # in no other hands
@@ -333,49 +282,3 @@ def test_command(cube, tmp_path):
     assert "--overwrite" in again.stderr
     assert run(app, ["export", source, "-o", str(out), "--overwrite"]).exit_code == 0
     assert len(read(out)) == 90
-
-
-def _small_files():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
-
-
-@pytest.mark.slow  # by day the command is given a disk of no room in this process, see above
-@pytest.mark.parametrize("ending", NEEDS)
-def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
-    pytest.importorskip(NEEDS[ending])
-    source = write_cube(cube.load(), tmp_path / "source.nc")
-    out = tmp_path / f"all{ending}"
-    # no bytecode (-B): Python would take a part of it for the whole afterwards
-    command = [sys.executable, "-B", "-m", "pounding_sweep", "export", str(source), "-o", str(out)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300, preexec_fn=_small_files)
-    assert done.returncode == 1, done.stderr
-    assert "File too large" in done.stderr
-    assert "see to the disk, or give a path on another one, and run again. Nothing was replaced" in done.stderr
-    assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "source.nc"}
-
-
-DIES = """
-import os
-import pathlib
-
-from pounding_sweep import cli
-
-pathlib.Path.replace = lambda *_: os.kill(os.getpid(), 9)
-cli.main()
-"""
-
-
-@pytest.mark.slow
-def test_what_a_killed_command_leaves_is_removed_by_the_next(cube, tmp_path):
-    pytest.importorskip("zarr")
-    folder = tmp_path / "out"
-    folder.mkdir()
-    source = write_cube(cube.load(), tmp_path / "source.nc")
-    command = ["export", str(source), "-o", str(folder / "all.zarr")]
-    assert subprocess.run([sys.executable, "-c", DIES, *command], check=False, timeout=300).returncode == -9
-    (left,) = folder.iterdir()
-    assert is_temporary(left.name)
-    assert sum(path.stat().st_size for path in left.rglob("*")) > 1000
-    again = [sys.executable, "-m", "pounding_sweep", *command]
-    assert subprocess.run(again, check=False, timeout=300, capture_output=True).returncode == 0
-    assert [path.name for path in folder.iterdir()] == ["all.zarr"]

@@ -17,7 +17,7 @@ from pounding_sweep.analysis.intensity import with_intensities
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.output import tidy
+from pounding_sweep.output import tables
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
@@ -85,7 +85,7 @@ def ordinate(record, scale, period):
     "at_a_time", [pytest.param(300, marks=pytest.mark.slow), pytest.param(10**6, marks=pytest.mark.slow)]
 )
 def test_one_row_for_each_scenario(cube, tmp_path, monkeypatch, at_a_time):
-    monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
+    monkeypatch.setattr(tables, "CELLS_AT_A_TIME", at_a_time)
     rows = read(export_cube(cube, tmp_path / "t.csv", table=True))
     status = cube["status"]
     dims, records = status.dims, {each.name: each for each in motions()}

@@ -57,7 +57,7 @@ def export_command(
     with reporting():
         from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
         from pounding_sweep.analysis.intensity import with_intensities
-        from pounding_sweep.output.export import export_cube
+        from pounding_sweep.output.export import export_tables
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
@@ -91,7 +91,7 @@ def export_command(
                 print(out)
             else:
                 part = with_intensities(part, intensities or (), folders=folders or None)
-                print(export_cube(part, out, names or (), overwrite=overwrite, table=table))
+                print(*export_tables(part, out, names or (), overwrite=overwrite, table=table), sep="\n")
 
 
 def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:

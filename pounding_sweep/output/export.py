@@ -1,4 +1,4 @@
-"""Cubes, or parts of them, in other formats: CSV and Parquet as one long table, Zarr as it is.
+"""Cubes, or parts of them, in other formats: CSV and Parquet as tables, Zarr as it is.
 
 All are written a part at a time, so that a cube larger than memory can be
 exported, and appear under their name only when they are complete.
@@ -7,25 +7,41 @@ exported, and appear under their name only when they are complete.
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
 from pounding_sweep.base.files import failure, replacing, sync, sync_folder
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.tables import bytes_text
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.netcdf import check_output, reading
 from pounding_sweep.output.provenance import plain
 from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
-from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of
-from pounding_sweep.output.wide import HistoryTable, ScenarioTable, WideTable, has_histories
-from pounding_sweep.outputs.variables import INNER_DIMS
+from pounding_sweep.output.tables import (
+    ScenarioTable,
+    Table,
+    WideTable,
+    has_histories,
+    long_table,
+    outer_dims,
+    scenarios_of,
+    sets_of_dimensions,
+    with_histories,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.
+MANY_ROWS, CELL_BYTES = 10_000_000, 12
 
 
 def export_cube(
@@ -90,12 +106,9 @@ def export_cube(
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
         raise InputError(f"{str(path)!r}: {unknown('format', ending, _WRITERS)}")
-    needs, write_table = _WRITERS[ending]
+    needs, write = _WRITERS[ending]
     names = [names] if isinstance(names, str) else list(names)
-    kind: type[TidyTable | WideTable] = (
-        ScenarioTable if table else HistoryTable if has_histories(cube, names) else TidyTable
-    )
-    if table and write_table is None:
+    if table and ending == ".zarr":
         msg = f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table"
         raise InputError(msg)
     if needs:
@@ -104,10 +117,7 @@ def export_cube(
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
-        if write_table is None:
-            _zarr(cube, target, names)
-        else:
-            write_table(cube, target, kind(cube, names))
+        write(cube, target, scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table))
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:
@@ -116,14 +126,73 @@ def export_cube(
     return target
 
 
+def export_tables(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    names: Sequence[str] = (),
+    *,
+    overwrite: bool = False,
+    table: bool = False,
+) -> list[Path]:
+    """Write a table as `export_cube` does, or one for each set of dimensions that the variables `names` have.
+
+    Parameters
+    ----------
+    cube, path, names, overwrite, table
+        As for `export_cube`; the dimensions are added to the name of the file if there are several tables.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    single = table or not names or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
+    tables = {} if single else sets_of_dimensions(scenarios_of(cube, names))
+    if len(tables) < 2:
+        return [export_cube(cube, path, names, overwrite=overwrite, table=table)]
+    stem = Path(path).stem
+    paths = {dims: Path(path).with_stem("-".join([stem, *dims])) for dims in tables}
+    return [export_cube(cube, paths[dims], some, overwrite=overwrite) for dims, some in tables.items()]
+
+
+def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str], by_scenario: bool) -> Table:
+    """Return the table of a cube, or of one scenario with its histories; its size is said if it is large."""
+    if by_scenario:
+        table: Table = ScenarioTable(cube, names)
+    elif has_histories(cube, names):
+        table = WideTable(with_histories(cube, names))
+    else:
+        chosen = scenarios_of(cube, names)
+        sets = sets_of_dimensions(chosen)
+        if len(sets) > 1:
+            sizes = {dims: math.prod(cube.sizes[dim] for dim in dims) for dims in sets}
+            listed = [f"({', '.join(dims)}), {sizes[dims]:,} rows: {', '.join(some)}" for dims, some in sets.items()]
+            msg = (
+                f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: "
+                f"{'; '.join(listed)}. Name those of one set by --var, such as --var {next(iter(sets.values()))[0]}; "
+                "variables of several sets that are named make a table for each set"
+            )
+            raise InputError(msg)
+        table = long_table(chosen)
+    if table.n_rows > MANY_ROWS:
+        size = bytes_text(table.n_rows * len(table.columns) * CELL_BYTES)
+        warnings.warn(
+            f"the table {str(path)!r} will have {table.n_rows:,} rows of {len(table.columns)} columns, about {size} as "
+            "text; take a part by --at, or some variables by --var",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+    return table
+
+
 def _source(cube: xr.Dataset) -> str:
     """Name the file that a cube is read from."""
-    places = (variable.encoding.get("source") for variable in cube.variables.values())
-    return str(next(filter(None, places), "given"))
+    sources = (variable.encoding.get("source") for variable in cube.variables.values())
+    return str(next(filter(None, sources), "given"))
 
 
-def _parts(cube: xr.Dataset, table: TidyTable | WideTable) -> Iterator[dict[str, Cells]]:
-    """Read a table part by part; where that fails, the cube is at fault and not what is written."""
+def _parts(cube: xr.Dataset, table: Table) -> Iterator[pd.DataFrame]:
+    """Read a table part by part; if that fails, the cube is at fault and not what is written."""
     parts = table.parts()
     while True:
         with reading(_source(cube)):
@@ -152,79 +221,59 @@ def _new_folder(path: str | os.PathLike[str]) -> Path:
     return check_output(target, netcdf=False)
 
 
-def _csv(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
+def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
     import pandas as pd
 
+    names = [column.name for column in table.columns]
     about = {
         "table": path.name,
         "rows": table.n_rows,
         "columns": {column.name: column.attributes for column in table.columns},
         "cube": {str(key): plain(value) for key, value in cube.attrs.items()},
     }
-    beside = path.with_name(f"{path.name}.json")
+    description = path.with_name(f"{path.name}.json")
     written = False
     try:
-        with replacing(beside) as description:
-            description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        with replacing(description) as text:
+            text.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-                pd.DataFrame(columns=[column.name for column in table.columns]).to_csv(file, index=False)
+                pd.DataFrame(columns=names).to_csv(file, index=False)
                 for part in _parts(cube, table):
-                    cells = {name: _text_of(*given) for name, given in part.items()}
-                    pd.DataFrame(cells).to_csv(file, index=False, header=False)
+                    part.to_csv(file, index=False, header=False)
             written = True
     except OSError as error:
         if written:  # two names can't change at once
-            msg = f"{str(path)!r} is complete, but {failure(f'writing {str(beside)!r}', error)}, with --overwrite"
+            msg = f"{str(path)!r} is complete, but {failure(f'writing {str(description)!r}', error)}, with --overwrite"
             raise WriteError(msg) from error
         raise
 
 
-def _text_of(values: np.ndarray, missing: np.ndarray) -> Any:
-    """Return cells as pandas writes them: nothing where they are missing, whole numbers without a point."""
-    import pandas as pd
-
-    if values.dtype.kind in "iu":
-        return pd.arrays.IntegerArray(values, missing) if missing.any() else values
-    if values.dtype.kind == "f":
-        return np.where(missing, np.nan, values)
-    codes = np.unique(values, return_inverse=True)
-    return pd.Categorical.from_codes(np.where(missing, -1, codes[1]), categories=codes[0].astype(object))
-
-
-def _parquet(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
+def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    kinds = [pa.string() if column.dtype.kind == "O" else pa.from_numpy_dtype(column.dtype) for column in table.columns]
+    columns = zip(table.columns, kinds, strict=True)
     schema = pa.schema(
-        [
-            pa.field(
-                column.name,
-                pa.string() if column.dtype.kind == "U" else pa.from_numpy_dtype(column.dtype),
-                metadata=column.attributes,
-            )
-            for column in table.columns
-        ],
+        [pa.field(column.name, kind, metadata=column.attributes) for column, kind in columns],
         metadata={str(key): json.dumps(plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema) as file:
         for part in _parts(cube, table):
-            cells = [
-                pa.array(values.astype(object) if values.dtype.kind == "U" else values, field.type, mask=missing)
-                for field, (values, missing) in zip(schema, part.values(), strict=True)
-            ]
-            file.write_table(pa.table(cells, schema=schema))
+            file.write_table(pa.Table.from_pandas(part, schema, preserve_index=False).cast(schema))
 
 
-def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
-    chosen = scenarios_of(cube, names)
-    outer = [dim for dim in chosen.dims if dim not in INNER_DIMS]
+def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
+    outer = outer_dims(chosen.dims)
     sizes = [chosen.sizes[dim] for dim in outer]
-    each = max(array.nbytes // max(1, _count(array, outer)) for array in chosen.data_vars.values())
-    block = dict(zip(outer, block_shape(sizes, BLOCK_BYTES // max(1, each)), strict=True))
-    encoding: dict[Any, dict[str, Any]] = {}
-    for name, stored in chosen.variables.items():
-        kept = encoding_of(name, stored) if name in chosen.data_vars else {}
-        encoding[name] = {key: value for key, value in kept.items() if value is not None}
+    largest = max(
+        array.nbytes // max(1, math.prod(array.sizes[dim] for dim in outer if dim in array.dims))
+        for array in chosen.data_vars.values()
+    )
+    block = dict(zip(outer, block_shape(sizes, BLOCK_BYTES // max(1, largest)), strict=True))
+    encoding: Any = {}
+    for name, array in chosen.data_vars.items():
+        encoding[name] = {key: value for key, value in encoding_of(name, array.variable).items() if value is not None}
     try:
         with replacing(path) as unfinished:
             # format 2: the later one has no agreed way to store text
@@ -245,13 +294,9 @@ def _sync(folder: Path) -> None:
         sync_folder(Path(within))
 
 
-def _count(array: xr.DataArray, dims: Iterable[Any]) -> int:
-    return int(np.prod([array.sizes[dim] for dim in dims if dim in array.dims], initial=1))
-
-
-#: Ending -> package that it needs, and what writes a table; None: it holds cubes.
-_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, TidyTable | WideTable], None] | None]] = {
+#: Ending -> package that it needs, and what writes it.
+_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, Any], None]]] = {
     ".csv": ("", _csv),
     ".parquet": ("pyarrow", _parquet),
-    ".zarr": ("zarr", None),
+    ".zarr": ("zarr", _zarr),
 }
