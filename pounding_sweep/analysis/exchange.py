@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 import re
@@ -13,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
@@ -108,15 +108,39 @@ def export_nrml(
         raise InputError(msg)
     target = check_output(path, overwrite, netcdf=False)
     intensity = own_intensity(cube) if intensity is None else intensity
-    measure = _measure(cube, intensity)
-    given: dict[str, Any] = {"intensity": intensity, "folders": folders, "confidence": None}
-    found = {name: fragility(cube, event, level, **given) for name, (event, level) in limit_states.items()}
+    measure, factor = _measure(cube, intensity)
+    fits = {
+        name: fragility(cube, event, level, intensity=intensity, folders=folders, confidence=None)
+        for name, (event, level) in limit_states.items()
+    }
     model = ElementTree.Element("fragilityModel", id="pounding", assetCategory="buildings", lossCategory="structural")
-    words = "; ".join(f"{name}: {each.attrs['event_in_words']}" for name, each in found.items())
+    words = "; ".join(f"{name}: {fit.attrs['event_in_words']}" for name, fit in fits.items())
     ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
     ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
-    left_out, written = _functions(model, found, kinds[0], *measure)
-    if not written:
+    first = next(iter(fits.values()))
+    tried = np.abs(first["trial_intensity"].values) * factor
+    tried = tried[np.isfinite(tried) & (tried != 0.0)]
+    dims = [kinds[0], *(dim for dim in scenario_dims(first["fit_status"]) if dim != kinds[0])]
+    left_out: dict[str, str] = {}
+    for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
+        at = dict(zip(dims, place, strict=True))
+        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim in kinds or first.sizes[dim] > 1}
+        parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
+        identifier = _NO_IDENTIFIER.sub("_", "_".join(parts))
+        cells = {name: fit.isel(at) for name, fit in fits.items()}
+        without = [name for name, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
+        if without:
+            left_out[identifier] = "; ".join(f"{name} {sentence(cells[name])}" for name in without)
+            continue
+        about = {"id": identifier, "format": "continuous", "shape": "logncdf"}
+        function = ElementTree.SubElement(model, "fragilityFunction", about)
+        ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
+        ElementTree.SubElement(function, "imls", {"imt": measure, **ends})
+        for name, cell in cells.items():
+            mean, deviation = mean_and_deviation(float(cell["median"]) * factor, float(cell["dispersion"]))
+            numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
+            ElementTree.SubElement(function, "params", {"ls": name, **numbers})
+    if model.find("fragilityFunction") is None:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
         msg = f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
         raise InputError(msg)
@@ -130,44 +154,11 @@ def export_nrml(
 
 def _measure(cube: xr.Dataset, intensity: str) -> tuple[str, float]:
     """Return what OpenQuake calls an intensity, and the factor to its unit there."""
-    periods = periods_of(cube, intensity)
-    if not periods:
-        return _MEASURES[intensity]
+    periods = list(periods_of(cube, intensity).values())
     if len(periods) > 1:
         msg = f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
         raise InputError(msg)
-    return f"SA({next(iter(periods.values())):.4g})", 1.0 / STANDARD_GRAVITY
-
-
-def _functions(
-    model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind: str, measure: str, factor: float
-) -> tuple[dict[str, str], int]:
-    """Add a function for each cell in which all limit states have a fit; return the others, and how many it has."""
-    first = next(iter(found.values()))
-    tried = first["trial_intensity"].values
-    tried = np.abs(tried[np.isfinite(tried) & (tried != 0.0)]) * factor
-    dims = [kind, *(dim for dim in scenario_dims(first["fit_status"]) if dim != kind)]
-    left_out: dict[str, str] = {}
-    written = 0
-    for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
-        at = dict(zip(dims, place, strict=True))
-        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim == kind or first.sizes[dim] > 1}
-        parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
-        own = _NO_IDENTIFIER.sub("_", "_".join(parts))
-        cells = {name: each.isel(at) for name, each in found.items()}
-        without = [n for n, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
-        if without:
-            left_out[own] = "; ".join(f"{name} {sentence(cells[name])}" for name in without)
-            continue
-        function = ElementTree.SubElement(model, "fragilityFunction", id=own, format="continuous", shape="logncdf")
-        ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
-        ElementTree.SubElement(function, "imls", {"imt": measure, **ends})
-        for name, cell in cells.items():
-            mean, deviation = mean_and_deviation(float(cell["median"]) * factor, float(cell["dispersion"]))
-            numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
-            ElementTree.SubElement(function, "params", {"ls": name, **numbers})
-        written += 1
-    return left_out, written
+    return (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY) if periods else _MEASURES[intensity]
 
 
 def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str, *, overwrite: bool = False) -> int:
@@ -204,7 +195,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     9.81 m/s2). The first row has the units.
     """
     cube = scenarios_only(cube)
-    there = need_variables(cube, "a file of demands", [output for _, output, _ in _DEMANDS], one=True)
+    stored = need_variables(cube, "a file of demands", [output for _, output, _ in _DEMANDS], one=True)
     if building not in cube["building"].values.tolist():
         raise InputError(unknown("building", building, cube["building"].values.tolist()))
     mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*TRIALS, "case")]
@@ -215,32 +206,30 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
         )
         raise InputError(msg)
     target = check_output(path, overwrite, netcdf=False)
-    own = cube.sel(building=building)
-    elevations = own["floor_elevation"].values
-    elevations = elevations[np.isfinite(elevations)]
-    heights = np.diff(elevations, prepend=0.0)
-    dims = scenario_dims(own)
-    shape = own[there[0]].isel(storey=0)
-    ok = trusted(own).broadcast_like(shape).transpose(*dims).values.ravel()
+    part = cube.sel(building=building)
+    heights = np.diff(part["floor_elevation"].dropna("storey").values, prepend=0.0)
+    dims = scenario_dims(part)
+    shape = part[stored[0]].isel(storey=0)
+
+    def samples(one: xr.DataArray) -> np.ndarray:
+        return np.asarray(one.broadcast_like(shape).transpose(*dims).values.ravel())
+
     columns: dict[str, tuple[str, np.ndarray]] = {}
     for kind, output, unit in _DEMANDS:
-        if kind == "PFA" and "record" in own.coords:
-            ground = intensity_of(own, "pga").broadcast_like(shape).transpose(*dims).values.ravel()
-            columns["1-PFA-0-1"] = unit, np.abs(ground) / STANDARD_GRAVITY
-        for storey, height in enumerate(heights if output in there else (), start=1):
-            found = values(own, output).isel(storey=storey - 1).transpose(*dims).values.ravel()
-            columns[f"1-{kind}-{storey}-1"] = unit, found / (height if kind == "PID" else STANDARD_GRAVITY)
-    samples = np.flatnonzero(ok & np.isfinite([column for _, column in columns.values()]).all(axis=0))
-    if not len(samples):
+        if kind == "PFA" and "record" in part.coords:
+            columns["1-PFA-0-1"] = unit, samples(abs(intensity_of(part, "pga"))) / STANDARD_GRAVITY
+        for storey, height in enumerate(heights if output in stored else ()):
+            demand = samples(values(part, output).isel(storey=storey))
+            columns[f"1-{kind}-{storey + 1}-1"] = unit, demand / (height if kind == "PID" else STANDARD_GRAVITY)
+    table = pd.DataFrame({name: column for name, (_, column) in columns.items()})
+    table = table[samples(trusted(part)) & np.isfinite(table).all(axis=1)].reset_index(drop=True)
+    if table.empty:
         msg = f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         raise InputError(msg)
-    with _written(path, target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["", *columns])
-        writer.writerow(["Units", *(unit for unit, _ in columns.values())])
-        for number, sample in enumerate(samples):
-            writer.writerow([number, *(repr(float(column[sample])) for _, column in columns.values())])
-    return len(samples)
+    units = pd.DataFrame({name: [unit] for name, (unit, _) in columns.items()}, index=["Units"])
+    with _written(path, target) as temporary:
+        pd.concat([units, table.map(repr)]).to_csv(temporary, lineterminator="\r\n")
+    return len(table)
 
 
 @contextmanager

@@ -84,14 +84,18 @@ def response_spectrum(
     >>> (spectrum["pseudo_acceleration"] / 9.81).round(3).values.tolist()
     [0.319, 0.919, 0.455]
     """
-    records, names = _motions(motion)
-    at, ratios = _periods(periods), _ratios(damping_ratio)
-    found = np.array([[_ordinates(one.acceleration, one.dt, at, z) for z in ratios] for one in records])
-    dims = ("record", "damping_ratio", "period")
-    coords = _coordinates(at, ratios)
-    coords["record"] = ("record", [one.name for one in records], {"long_name": "ground-motion record"})
-    spectrum = xr.Dataset(_variables(dims, np.moveaxis(found, 2, 0)), coords=coords)
-    return _finished(spectrum, names, damping_ratio).assign_attrs(
+    given: Any = motion
+    if isinstance(given, tuple) and len(given) == 2 and not isinstance(given[1], Record):
+        given = Record("motion", dt=given[1], acceleration=given[0])
+    records = [given] if isinstance(given, Record) else list(given)
+    if not records or not all(isinstance(record, Record) for record in records):
+        msg = f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
+        raise InputError(msg)
+    at, ratios = _periods_and_ratios(periods, damping_ratio)
+    ordinates = np.array([_ordinates(record.acceleration, record.dt, at, ratios) for record in records])
+    names = ("record", [record.name for record in records], {"long_name": "ground-motion record"})
+    spectra = _spectra(("record",), np.moveaxis(ordinates, 1, 0), at, ratios, {"record": names}, damping_ratio)
+    return (spectra.isel(record=0) if isinstance(given, Record) else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence; peaks until the last point of the record"
     )
 
@@ -143,70 +147,7 @@ def floor_spectra(
         )
         raise InputError(msg)
     acceleration = histories["acceleration"].transpose(..., "time")
-    dt = _even_step(histories["time"].values)
-    at, ratios = _periods(periods), _ratios(damping_ratio)
-    outer = acceleration.dims[:-1]
-    found = np.full((len(ORDINATES), *acceleration.shape[:-1], len(ratios), at.size), np.nan)
-    for place in np.ndindex(acceleration.shape[:-1]):
-        signal = np.asarray(acceleration.values[place], dtype=float)
-        if np.isfinite(signal).all():
-            for index, ratio in enumerate(ratios):
-                found[(slice(None), *place, index)] = _ordinates(signal, dt, at, ratio)
-    coords: dict[str, Any] = {str(n): c for n, c in acceleration.coords.items() if "time" not in c.dims}
-    spectra = xr.Dataset(
-        _variables((*outer, "damping_ratio", "period"), found), coords=coords | _coordinates(at, ratios)
-    )
-    kept = {name: histories.attrs[name] for name in ("law", "record", "method") if name in histories.attrs}
-    return _finished(spectra, True, damping_ratio).assign_attrs(
-        title="Floor spectra", comment=f"of total floor accelerations, linear between times {dt:g} s apart", **kept
-    )
-
-
-def _motions(motion: Any) -> tuple[list[Record], bool]:
-    """Return the records, and whether they were given as a sequence."""
-    if isinstance(motion, Record):
-        return [motion], False
-    if isinstance(motion, tuple) and len(motion) == 2 and not isinstance(motion[1], Record):
-        return [Record("motion", dt=motion[1], acceleration=motion[0])], False
-    records = list(motion)
-    if not records or not all(isinstance(record, Record) for record in records):
-        msg = f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
-        raise InputError(msg)
-    return records, True
-
-
-def _numbers(given: Numbers, what: str) -> Array:
-    try:
-        values = np.atleast_1d(np.asarray(given, dtype=float))
-    except (TypeError, ValueError):
-        msg = f"{what} must be numbers, not {given!r}"
-        raise InputError(msg) from None
-    if values.ndim != 1 or values.size == 0:
-        msg = f"{what} must be a number or a list of at least one, not of shape {values.shape}"
-        raise InputError(msg)
-    return values
-
-
-def _periods(given: Numbers | None) -> Array:
-    periods = usual_periods() if given is None else _numbers(given, "periods (s)")
-    wrong = ~(np.isfinite(periods) & (periods >= 0))
-    if wrong.any():
-        msg = f"a period of the spectrum is {periods[wrong][0]:g} s; give finite ones that are not negative"
-        raise InputError(msg)
-    return periods
-
-
-def _ratios(given: Numbers) -> list[float]:
-    ratios = _numbers(given, "damping ratios").tolist()
-    for ratio in ratios:
-        if not 0 <= ratio < 1:
-            msg = f"damping ratio of the spectrum is {ratio!r}; it must be in [0, 1), such as 0.05"
-            raise InputError(msg)
-    return ratios
-
-
-def _even_step(time: Array) -> float:
-    """Return the step (s) of an even time axis."""
+    time = histories["time"].values
     if time.size < 2:
         msg = f"the histories have {time.size} time; a spectrum needs at least 2"
         raise InputError(msg)
@@ -214,13 +155,46 @@ def _even_step(time: Array) -> float:
     if not (dt > 0 and np.allclose(np.diff(time), dt, rtol=_UNEVEN, atol=0)):
         msg = "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
         raise InputError(msg)
-    return dt
+    at, ratios = _periods_and_ratios(periods, damping_ratio)
+    ordinates = np.full((len(ORDINATES), *acceleration.shape[:-1], len(ratios), at.size), np.nan)
+    for place in np.ndindex(acceleration.shape[:-1]):
+        signal = np.asarray(acceleration.values[place], dtype=float)
+        if np.isfinite(signal).all():
+            ordinates[(slice(None), *place)] = _ordinates(signal, dt, at, ratios)
+    coords = {str(name): part for name, part in acceleration.coords.items() if "time" not in part.dims}
+    about = {name: histories.attrs[name] for name in ("law", "record", "method") if name in histories.attrs}
+    return _spectra(acceleration.dims[:-1], ordinates, at, ratios, coords, damping_ratio).assign_attrs(
+        title="Floor spectra", comment=f"of total floor accelerations, linear between times {dt:g} s apart", **about
+    )
 
 
-def _ordinates(signal: Array, dt: float, periods: Array, damping: float) -> Array:
-    """Spectral ordinates of one signal (m/s2), shape (4, n_periods), in the order of `ORDINATES`."""
-    found = np.zeros((len(ORDINATES), periods.size))
-    found[2:] = np.max(np.abs(signal))  # what a rigid oscillator does
+def _periods_and_ratios(periods: Numbers | None, damping_ratio: Numbers) -> tuple[Array, Array]:
+    """Return periods (s) and damping ratios, all valid."""
+    periods = usual_periods() if periods is None else periods
+    both = []
+    for given, what, upper, wrong, valid in (
+        (periods, "periods (s)", np.inf, "a period of the spectrum is {:g} s", "give finite ones, not negative"),
+        (damping_ratio, "damping ratios", 1.0, "damping ratio of the spectrum is {:g}", "it must be in [0, 1)"),
+    ):
+        try:
+            numbers = np.atleast_1d(np.asarray(given, dtype=float))
+        except (TypeError, ValueError):
+            msg = f"{what} must be numbers, not {given!r}"
+            raise InputError(msg) from None
+        if numbers.ndim != 1 or numbers.size == 0:
+            msg = f"{what} must be a number or a list of at least one, not of shape {numbers.shape}"
+            raise InputError(msg)
+        if not (valid_ones := (numbers >= 0.0) & (numbers < upper)).all():
+            msg = f"{wrong.format(numbers[~valid_ones][0])}; {valid}"
+            raise InputError(msg)
+        both.append(numbers)
+    return both[0], both[1]
+
+
+def _ordinates(signal: Array, dt: float, periods: Array, ratios: Array) -> Array:
+    """Spectral ordinates of one signal (m/s2), shape (4, n_ratios, n_periods), in the order of `ORDINATES`."""
+    ordinates = np.zeros((len(ORDINATES), ratios.size, periods.size))
+    ordinates[2:] = np.max(np.abs(signal))  # what a rigid oscillator does
     moving = periods > 0
     shortest = STEPS_PER_PERIOD * dt / MOST_STEPS
     if moving.any():
@@ -231,28 +205,22 @@ def _ordinates(signal: Array, dt: float, periods: Array, damping: float) -> Arra
             )
             raise InputError(msg)
         frequency = 2.0 * math.pi / periods[moving]
-        velocity, acceleration = oscillator_peaks(signal, dt, periods[moving], damping)
-        found[:, moving] = velocity / frequency, velocity, velocity * frequency, acceleration
-    return found
+        for i, ratio in enumerate(ratios.tolist()):
+            velocity, acceleration = oscillator_peaks(signal, dt, periods[moving], ratio)
+            ordinates[:, i, moving] = velocity / frequency, velocity, velocity * frequency, acceleration
+    return ordinates
 
 
-def _coordinates(periods: Array, ratios: list[float]) -> dict[str, Any]:
-    return {
-        "period": ("period", periods, {"units": "s", "long_name": "natural period of the oscillator"}),
-        "damping_ratio": ("damping_ratio", ratios, {"units": "1", "long_name": "damping ratio of the oscillator"}),
+def _spectra(
+    dims: tuple[Any, ...], ordinates: Array, periods: Array, ratios: Array, coords: dict[str, Any], asked: Numbers
+) -> xr.Dataset:
+    """Return labelled spectra; a damping ratio that was asked for as a number is a scalar coordinate."""
+    coords["period"] = ("period", periods, {"units": "s", "long_name": "natural period of the oscillator"})
+    about = {"units": "1", "long_name": "damping ratio of the oscillator"}
+    coords["damping_ratio"] = ("damping_ratio", ratios, about)
+    variables = {
+        name: ((*dims, "damping_ratio", "period"), part, {"units": units, "long_name": long_name})
+        for (name, (units, long_name)), part in zip(ORDINATES.items(), ordinates, strict=True)
     }
-
-
-def _variables(dims: Sequence[Any], values: Array) -> dict[str, Any]:
-    return {
-        name: (dims, part, {"units": units, "long_name": long_name})
-        for (name, (units, long_name)), part in zip(ORDINATES.items(), values, strict=True)
-    }
-
-
-def _finished(spectra: xr.Dataset, names: bool, damping_ratio: Numbers) -> xr.Dataset:
-    """Make a single record, or a single damping ratio given as a number, a scalar coordinate; say who made it."""
-    spectra.attrs |= {"Conventions": CONVENTIONS, VERSION_ATTRIBUTE: package_version()}
-    if not names:
-        spectra = spectra.isel(record=0)
-    return spectra if np.ndim(damping_ratio) else spectra.isel(damping_ratio=0)
+    spectra = xr.Dataset(variables, coords, {"Conventions": CONVENTIONS, VERSION_ATTRIBUTE: package_version()})
+    return spectra if np.ndim(asked) else spectra.isel(damping_ratio=0)

@@ -161,8 +161,9 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
     """Return a row for each combination of labels: these, then the variables; None for numbers that are none."""
     from pounding_sweep.base.tables import finite
 
+    order = dict.fromkeys(["_row", *(dim for part in table.data_vars.values() for dim in part.dims)])
     table = table.expand_dims("_row")  # one that has no dimensions makes a row, too
-    rows = table.to_dataframe(dim_order=list(table.dims)).reset_index().drop(columns="_row").to_dict("records")
+    rows = table.to_dataframe(dim_order=list(order)).reset_index().drop(columns="_row").to_dict("records")
     return [{str(name): finite(value) for name, value in row.items()} for row in rows]
 
 
