@@ -3,18 +3,16 @@
 Five things are demanded of a run, at any step:
 
 1. It ends, within a bounded time, and with Newmark's method it stays bounded.
-2. Its status tells the truth: a scenario with values has finite ones only, one
-   without has none.
+2. Its status tells the truth: a scenario with values has finite ones only, one without has none.
 3. Its energy is possible. The ground can bring no more energy into a row than
    ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy at the start), because contacts and
    dampers only take energy; that bounds the energy at the end and every displacement, resolved or not.
 4. Where the status is ok, contacts create no energy: their work is not negative.
-5. Where the status is ok, and a run at half the step agrees within `SETTLED`,
-   the peaks are within `OK_CLAIM` of those of a converged run, unless it is
-   sensitive: `CHANGE` of all inputs changes a peak by more than that.
+5. Where the status is ok, and a run at half the step agrees within `SETTLED`, the peaks are within `OK_CLAIM` of those
+   of a converged run, unless it is sensitive: `CHANGE` of all inputs changes a peak by more than that.
 
-All ok scenarios that are farther off are counted as missed by the rules of the
-status, whether half the step tells them or not and however sensitive they are.
+All ok scenarios that are farther off are counted as missed by the rules of the status, whether half the step tells them
+or not and however sensitive they are.
 """
 
 from __future__ import annotations
@@ -24,11 +22,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.accuracy.extreme_scenes import PEAKS, YIELDING_PEAKS, Batch, run_batch, stable_step, take
+from pounding_sweep.accuracy.extreme_scenes import PEAKS, YIELDING_PEAKS, Batch
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.outputs.differences import CHANGE, relative_error
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
+from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.run.refinement import Values
 from pounding_sweep.schemes import SCHEMES
 
 #: A reference run is believed where one of half the step agrees with it this closely.
@@ -45,7 +45,7 @@ REFERENCE_STEPS = 4_000_000
 
 @dataclass(frozen=True)
 class Reference:
-    """What the scenarios of a batch should find."""
+    """What the scenarios of a batch should give."""
 
     peaks: dict[str, np.ndarray]  # the peaks, shape (n, ...); NaN where there is no reference
     known: np.ndarray  # whether the reference converged; shape (n,)
@@ -53,186 +53,157 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class BatchVerdict:
-    """What the judge found of a batch in one scheme at one step; arrays of shape (n,)."""
+class Run:
+    """What a batch gave in one scheme at one step."""
 
-    batch: Batch  # the scenarios
-    #: scheme and number format
+    batch: Batch
     method: str
-    precision: str
     dt: float  # largest time step (s)
-    status: np.ndarray  # status of each scenario
+    values: Values
+    precision: str = "float64"
+    seconds: float = 0.0  # wall time
+
+    @property
+    def status(self) -> np.ndarray:
+        """Status of each scenario."""
+        return self.values["status"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the judge found in a run; arrays of shape (n,)."""
+
+    run: Run
     error: np.ndarray  # largest relative error of a peak; NaN where it was not to be judged
-    #: ok, but off by more than the claim; and those of them that half the step gives away
+    #: ok, but off by more than the claim; those of them that half the step gives away, and that are sensitive
     missed: np.ndarray
     told: np.ndarray
-    sensitive: np.ndarray  # missed, and sensitive
+    sensitive: np.ndarray
     unknown: np.ndarray  # ok, but without a converged reference
     created: np.ndarray  # energy created by contacts, relative to the largest of the balance
     energy: np.ndarray  # largest energy, over what the ground can have brought in
-    seconds: float  # wall time of the run
     faults: list[tuple[int, str]]  # scenario and what is wrong with it
 
 
-def peaks_of(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
     """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
-    both = np.stack([found["displacement_max"], found["displacement_min"]], axis=1)
-    return {"displacement_max": both, **{name: found[name] for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in found}}
+    both = np.stack([values["displacement_max"], values["displacement_min"]], axis=1)
+    names = (name for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in values)
+    return {"displacement_max": both, **{name: values[name] for name in names}}
 
 
-def peak_error(found: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
+def peak_error(peaks: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
     """Largest relative error of the peaks of each scenario, shape (n,)."""
-    return np.max([relative_error(name, found[name], reference[name]) for name in reference], axis=0)
+    return np.max([relative_error(name, peaks[name], reference[name]) for name in reference], axis=0)
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
-    """Run scenarios at ever finer steps until half the step changes nothing that matters."""
-    empty = peaks_of(run_batch(take(batch, np.zeros(0, int)), "rk4", batch.record.dt))
-    peaks = {name: np.full((len(batch), *values.shape[1:]), np.nan) for name, values in empty.items()}
-    known, steps = np.zeros(len(batch), bool), np.full(len(batch), np.nan)
-    rows = np.flatnonzero(wanted)
-    if not len(rows):
-        return Reference(peaks, known, steps)
-    lasted = float(shortest[rows].min())
-    step = min(min(batch.steps) / 4.0, lasted / 40.0, float(stable_step(batch, "rk4")[rows].min()) / 4.0)
-    coarse = run_batch(take(batch, rows), "rk4", step)
+    """Run scenarios by RK4 at ever finer steps until half the step changes nothing that matters.
+
+    `shortest` contact (s) of each scenario.
+    """
+    known, steps, rows = np.zeros(len(batch), bool), np.full(len(batch), np.nan), np.flatnonzero(wanted)
+    step = batch.record.dt
+    if len(rows):
+        step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
+    coarse = batch[rows].run("rk4", step)
+    peaks = {name: np.full((len(batch), *each.shape[1:]), np.nan) for name, each in peaks_of(coarse).items()}
     while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
         step /= 2.0
-        fine = run_batch(take(batch, rows), "rk4", step)
-        both_ok = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
-        done = both_ok & (peak_error(peaks_of(coarse), peaks_of(fine)) <= CONVERGED)
+        fine = batch[rows].run("rk4", step)
+        done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
+        done &= peak_error(peaks_of(coarse), peaks_of(fine)) <= CONVERGED
         for name, values in peaks_of(fine).items():
             peaks[name][rows[done]] = values[done]
         known[rows[done]], steps[rows[done]] = True, step
-        rows = rows[~done]
-        coarse = {name: values[~done] for name, values in fine.items()}
+        rows, coarse = rows[~done], {name: values[~done] for name, values in fine.items()}
     return Reference(peaks, known, steps)
 
 
 def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.ndarray:
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
-    if not len(rows):
-        return np.zeros(0, bool)
-    base, against = take(batch, rows), {name: values[rows] for name, values in reference.peaks.items()}
-    step, sensitive = float(np.nanmin(reference.step[rows])), np.zeros(len(rows), bool)
-    for change in (CHANGE, -CHANGE):  # a touch that is just missed comes with less gap, one that just is goes with more
-        moved = replace(
-            base,
-            gaps=base.gaps * (1.0 + change),
-            stiffness=base.stiffness * (1.0 + change),
-            scale=base.scale * (1.0 - change),
-        )
-        sensitive |= peak_error(peaks_of(run_batch(moved, "rk4", step)), against) > OK_CLAIM
+    sensitive = np.zeros(len(rows), bool)
+    against = {name: values[rows] for name, values in reference.peaks.items()}
+    for change in (CHANGE, -CHANGE) if len(rows) else ():  # a touch that just comes goes with more gap, and the reverse
+        moved = replace(batch, table=changed(batch.table[rows], change))
+        peaks = peaks_of(moved.run("rk4", float(np.nanmin(reference.step[rows]))))
+        sensitive |= peak_error(peaks, against) > OK_CLAIM
     return sensitive
 
 
-def told_rows(
-    batch: Batch, method: str, dt: float, precision: str, found: Mapping[str, np.ndarray], rows: np.ndarray
-) -> np.ndarray:
+def told_rows(run: Run, rows: np.ndarray) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
-    half = run_batch(take(batch, rows), method, dt / 2.0, precision, refinement=2.0)
-    differs = peak_error(peaks_of({name: values[rows] for name, values in found.items()}), peaks_of(half)) > SETTLED
-    return np.asarray(differs | (half["status"] != Status.OK))
+    half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
+    whole = {name: values[rows] for name, values in run.values.items()}
+    return (peak_error(peaks_of(whole), peaks_of(half)) > SETTLED) | (half["status"] != Status.OK)
 
 
-def energy_share(batch: Batch, found: Mapping[str, np.ndarray]) -> np.ndarray:
+def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
     """Energy at the end, or as the displacements imply, over what the ground can have brought in, shape (n,)."""
-    limit = energy_limit(batch.scene, batch.record, batch.scale, batch.initial_velocity)
-    share = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
+    limit = energy_limit(batch.scene, batch.record, batch.table.scale, batch.initial_velocity)
+    share = (values["energy_kinetic"] + values["energy_strain"]).sum(axis=1)
     yields = any(batch.scene.yields)  # beyond yielding a displacement grows up to like its energy, not like the root
     reach = scatter_dof(displacement_limit(batch.scene, limit if yields else np.ones(len(batch))), batch.scene)
     for name in ("displacement_max", "displacement_min"):
-        part = np.abs(found[name]) / np.where(reach > 0.0, reach, 1e-300)
+        part = np.abs(values[name]) / np.where(reach > 0.0, reach, 1e-300)
         implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
         share = np.maximum(share, np.max(np.nan_to_num(implied, nan=0.0, posinf=np.inf), axis=1))
     return np.where(share == 0.0, 0.0, share / np.where(limit > 0.0, limit, 1e-300))
 
 
-def created_energy(found: Mapping[str, np.ndarray]) -> np.ndarray:
+def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     """Energy that contacts created, over the largest energy of the balance, shape (n,)."""
-    if found["contact_work"].shape[1] == 0:
-        return np.zeros(len(found["status"]))
-    work = found["contact_work"]
-    size = np.max(
-        [
-            np.abs(found["energy_input"]).sum(axis=1),
-            found["energy_damping"].sum(axis=1),
-            (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1),
-            np.abs(work).sum(axis=1),
-        ],
-        axis=0,
-    )
-    return np.asarray(np.maximum(0.0, -work.min(axis=1)) / np.where(size > 0.0, size, 1.0))
+    work = values["contact_work"]
+    gained = values["energy_kinetic"] + values["energy_strain"]
+    parts = [np.abs(values["energy_input"]), values["energy_damping"], gained, np.abs(work)]
+    size = np.max([part.sum(axis=1) for part in parts], axis=0)
+    return np.asarray(np.maximum(0.0, -work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
 
 
-def judge(
-    batch: Batch,
-    method: str,
-    dt: float,
-    found: Mapping[str, np.ndarray],
-    reference: Reference,
-    *,
-    seconds: float = 0.0,
-    precision: str = "float64",
-) -> BatchVerdict:
-    """Judge what a run of a batch found."""
-    status = np.asarray(found["status"])
-    ok = status == Status.OK
-    faults: list[tuple[int, str]] = []
-
-    def fault(rows: np.ndarray, text: str, values: np.ndarray | None = None) -> None:
-        for row in np.flatnonzero(rows):
-            faults.append((int(row), text if values is None else text.format(float(values[row]))))
-
-    has_values = np.isin(status, [int(s) for s in STATUS if s.has_values])
-    bad, numbers = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
-    for name, values in found.items():
-        if name in ("status", "steps_per_contact") or (batch.law.impulsive and get_variable(name).of_force):
-            continue
-        flat = _only_real(batch, name, values)
-        bad |= ~np.isfinite(flat).all(axis=1)
-        numbers |= np.isfinite(flat).any(axis=1)
-    fault(has_values & bad, "has values that are not finite")
-    fault(~has_values & numbers, "has no result by its status, but finite values")
-    fault(status == Status.NOT_RUN, "was not run")
-    fault((status == Status.DIVERGED) & SCHEMES[method].implicit, "diverged, though its contact is implicit")
-    sound = has_values & ~bad
+def judge(run: Run, reference: Reference) -> Verdict:
+    """Judge what a run of a batch gave."""
+    batch, values, status = run.batch, run.values, run.status
+    ok, has_values = status == Status.OK, np.isin(status, [int(s) for s in STATUS if s.has_values])
+    finite, empty = np.ones(len(batch), bool), np.ones(len(batch), bool)
+    for name in values:
+        if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force):
+            found = np.isfinite(values[name][:, _exists(batch, name, values[name])])
+            finite &= found.all(axis=1)
+            empty &= ~found.any(axis=1)
+    sound = has_values & finite
     with np.errstate(invalid="ignore", over="ignore"):
-        created = np.where(sound, created_energy(found), 0.0)
-        share = np.where(sound, energy_share(batch, found), 0.0)
-    fault(ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created)
-    for is_ok, bound in ENERGY_BOUND.items():
-        fault((ok == is_ok) & (share > bound), "holds {:.4g} times the energy that can have come in", share)
+        created = np.where(sound, created_energy(values), 0.0)
+        share = np.where(sound, energy_share(batch, values), 0.0)
     judged = ok & sound & reference.known
-    error = np.where(judged, peak_error(peaks_of(found), reference.peaks), np.nan)
-    beyond = judged & (error > OK_CLAIM)
+    error = np.where(judged, peak_error(peaks_of(values), reference.peaks), np.nan)
+    missed = judged & (error > OK_CLAIM)
     sensitive, told = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
-    rows = np.flatnonzero(beyond)
+    rows = np.flatnonzero(missed)
     if len(rows):
-        sensitive[rows] = sensitive_rows(batch, reference, rows)
-        told[rows] = told_rows(batch, method, dt, precision, found, rows)
-    fault(
-        beyond & ~told & ~sensitive,
-        f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})",
-        error,
+        sensitive[rows], told[rows] = sensitive_rows(batch, reference, rows), told_rows(run, rows)
+    off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
+    beyond = share > np.where(ok, ENERGY_BOUND[True], ENERGY_BOUND[False])
+    demands = (
+        (has_values & ~finite, "has values that are not finite", share),
+        (~has_values & ~empty, "has no result by its status, but finite values", share),
+        (status == Status.NOT_RUN, "was not run", share),
+        ((status == Status.DIVERGED) & SCHEMES[run.method].implicit, "diverged, though its contact is implicit", share),
+        (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
+        (beyond, "holds {:.4g} times the energy that can have come in", share),
+        (missed & ~told & ~sensitive, off, error),
+        ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
-    if seconds > TIME_LIMIT:
-        faults.append((0, f"took {seconds:.0f} s"))
+    faults = [(int(i), text.format(float(of[i]))) for rows, text, of in demands for i in np.flatnonzero(rows)]
     unknown = ok & sound & ~reference.known
-    return BatchVerdict(
-        batch, method, precision, dt, status, error, beyond, told, sensitive, unknown, created, share, seconds, faults
-    )
+    return Verdict(run, error, missed, told, sensitive, unknown, created, share, faults)
 
 
-def _only_real(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
-    """Values of what exists: without walls, missing storeys and floors that meet nothing; shape (n, values)."""
-    dims = get_variable(name).dims
-    scene = batch.scene
+def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
+    """Whether there is what a value is of, not so at walls, missing storeys and floors that meet nothing."""
+    dims, scene = get_variable(name).dims, batch.scene
     if dims == ("building", "storey"):
         exists = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
-        there = np.isfinite(scatter_dof(exists[None], scene))[0]
-    elif dims == ("pair", "storey"):
-        there = np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
-    else:
-        there = np.ones(values.shape[1:], bool)
-    return values[:, there]
+        return np.isfinite(scatter_dof(exists[None], scene))[0]
+    if dims == ("pair", "storey"):
+        return np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
+    return np.ones(values.shape[1:], bool)

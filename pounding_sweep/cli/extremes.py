@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -53,27 +53,27 @@ def extremes_command(
             check_output(map_file, overwrite)
         if plot_file is not None:
             check_output(plot_file, overwrite=True, netcdf=False)
-        n_workers = check_scheduler("threads", workers)
+        n_workers, tell = check_scheduler("threads", workers), None if quiet else say
         with closing(make_progress(quiet)) as progress:
-            found = run_extremes(
-                scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress
-            )
-        files = _map(map_file, plot_file, law)
+            suite = run_extremes(
+                scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress,
+                tell=tell,
+            )  # fmt: skip
+        files = [str(file) for file in (map_file, plot_file) if file is not None]
+        if files:
+            _map(map_file, plot_file, law)
         if as_json:
-            print_json(_report(found, files))
+            print_json({**suite.as_dict(), "files": files})
         else:
-            _print(found)
-            for file in files:
-                print(file)
-        if found.faults:
-            say(f"failed: {len(found.faults)} violations; each names its scenario, and --json gives all of them")
+            _print(suite)
+            print(*files, sep="\n", end="\n" if files else "")
+        if suite.faults:
+            say(f"failed: {len(suite.faults)} violations; each names its scenario, and --json gives all of them")
             raise typer.Exit(FAILED)
 
 
-def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) -> list[str]:
-    """Make the map's files; returns their names."""
-    if map_file is None and plot_file is None:
-        return []
+def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) -> None:
+    """Make the map's files."""
     from pounding_sweep.accuracy.stability_map import stability_map
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
@@ -83,66 +83,40 @@ def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) 
         write_cube(dataset, map_file, overwrite=True)
     if plot_file is not None:
         plot(dataset, "stability-map", plot_file)
-    return [str(file) for file in (map_file, plot_file) if file is not None]
 
 
-def _report(found: Extremes, files: list[str]) -> dict[str, Any]:
-    from pounding_sweep.accuracy.judge import OK_CLAIM
-
-    return {
-        "claim": OK_CLAIM,
-        "laws": list(found.laws),
-        "scenes": found.scenes,
-        "seed": found.seed,
-        "results": [result.as_dict() for result in found.results],
-        "violations": len(found.faults),
-        "seconds": found.seconds,
-        "compile_seconds": found.compile_seconds,
-        "files": files,
-    }
-
-
-def _print(found: Extremes) -> None:
-    from pounding_sweep.accuracy.judge import OK_CLAIM
+def _print(suite: Extremes) -> None:
     from pounding_sweep.outputs.differences import CHANGE
-    from pounding_sweep.outputs.variables import STATUS
+    from pounding_sweep.outputs.variables import OK_CLAIM, STATUS
 
-    counted = [s for s in STATUS if any(result.statuses[s.label] for result in found.results)]
-    headings = ["family", "scheme", "scenarios", *(s.label.replace("_", " ") for s in counted)]
-    headings += ["missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"]
+    labels = [s.label for s in STATUS if any(result.statuses[s.label] for result in suite.results)]
+    counts, worst = ("missed", "sensitive", "unknown"), ("worst_error", "worst_created_energy")
+    headings = ["family", "scheme", "scenarios", *(label.replace("_", " ") for label in labels), *counts]
     rows = [
         [
-            result.family,
-            result.method,
-            str(result.scenarios),
-            *(str(result.statuses[s.label]) for s in counted),
-            str(result.missed),
-            str(result.sensitive),
-            str(result.unknown),
-            f"{result.worst_error:.1e}",
-            f"{result.worst_created_energy:.1e}",
-            str(len(result.violations)),
-            f"{result.seconds:.2f}",
+            *(result.family, result.method, str(result.scenarios)),
+            *(str(result.statuses[label]) for label in labels),
+            *(str(getattr(result, name)) for name in counts),
+            *(f"{getattr(result, name):.1e}" for name in worst),
+            *(str(len(result.violations)), f"{result.seconds:.2f}"),
         ]
-        for result in found.results
+        for result in suite.results
     ]
-    print_table(headings, rows, right=range(2, len(headings)))
+    print_table([*headings, "worst error", "created energy", "violations", "s"], rows, right=range(2, len(rows[0])))
     print()
-    for fault in found.faults[:SHOWN]:
+    for fault in suite.faults[:SHOWN]:
+        gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
         print(
-            f"{fault['family']} ({fault['case']}), {fault['law']}, {fault['method']} {fault['precision']}, "
-            f"dt {fault['dt']:g} s, k {fault['stiffness']:.4g}, e {fault['restitution']:.4g}, gaps "
-            f"{', '.join(f'{g:.4g}' for g in fault['gaps']) or '-'} m, scale {fault['scale']:.4g}: {fault['fault']}"
+            "{family} ({case}), {law}, {method} {precision}, dt {dt:g} s, k {stiffness:.4g}, e {restitution:.4g}, "
+            "gaps {where} m, scale {scale:.4g}: {fault}".format(**fault, where=gaps)
         )
-    total = sum(result.scenarios for result in found.results)
+    total = sum(result.scenarios for result in suite.results)
     print(
-        f"{total} scenarios of {len(found.laws)} laws in {seconds_text(found.seconds)}, references included; "
-        f"{seconds_text(found.compile_seconds)} until the kernels were ready. {len(found.faults)} violations."
+        f"{total} scenarios of {len(suite.laws)} laws in {seconds_text(suite.seconds)}, references included; "
+        f"{seconds_text(suite.compile_seconds)} until the kernels were ready. {len(suite.faults)} violations.\n"
+        f"missed: ok, but a peak force, penetration or displacement is off by more than {OK_CLAIM:g}.\n"
+        f"sensitive: those of them in which inputs changed by {CHANGE:g} change a peak by more than {OK_CLAIM:g}.\n"
+        "worst error: of ok scenarios, but the sensitive ones and those that half the step gives away "
+        "(error_estimate).\nunknown: ok, but no step tried was fine enough for a reference.\n"
+        "created energy: made by contacts of ok scenarios, relative to the energy balance."
     )
-    print(f"missed: ok, but a peak force, penetration or displacement is off by more than {OK_CLAIM:g}.")
-    print(f"sensitive: those of them in which inputs changed by {CHANGE:g} change a peak by more than {OK_CLAIM:g}.")
-    print(
-        "worst error: of ok scenarios, but the sensitive ones and those that half the step gives away (error_estimate)."
-    )
-    print("unknown: ok, but no step tried was fine enough for a reference.")
-    print("created energy: made by contacts of ok scenarios, relative to the energy balance.")
