@@ -11,7 +11,6 @@ from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 
 from pounding_sweep.kernel.lanes import (
@@ -24,7 +23,7 @@ from pounding_sweep.kernel.lanes import (
     Tracer,
     Vector,
     count_to,
-    mask,
+    everywhere,
     maximum,
     minimum,
     power,
@@ -283,10 +282,7 @@ class Group:
         at = self._places.first[name] + i
         if self.trace is None:
             return self.constants[at]
-        t = self.trace
-        place = at.value if isinstance(at, Count) else ir.Constant(ir.IntType(64), at)
-        pointer = t.builder.gep(self.constants, [place], inbounds=True)
-        return Real(t, t.load(pointer, t.real, t.size, fixed=True))
+        return self.trace.read(Real, self.constants, at, fixed=True)
 
     def clock(self, h: Any) -> Any:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
@@ -310,17 +306,11 @@ class Group:
 
     def full(self, x: Any) -> Any:
         """Return a number in all lanes."""
-        if self.trace is None:
-            return np.array(np.broadcast_to(x, self.lanes), float)
-        return (
-            x
-            if isinstance(x, Vector)
-            else Vector(self.trace, self.trace.spread(x.value if isinstance(x, Real) else self.trace.number(x)))
-        )
+        return everywhere(self.trace, x, self.lanes)
 
     def lanes_where(self, x: bool) -> Any:
         """Return a truth in all lanes."""
-        return np.full(self.lanes, x) if self.trace is None else mask(self.trace, x)
+        return everywhere(self.trace, x, self.lanes)
 
     def floor(self, x: Any, i: Any) -> Any:
         """Return floor i's of all floors' values, or of the rows of a name."""

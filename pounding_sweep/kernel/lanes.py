@@ -23,7 +23,7 @@ from llvmlite import ir
 from llvmlite.binding import get_host_cpu_features
 from llvmlite.ir.instructions import LoadInstr
 
-_I1, _I32, _I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+_I1, _I32, _I64, _SINGLE, _DOUBLE = ir.IntType(1), ir.IntType(32), ir.IntType(64), ir.FloatType(), ir.DoubleType()
 #: Root of a half in single precision, as a whole number.
 _ROOT_HALF = int(np.float32(0.5**0.5).view(np.int32))
 
@@ -46,7 +46,7 @@ class Tracer:
 
     def __init__(self, builder: Any, precision: str, lanes: int) -> None:
         self.builder, self.lanes, self.module = builder, lanes, builder.module
-        self.real = ir.DoubleType() if precision == "float64" else ir.FloatType()
+        self.real = _DOUBLE if precision == "float64" else _SINGLE
         self.size = 8 if precision == "float64" else 4
         self.vector, self.truths, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
         #: A mask: of processors that keep masks in vectors, as wide as numbers, all bits of a lane alike.
@@ -65,8 +65,11 @@ class Tracer:
         if isinstance(x, ir.Constant):
             return ir.Constant(kind, [x.constant] * self.lanes)
         one = self.builder.insert_element(ir.Constant(kind, ir.Undefined), x, ir.Constant(_I32, 0))
-        order = ir.Constant(ir.VectorType(_I32, self.lanes), [0] * self.lanes)
-        return self.builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), order)
+        return self.shuffle(one, ir.Constant(kind, ir.Undefined), [0] * self.lanes)
+
+    def shuffle(self, a: Any, b: Any, order: Sequence[int]) -> Any:
+        """Return lanes of two vectors in an order, those of the second counted after those of the first."""
+        return self.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_I32, self.lanes), [*order]))
 
     def call(self, name: str, *given: Any) -> Any:
         """Call an LLVM intrinsic of one vector type."""
@@ -88,11 +91,85 @@ class Tracer:
             found.set_metadata("invariant.load", self.module.add_metadata([]))
         return found
 
+    def at(self, pointer: Any, place: Any) -> Any:
+        """Return where a number of a table lies."""
+        return self.builder.gep(pointer, [place.value if isinstance(place, Count) else ir.Constant(_I64, place)], True)
+
+    def read(self, kind: type[Value], pointer: Any, place: Any, double: bool = False, fixed: bool = False) -> Any:
+        """Return a `Real` or a `Vector` of a table, of whose format or in double precision its numbers are."""
+        own = self.vector if kind is Vector else self.real
+        if not double or self.size == 8:
+            return kind(self, self.load(self.at(pointer, place), own, self.size, fixed))
+        stored = ir.VectorType(_DOUBLE, self.lanes) if kind is Vector else _DOUBLE
+        return kind(self, self.builder.fptrunc(self.load(self.at(pointer, place), stored, 8), own))
+
+    def write(self, kind: type[Value], pointer: Any, place: Any, x: Any, double: bool = False) -> None:
+        """Write a number, or those of all lanes, into a table."""
+        value = kind.lift(self, x)
+        if double and self.size == 4:
+            value = self.builder.fpext(value, ir.VectorType(_DOUBLE, self.lanes) if kind is Vector else _DOUBLE)
+        place = self.builder.bitcast(self.at(pointer, place), value.type.as_pointer())
+        self.builder.store(value, place).align = 8 if double else self.size
+
+    def go_round(self, asks: Callable[[], Any]) -> Iterator[None]:
+        """Go round while a truth holds that is worked out before each round."""
+        b = self.builder
+        head, body, out = (b.append_basic_block(name) for name in ("ask", "round", "done"))
+        b.branch(head)
+        b.position_at_end(head)
+        b.cbranch(asks(), body, out)
+        b.position_at_end(body)
+        yield
+        b.branch(head)
+        b.position_at_end(out)
+
+
+def _lifted(a: Any, b: Any) -> tuple[Tracer, Any, Any, Any]:
+    """Return two values, of which one is traced, in the same form, after its tracer and this form."""
+    some = b if not isinstance(a, Value) or (isinstance(b, Value) and b.per_lane) else a
+    trace, form = some.trace, _FORMS[some.kind, some.per_lane]
+    return trace, form, form.lift(trace, a), form.lift(trace, b)
+
+
+def _operator(**instructions: str) -> tuple[Any, Any]:
+    """Return an operator and the one of its other side: an instruction for each kind of value."""
+
+    def apply(a: Any, b: Any) -> Any:
+        trace, form, *both = _lifted(a, b)
+        return form(trace, getattr(trace.builder, instructions[form.kind])(*both))
+
+    return apply, lambda self, other: apply(other, self)
+
+
+def _comparison(sign: str) -> Any:
+    def compare(a: Any, b: Any) -> Any:
+        trace, form, *both = _lifted(a, b)
+        found = getattr(trace.builder, "fcmp_ordered" if form.kind == "number" else "icmp_signed")(sign, *both)
+        return Mask.compared(trace, found) if form.per_lane else Flag(trace, found)
+
+    return compare
+
+
+def _unary(instruction: str) -> Any:
+    return lambda x: type(x)(x.trace, getattr(x.trace.builder, instruction)(x.value))
+
 
 class Value:
-    """A traced value."""
+    """A traced value: truths, whole numbers or numbers, one for all lanes or one per lane."""
 
     __hash__ = None  # type: ignore[assignment]
+    kind: str
+    per_lane: bool
+
+    __add__, __radd__ = _operator(number="fadd", whole="add")
+    __sub__, __rsub__ = _operator(number="fsub", whole="sub")
+    __mul__, __rmul__ = _operator(number="fmul", whole="mul")
+    __truediv__, __rtruediv__ = _operator(number="fdiv")
+    __floordiv__, _ = _operator(whole="sdiv")
+    __and__, __rand__ = _operator(truth="and_")
+    __or__, __ror__ = _operator(truth="or_")
+    __neg__, __invert__ = _unary("fneg"), _unary("not_")
+    __lt__, __le__, __gt__, __ge__, __eq__ = map(_comparison, ("<", "<=", ">", ">=", "=="))
 
     def __init__(self, trace: Tracer, value: Any) -> None:
         self.trace, self.value = trace, value
@@ -101,22 +178,27 @@ class Value:
         msg = "a traced value is not known while it is traced: use `where`, `when` or `when_any`"
         raise TypeError(msg)
 
+    @classmethod
+    def lift(cls, trace: Tracer, x: Any) -> Any:
+        """Return LLVM's value of x, known or traced, in this form."""
+        if isinstance(x, Value):
+            return trace.spread(x.value) if cls.per_lane and not x.per_lane else x.value
+        if cls is Mask:
+            return ir.Constant(trace.mask, [-int(bool(x))] * trace.lanes)
+        known = trace.number(x) if cls.kind == "number" else ir.Constant(_INTEGERS[cls.kind], int(x))
+        return trace.spread(known) if cls.per_lane else known
+
 
 class Flag(Value):
     """One truth for all lanes."""
 
-    def __invert__(self) -> Flag:
-        return Flag(self.trace, self.trace.builder.not_(self.value))
-
-    def __and__(self, other: Flag) -> Flag:
-        return Flag(self.trace, self.trace.builder.and_(self.value, other.value))
-
-    def __or__(self, other: Flag) -> Flag:
-        return Flag(self.trace, self.trace.builder.or_(self.value, other.value))
+    kind, per_lane = "truth", False
 
 
 class Mask(Value):
     """One truth per lane."""
+
+    kind, per_lane = "truth", True
 
     def __init__(self, trace: Tracer, value: Any, truths: Any = None) -> None:
         super().__init__(trace, value)
@@ -139,184 +221,71 @@ class Mask(Value):
             return self.trace.builder.icmp_signed("<", self.value, none)
         return self._truths
 
-    def _of(self, other: Any) -> Any:
-        return other.value if isinstance(other, Mask) else _mask(self.trace, bool(other))
-
-    def __and__(self, other: Any) -> Mask:
-        return Mask(self.trace, self.trace.builder.and_(self.value, self._of(other)))
-
-    def __or__(self, other: Any) -> Mask:
-        return Mask(self.trace, self.trace.builder.or_(self.value, self._of(other)))
-
-    def __invert__(self) -> Mask:
-        return Mask(self.trace, self.trace.builder.not_(self.value))
-
-
-def _mask(trace: Tracer, x: bool) -> Any:
-    """Return one truth in all lanes, as LLVM's mask."""
-    return ir.Constant(trace.mask, [-int(x)] * trace.lanes)
-
 
 class Count(Value):
     """One whole number for all lanes."""
 
-    __hash__ = None
-
-    def _of(self, other: Any) -> Any:
-        return other.value if isinstance(other, Count) else ir.Constant(_I64, int(other))
-
-    def __add__(self, other: Any) -> Count:
-        return Count(self.trace, self.trace.builder.add(self.value, self._of(other)))
-
-    def __sub__(self, other: Any) -> Count:
-        return Count(self.trace, self.trace.builder.sub(self.value, self._of(other)))
-
-    def __rsub__(self, other: Any) -> Count:
-        return Count(self.trace, self.trace.builder.sub(self._of(other), self.value))
-
-    def __mul__(self, other: Any) -> Count:
-        return Count(self.trace, self.trace.builder.mul(self.value, self._of(other)))
-
-    def __floordiv__(self, other: Any) -> Count:
-        return Count(self.trace, self.trace.builder.sdiv(self.value, self._of(other)))
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def _compare(self, sign: str, other: Any) -> Flag:
-        return Flag(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
-
-    def __eq__(self, other: Any) -> Flag:  # type: ignore[override]
-        return self._compare("==", other)
-
-    def __lt__(self, other: Any) -> Flag:
-        return self._compare("<", other)
-
-    def __gt__(self, other: Any) -> Flag:
-        return self._compare(">", other)
-
-    def __ge__(self, other: Any) -> Flag:
-        return self._compare(">=", other)
+    kind, per_lane = "whole", False
 
 
 class Counts(Value):
     """One whole number per lane."""
 
-    __hash__ = None
-
-    def _of(self, other: Any) -> Any:
-        if isinstance(other, Counts):
-            return other.value
-        return self.trace.spread(other.value if isinstance(other, Count) else ir.Constant(_I64, int(other)))
-
-    def __add__(self, other: Any) -> Counts:
-        return Counts(self.trace, self.trace.builder.add(self.value, self._of(other)))
-
-    __radd__ = __add__
-
-    def __mul__(self, other: Any) -> Counts:
-        return Counts(self.trace, self.trace.builder.mul(self.value, self._of(other)))
-
-    def _compare(self, sign: str, other: Any) -> Mask:
-        return Mask.compared(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
-
-    def __eq__(self, other: Any) -> Mask:  # type: ignore[override]
-        return self._compare("==", other)
-
-    def __lt__(self, other: Any) -> Mask:
-        return self._compare("<", other)
-
-    def __ge__(self, other: Any) -> Mask:
-        return self._compare(">=", other)
-
-
-_OPERATORS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "truediv": "fdiv"}
-_COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}
+    kind, per_lane = "whole", True
 
 
 class Real(Value):
     """One number for all lanes."""
 
-    def _of(self, other: Any) -> Any:
-        return other.value if isinstance(other, Real) else self.trace.number(other)
-
-    def __neg__(self) -> Real:
-        return Real(self.trace, self.trace.builder.fneg(self.value))
+    kind, per_lane = "number", False
 
 
 class Vector(Value):
     """One number per lane."""
 
-    def _of(self, other: Any) -> Any:
-        return _lanes(self.trace, other)
-
-    def __neg__(self) -> Vector:
-        return Vector(self.trace, self.trace.builder.fneg(self.value))
+    kind, per_lane = "number", True
 
 
-def _lanes(trace: Tracer, x: Any) -> Any:
-    """Return the LLVM vector of a number, however it is given."""
-    if isinstance(x, Vector):
-        return x.value
-    return trace.spread(x.value if isinstance(x, Real) else trace.number(x))
-
-
-def _define(name: str, operation: str) -> None:
-    def forward(self: Any, other: Any) -> Any:
-        if isinstance(self, Real) and isinstance(other, Vector):
-            return getattr(Vector(other.trace, _lanes(other.trace, self)), f"__{name}__")(other)
-        return type(self)(self.trace, getattr(self.trace.builder, operation)(self.value, self._of(other)))
-
-    def backward(self: Any, other: Any) -> Any:
-        return type(self)(self.trace, getattr(self.trace.builder, operation)(self._of(other), self.value))
-
-    for kind in (Real, Vector):
-        setattr(kind, f"__{name}__", forward)
-        setattr(kind, f"__r{name}__", backward)
-
-
-def _define_comparison(name: str, sign: str) -> None:
-    def compare(self: Any, other: Any) -> Any:
-        if isinstance(self, Real) and isinstance(other, Vector):
-            self = Vector(other.trace, _lanes(other.trace, self))
-        kind: Any = Flag if isinstance(self, Real) else Mask.compared
-        return kind(self.trace, self.trace.builder.fcmp_ordered(sign, self.value, self._of(other)))
-
-    for kind in (Real, Vector):
-        setattr(kind, f"__{name}__", compare)
-
-
-for _name, _operation in _OPERATORS.items():
-    _define(_name, _operation)
-for _name, _sign in _COMPARISONS.items():
-    _define_comparison(_name, _sign)
+_INTEGERS = {"truth": _I1, "whole": _I64}
+_FORMS: dict[tuple[str, bool], type[Value]] = {
+    (x.kind, x.per_lane): x for x in (Flag, Mask, Count, Counts, Real, Vector)
+}
 
 
 def _trace_of(*given: Any) -> Tracer | None:
-    traced = [x for x in given if isinstance(x, Value)]
-    side_by_side = (x for x in traced if isinstance(x, Vector | Mask | Counts))
-    return next((x.trace for x in (*side_by_side, *traced)), None)
+    trace = None
+    for x in given:
+        if isinstance(x, Value):
+            trace = x.trace
+            if x.per_lane:
+                break
+    return trace
+
+
+def _call(name: str, twin: Callable[..., Any], *given: Any) -> Any:
+    """Apply a function of numbers: an LLVM intrinsic, or its twin on arrays."""
+    trace = _trace_of(*given)
+    return twin(*given) if trace is None else Vector(trace, trace.call(name, *(Vector.lift(trace, x) for x in given)))
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once where it is traced."""
-    trace = _trace_of(a, b, c)
-    if trace is None:
-        return a * b + c
-    return Vector(trace, trace.call("fma", *(_lanes(trace, x) for x in (a, b, c))))
+    return _call("fma", lambda a, b, c: a * b + c, a, b, c)
 
 
 def sqrt(x: Any) -> Any:
     """Square root."""
-    trace = _trace_of(x)
-    return np.sqrt(x) if trace is None else Vector(trace, trace.call("sqrt", _lanes(trace, x)))
+    return _call("sqrt", np.sqrt, x)
 
 
 def power(x: Any, exponent: float) -> Any:
     """Return x to a power."""
-    trace = _trace_of(x)
-    if trace is None:
-        return np.power(x, exponent)
-    return Vector(trace, trace.call("pow", _lanes(trace, x), _lanes(trace, exponent)))
+    return _call("pow", np.power, x, exponent)
+
+
+def size(x: Any) -> Any:
+    """Absolute value."""
+    return _call("fabs", np.abs, x)
 
 
 #: Binary logarithm of the largest number that `roughly_power` finds.
@@ -377,12 +346,6 @@ def _sum_up(coefficients: Sequence[float], at: np.ndarray) -> np.ndarray:
     return total
 
 
-def size(x: Any) -> Any:
-    """Absolute value."""
-    trace = _trace_of(x)
-    return np.abs(x) if trace is None else Vector(trace, trace.call("fabs", _lanes(trace, x)))
-
-
 def where(condition: Any, a: Any, b: Any) -> Any:
     """Return a in the lanes of a mask (or at a flag), b elsewhere."""
     return _where(condition, a, b, fenced=True)
@@ -392,19 +355,17 @@ def _where(condition: Any, a: Any, b: Any, fenced: bool) -> Any:
     trace = _trace_of(condition, a, b)
     if trace is None:
         return np.where(condition, a, b)
-    select = trace.builder.select
-    if isinstance(condition, Flag):
-        kind = type(a)
-        return kind(trace, select(condition.value, a.value, a._of(b)))
-    if isinstance(a, Mask | Counts) or isinstance(b, Mask | Counts):
-        known: Any = a if isinstance(a, Mask | Counts) else b
-        return type(known)(trace, select(condition.truths, known._of(a), known._of(b)))
-    both = [_lanes(trace, x) for x in (a, b)]
-    if fenced:
+    some = next((x for x in (a, b) if isinstance(x, Value)), None)
+    wide = not isinstance(condition, Flag) or any(isinstance(x, Value) and x.per_lane for x in (a, b))
+    form = _FORMS[some.kind if some is not None else "number", wide]
+    both = [form.lift(trace, x) for x in (a, b)]
+    if fenced and form is Vector and isinstance(condition, Mask):
         # what is chosen and written where one of both was read would become a masked store: tens of cycles on many
         # processors without AVX-512, and it hands its value to no load before the cache has it
         both = [trace.call("arithmetic.fence", x) if isinstance(x, LoadInstr) else x for x in both]
-    return Vector(trace, select(condition.truths, *both))
+    return form(
+        trace, trace.builder.select(condition.value if isinstance(condition, Flag) else condition.truths, *both)
+    )
 
 
 def maximum(a: Any, b: Any) -> Any:
@@ -455,19 +416,16 @@ def count_to(n: Any, trace: Tracer | None) -> Iterator[Any]:
     if trace is None:
         yield from range(n)
         return
-    b = trace.builder
-    kept = trace.place(_I64)
-    b.store(ir.Constant(_I64, 0), kept)
-    head, body, out = (b.append_basic_block(name) for name in ("count", "counted", "over"))
-    b.branch(head)
-    b.position_at_end(head)
-    now = b.load(kept)
-    b.cbranch(b.icmp_signed("<", now, n.value if isinstance(n, Count) else ir.Constant(_I64, n)), body, out)
-    b.position_at_end(body)
-    yield Count(trace, now)
-    b.store(b.add(now, ir.Constant(_I64, 1)), kept)
-    b.branch(head)
-    b.position_at_end(out)
+    number = Cell(whole(trace, 0))
+    now: list[Count] = []
+
+    def asks() -> Any:
+        now[:] = [number.now]
+        return (now[0] < n).value
+
+    for _ in trace.go_round(asks):
+        yield now[0]
+        number.now = now[0] + 1
 
 
 def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -> Iterator[None]:
@@ -478,36 +436,24 @@ def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -
             rounds += 1
             yield
         return
-    b = trace.builder
-    left = trace.place(_I64) if at_most else None
-    if at_most:
-        b.store(ir.Constant(_I64, at_most), left)
-    head, body, out = (b.append_basic_block(name) for name in ("ask", "round", "done"))
-    b.branch(head)
-    b.position_at_end(head)
-    asked = asks()
-    flag = (any_lane(asked) if isinstance(asked, Mask) else asked).value
-    if at_most:
-        flag = b.and_(flag, b.icmp_signed(">", b.load(left), ir.Constant(_I64, 0)))
-    b.cbranch(flag, body, out)
-    b.position_at_end(body)
-    yield
-    if at_most:
-        b.store(b.sub(b.load(left), ir.Constant(_I64, 1)), left)
-    b.branch(head)
-    b.position_at_end(out)
+    left = Cell(whole(trace, at_most)) if at_most else None
 
+    def goes_on() -> Any:
+        asked = asks()
+        flag = any_lane(asked) if isinstance(asked, Mask) else asked
+        return (flag & (left.now > 0) if left is not None else flag).value
 
-def _one(trace: Tracer, x: Any) -> Any:
-    """Return the LLVM number of a number, however it is given."""
-    return x.value if isinstance(x, Real) else trace.number(x)
+    for _ in trace.go_round(goes_on):
+        yield
+        if left is not None:
+            left.now = left.now - 1
 
 
 class Cell:
     """A variable that branches and loops may change; at a `place` in memory, what it is there stays."""
 
     def __init__(self, x: Any, place: Any = None) -> None:
-        self._trace, self._kind, self._x, self._place = _trace_of(x), type(x), x, place
+        self._trace, self._form, self._x, self._place = _trace_of(x), type(x), x, place
         if self._trace is not None and place is None:
             self._place = self._trace.place(x.value.type)
             self.now = x
@@ -515,31 +461,27 @@ class Cell:
     @property
     def now(self) -> Any:
         """Its value."""
-        if self._trace is None:
-            return self._x
-        return self._kind(self._trace, self._trace.builder.load(self._place))
+        return self._x if self._trace is None else self._form(self._trace, self._trace.builder.load(self._place))
 
     @now.setter
     def now(self, x: Any) -> None:
         if self._trace is None:
             self._x = x
-            return
-        value = x.value if isinstance(x, Value) and not isinstance(x, Real) else None
-        if value is None:
-            value = _lanes(self._trace, x) if self._kind is Vector else x.value
-        self._trace.builder.store(value, self._place)
+        else:
+            self._trace.builder.store(self._form.lift(self._trace, x), self._place)
 
-    def _lane_at(self, lane: Any) -> Any:
+    def _one(self, lane: Any) -> tuple[Any, type[Value]]:
+        """Where the number of one lane lies, and its form."""
         b = self._trace.builder  # type: ignore[union-attr]
         each = b.bitcast(self._place, self._place.type.pointee.element.as_pointer())
-        return b.gep(each, [lane.value], inbounds=True)
+        return b.gep(each, [lane.value], inbounds=True), _FORMS[self._form.kind, False]
 
     def lane(self, lane: Any) -> Any:
         """Return the number of one lane."""
         if self._trace is None:
             return self._x[lane]
-        kind = Count if self._kind is Counts else Real
-        return kind(self._trace, self._trace.builder.load(self._lane_at(lane)))
+        place, form = self._one(lane)
+        return form(self._trace, self._trace.builder.load(place))
 
     def put_lane(self, lane: Any, x: Any) -> None:
         """Change the number of one lane."""
@@ -547,8 +489,8 @@ class Cell:
             self._x = self._x.copy()
             self._x[lane] = x
             return
-        value = x.value if isinstance(x, Value) else _one(self._trace, x)
-        self._trace.builder.store(value, self._lane_at(lane))
+        place, form = self._one(lane)
+        self._trace.builder.store(form.lift(self._trace, x), place)
 
 
 class Ledger:
@@ -581,6 +523,7 @@ class Rows:
     # lanes: lanes of the kernel
     # pointer: where the first lane of the first row lies
     # stride: numbers from one row to the next; `lanes` unless given
+    # wide: numbers are in double precision, whatever the kernel's
 
     def __init__(
         self,
@@ -602,105 +545,69 @@ class Rows:
     def __contains__(self, name: str) -> bool:
         return name in self.first
 
-    def _at(self, key: Any) -> Any:
+    def _row(self, key: Any) -> Any:
         name, i = key if isinstance(key, tuple) else (key, 0)
         if isinstance(i, int) and not 0 <= i < self.count[name]:
             msg = f"row {name}[{i}] of {self.count[name]}"
             raise IndexError(msg)
         return self.first[name] + i
 
-    def _pointer(self, row: Any) -> Any:
-        b = self.trace.builder  # type: ignore[union-attr]
-        at = (row * self.stride).value if isinstance(row, Count) else ir.Constant(_I64, row * self.stride)
-        return b.gep(self.pointer, [at], inbounds=True)
+    def row(self, i: Any) -> Any:
+        """Return a row by its number."""
+        if self.trace is None:
+            return self.array[i].copy()
+        return self.trace.read(Vector, self.pointer, i * self.stride, self.wide)
 
     def __getitem__(self, key: Any) -> Any:
-        row, t = self._at(key), self.trace
-        if t is None:
-            return self.array[row].copy()
-        if not self.wide or t.size == 8:
-            return Vector(t, t.load(self._pointer(row), t.vector, t.size))
-        found = t.load(self._pointer(row), ir.VectorType(ir.DoubleType(), t.lanes), 8)
-        return Vector(t, t.builder.fptrunc(found, t.vector))
+        return self.row(self._row(key))
 
-    def number(self, name: str, i: Any) -> Any:
-        """Return number `i` of the rows of a name, which lie one after another."""
+    def __setitem__(self, key: Any, x: Any) -> None:
         if self.trace is None:
-            return self.array.reshape(-1)[self.first[name] * self.lanes + i]
-        t = self.trace
-        return Real(t, t.load(self._number_at(self.first[name] * self.stride + i), t.real, t.size))
-
-    def vector(self, name: str, i: Any) -> Any:
-        """Return as many numbers as there are lanes, from number `i` of the rows of a name on."""
-        at = self.first[name] * self.stride + i
-        pointer = self.array.reshape(-1) if self.trace is None else self.pointer
-        return load(self.trace, pointer, at, self.lanes)
-
-    def put_number(self, name: str, i: Any, x: Any) -> None:
-        """Write number `i` of the rows of a name."""
-        if self.trace is None:
-            self.array.reshape(-1)[self.first[name] * self.lanes + i] = x
-            return
-        kept = self.trace.builder.store(_one(self.trace, x), self._number_at(self.first[name] * self.stride + i))
-        kept.align = self.trace.size
+            self.array[self._row(key)] = x
+        else:
+            self.trace.write(Vector, self.pointer, self._row(key) * self.stride, x, self.wide)
 
     def lane(self, row: Any, lane: Any) -> Any:
         """Return a lane's number in a row, by the row's number."""
         if self.trace is None:
             return self.array[row, lane]
-        t = self.trace
-        if not self.wide or t.size == 8:
-            return Real(t, t.load(self._number_at(row * self.stride + lane), t.real, t.size))
-        found = t.load(self._number_at(row * self.stride + lane), ir.DoubleType(), 8)
-        return Real(t, t.builder.fptrunc(found, t.real))
+        return self.trace.read(Real, self.pointer, row * self.stride + lane, self.wide)
 
     def put_lane(self, row: Any, lane: Any, x: Any) -> None:
         """Write a lane's number in a row."""
         if self.trace is None:
             self.array[row, lane] = x
-            return
-        t = self.trace
-        value = _one(t, x)
-        if self.wide and t.size == 4:
-            value = t.builder.fpext(value, ir.DoubleType())
-        pointer = self._number_at(row * self.stride + lane)
-        t.builder.store(value, pointer).align = 8 if self.wide else t.size
+        else:
+            self.trace.write(Real, self.pointer, row * self.stride + lane, x, self.wide)
 
     def clear_lane(self, lane: Any, rows: int) -> None:
         """Let a lane's numbers be zero in the first so many rows."""
         for row in count_to(rows, self.trace):
             self.put_lane(row, lane, 0.0)
 
-    def _number_at(self, at: Any) -> Any:
-        b = self.trace.builder  # type: ignore[union-attr]
-        place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-        return b.gep(self.pointer, [place], inbounds=True)
+    @property
+    def _numbers(self) -> Any:
+        """All numbers, one after another."""
+        return self.array.reshape(-1) if self.trace is None else self.pointer
 
-    def row(self, i: Any) -> Any:
-        """Return a row by its number."""
-        if self.trace is None:
-            return self.array[i].copy()
-        return Vector(self.trace, self.trace.load(self._pointer(i), self.trace.vector, self.trace.size))
+    def number(self, name: str, i: Any) -> Any:
+        """Return number `i` of the rows of a name, which lie one after another."""
+        return load_one(self.trace, self._numbers, self.first[name] * self.stride + i)
 
-    def __setitem__(self, key: Any, x: Any) -> None:
-        row, t = self._at(key), self.trace
-        if t is None:
-            self.array[row] = x
-            return
-        value, kind = _lanes(t, x), t.vector
-        if self.wide and t.size == 4:
-            kind = ir.VectorType(ir.DoubleType(), t.lanes)
-            value = t.builder.fpext(value, kind)
-        kept = t.builder.store(value, t.builder.bitcast(self._pointer(row), kind.as_pointer()))
-        kept.align = 8 if self.wide else t.size
+    def vector(self, name: str, i: Any) -> Any:
+        """Return as many numbers as there are lanes, from number `i` of the rows of a name on."""
+        return load(self.trace, self._numbers, self.first[name] * self.stride + i, self.lanes)
+
+    def put_number(self, name: str, i: Any, x: Any) -> None:
+        """Write number `i` of the rows of a name."""
+        store_one(self.trace, self._numbers, self.first[name] * self.stride + i, x)
 
 
 def narrow(trace: Tracer | None, x: Any) -> Any:
     """Return numbers of double precision in the format of `trace`."""
     if trace is None or x.trace.size == trace.size:
         return x if trace is None else type(x)(trace, x.value)
-    kind = trace.vector if isinstance(x, Vector) else trace.real
-    return type(x)(trace, trace.builder.fptrunc(x.value, kind))
+    return type(x)(trace, trace.builder.fptrunc(x.value, trace.vector if isinstance(x, Vector) else trace.real))
 
 
 def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
@@ -726,8 +633,7 @@ def after(x: Any) -> Any:
     trace = _trace_of(x)
     if trace is None:
         return np.append(x[1:], x[-1])
-    order = ir.Constant(ir.VectorType(_I32, trace.lanes), [*range(1, trace.lanes), trace.lanes - 1])
-    return Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order))
+    return Vector(trace, trace.shuffle(x.value, x.value, [*range(1, trace.lanes), trace.lanes - 1]))
 
 
 def transposed(rows: Sequence[Any]) -> list[Any]:
@@ -736,52 +642,51 @@ def transposed(rows: Sequence[Any]) -> list[Any]:
     if trace is None:
         return list(np.array(rows).T)
     found, n = list(rows), trace.lanes
-    kind, apart = ir.VectorType(_I32, n), n // 2
+    apart = n // 2
     while apart:  # squares of so many change places
-        low = ir.Constant(kind, [i if not i & apart else n + i - apart for i in range(n)])
-        high = ir.Constant(kind, [i + apart if not i & apart else n + i for i in range(n)])
+        low = [i if not i & apart else n + i - apart for i in range(n)]
+        high = [i + apart if not i & apart else n + i for i in range(n)]
         for i in (i for i in range(n) if not i & apart):
             a, b = found[i].value, found[i + apart].value
             for place, order in ((i, low), (i + apart, high)):
-                found[place] = Vector(trace, trace.builder.shuffle_vector(a, b, order))
+                found[place] = Vector(trace, trace.shuffle(a, b, order))
         apart //= 2
     return found
 
 
-def largest_lane(x: Any) -> Any:
-    """Largest number of all lanes."""
-    trace = _trace_of(x)
-    if trace is None:
-        return np.max(x)
-    n = trace.lanes
-    while n > 1:
-        n //= 2
-        order = ir.Constant(ir.VectorType(_I32, trace.lanes), [(i + n) % trace.lanes for i in range(trace.lanes)])
-        x = maximum(x, Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order)))
-    return first_lane(x)
-
-
-def sum_lanes(x: Any) -> Any:
-    """Sum of the numbers of all lanes, halves first."""
+def _fold(x: Any, combine: Callable[[Any, Any], Any]) -> Any:
+    """Combine the numbers of all lanes, halves first."""
     trace = _trace_of(x)
     n = lanes = len(x) if trace is None else trace.lanes
     while n > 1:
         n //= 2
-        if trace is None:
-            x = x + np.roll(x, -n)
-            continue
-        order = ir.Constant(ir.VectorType(_I32, lanes), [(i + n) % lanes for i in range(lanes)])
-        x = x + Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order))
-    return x[0] if trace is None else first_lane(x)
+        order = [(i + n) % lanes for i in range(lanes)]
+        x = combine(x, x[order] if trace is None else Vector(trace, trace.shuffle(x.value, x.value, order)))
+    return first_lane(x)
+
+
+def largest_lane(x: Any) -> Any:
+    """Largest number of all lanes."""
+    return _fold(x, maximum)
+
+
+def sum_lanes(x: Any) -> Any:
+    """Sum of the numbers of all lanes, halves first."""
+    return _fold(x, lambda a, b: a + b)
 
 
 def lane_of(x: Any, lane: Any) -> Any:
-    """Return the number (whole or real) of a lane that is known at run time."""
+    """Return the number (whole or real) of a lane."""
     trace = _trace_of(x)
     if trace is None:
         return x[lane]
-    found = trace.builder.extract_element(x.value, lane.value)
-    return Count(trace, found) if isinstance(x, Counts) else Real(trace, found)
+    found = trace.builder.extract_element(x.value, lane.value if isinstance(lane, Count) else ir.Constant(_I32, lane))
+    return _FORMS[x.kind, False](trace, found)
+
+
+def first_lane(x: Any) -> Any:
+    """Return the number of lane 0."""
+    return lane_of(x, 0)
 
 
 def _bits(mask: Mask) -> Any:
@@ -823,17 +728,11 @@ def _each_bit(trace: Tracer, bits: Any) -> Iterator[Count]:
     """Go through the numbers of the bits that are set in a whole number."""
     b, left = trace.builder, trace.place(_I64)
     b.store(bits, left)
-    head, body, out = (b.append_basic_block(name) for name in ("lanes", "lane", "served"))
-    b.branch(head)
-    b.position_at_end(head)
-    b.cbranch(b.icmp_signed("!=", b.load(left), ir.Constant(_I64, 0)), body, out)
-    b.position_at_end(body)
-    bits = b.load(left)
-    lane = Count(trace, b.cttz(bits, ir.Constant(_I1, 1)))
-    b.store(b.and_(bits, b.sub(bits, ir.Constant(_I64, 1))), left)
-    yield lane
-    b.branch(head)
-    b.position_at_end(out)
+    for _ in trace.go_round(lambda: b.icmp_signed("!=", b.load(left), ir.Constant(_I64, 0))):
+        bits = b.load(left)
+        lane = Count(trace, b.cttz(bits, ir.Constant(_I1, 1)))
+        b.store(b.and_(bits, b.sub(bits, ir.Constant(_I64, 1))), left)
+        yield lane
 
 
 def lesser(a: Any, b: Any) -> Any:
@@ -843,49 +742,38 @@ def lesser(a: Any, b: Any) -> Any:
 
 def load(trace: Tracer | None, pointer: Any, at: Any, lanes: int) -> Any:
     """Return as many numbers of a table as there are lanes, from place `at` on."""
-    if trace is None:
-        return pointer[at : at + lanes]
-    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-    return Vector(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.vector, trace.size))
+    return pointer[at : at + lanes] if trace is None else trace.read(Vector, pointer, at)
 
 
 def store(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
     """Write the numbers of all lanes into a table, in the format of `trace`."""
     if trace is None:
         pointer[at : at + len(x)] = x
-        return
-    b, kind = trace.builder, ir.VectorType(trace.real, trace.lanes)
-    value = x.value if x.trace.size == trace.size else b.fptrunc(x.value, kind)
-    place = b.gep(pointer, [at.value if isinstance(at, Count) else ir.Constant(_I64, at)], inbounds=True)
-    b.store(value, b.bitcast(place, kind.as_pointer())).align = trace.size
+    else:
+        trace.write(Vector, pointer, at, narrow(trace, x))
+
+
+def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
+    """Return a number of a table."""
+    return pointer[at] if trace is None else trace.read(Real, pointer, at)
 
 
 def store_one(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
     """Write a number into a table."""
     if trace is None:
         pointer[at] = x
-        return
-    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-    trace.builder.store(_one(trace, x), trace.builder.gep(pointer, [place], inbounds=True)).align = trace.size
-
-
-def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
-    """Return a number of a table."""
-    if trace is None:
-        return pointer[at]
-    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-    return Real(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.real, trace.size))
+    else:
+        trace.write(Real, pointer, at, x)
 
 
 def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
     """Each lane's own number of a table of the kernel's number format."""
     if trace is None:
         return pointer[places]
-    b, found = trace.builder, ir.Constant(trace.vector, ir.Undefined)
+    found = ir.Constant(trace.vector, ir.Undefined)
     for lane in range(trace.lanes):
-        at = ir.Constant(_I32, lane)
-        x = trace.load(b.gep(pointer, [b.extract_element(places.value, at)], inbounds=True), trace.real, trace.size)
-        found = b.insert_element(found, x, at)
+        x = trace.read(Real, pointer, lane_of(places, lane))
+        found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, lane))
     return Vector(trace, found)
 
 
@@ -920,39 +808,37 @@ class Contact(Count):
         self.sides, self.columns, self.law = sides, columns, law
 
 
+def _known(form: type[Value], trace: Tracer | None, x: Any) -> Any:
+    """Return what is known beforehand, in a form where it is traced."""
+    return x if trace is None or isinstance(x, Value) else form(trace, form.lift(trace, x))
+
+
 def whole(trace: Tracer | None, x: int) -> Any:
     """Return a whole number that is known beforehand."""
-    return x if trace is None else Count(trace, ir.Constant(_I64, x))
+    return _known(Count, trace, x)
 
 
 def one(trace: Tracer | None, x: float) -> Any:
     """Return a number that is known beforehand."""
-    return x if trace is None else Real(trace, trace.number(x))
+    return _known(Real, trace, x)
 
 
-def counts(trace: Tracer | None, x: int, lanes: int) -> Any:
-    """Return a whole number in all lanes."""
-    return np.full(lanes, x) if trace is None else Counts(trace, trace.spread(ir.Constant(_I64, x)))
+def flag(trace: Tracer | None, x: Any) -> Any:
+    """Return a truth that may be known beforehand."""
+    return _known(Flag, trace, x)
 
 
-def mask(trace: Tracer, x: bool) -> Mask:
-    """Return a truth in all lanes."""
-    return Mask(trace, _mask(trace, x))
-
-
-def flag(trace: Tracer | None, x: bool) -> Any:
-    """Return a truth that is known beforehand."""
-    return x if trace is None else Flag(trace, ir.Constant(_I1, int(x)))
+def everywhere(trace: Tracer | None, x: Any, lanes: int) -> Any:
+    """Return a truth or a number, whole or real, in all lanes: as it is where it is there."""
+    if trace is None:
+        return np.array(np.broadcast_to(x, lanes))
+    form = Mask if isinstance(x, bool) else Counts if isinstance(x, int) else Vector
+    return x if isinstance(x, form) else form(trace, form.lift(trace, x))
 
 
 def not_(x: Any) -> Any:
     """Whether a truth does not hold."""
     return ~x if isinstance(x, Flag) else not x
-
-
-def flagged(trace: Tracer | None, x: Any) -> Any:
-    """Return a truth as a kernel's own, where it is known beforehand."""
-    return Flag(trace, ir.Constant(_I1, int(x))) if trace is not None and isinstance(x, bool) else x
 
 
 def real(x: Any) -> Any:
@@ -963,15 +849,3 @@ def real(x: Any) -> Any:
 def rounded(x: Any) -> Any:
     """Return a real number that is whole as a whole one."""
     return Count(x.trace, x.trace.builder.fptosi(x.value, _I64)) if isinstance(x, Real) else int(x)
-
-
-def first_lane(x: Any) -> Any:
-    """Return the number of lane 0."""
-    trace = _trace_of(x)
-    return x[0] if trace is None else Real(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))
-
-
-def first_whole(x: Any) -> Any:
-    """Return the whole number of lane 0."""
-    trace = _trace_of(x)
-    return int(x[0]) if trace is None else Count(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))

@@ -21,9 +21,9 @@ from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     any_lane,
-    counts,
     each_lane,
-    first_whole,
+    everywhere,
+    first_lane,
     flag,
     fma,
     gather,
@@ -156,8 +156,8 @@ class Course:
         self._first = {
             name: (cell(x), x)
             for name, x in (
-                ("at", counts(trace, 0, lanes)),
-                ("scenario", counts(trace, 0, lanes)),
+                ("at", everywhere(trace, 0, lanes)),
+                ("scenario", everywhere(trace, 0, lanes)),
                 ("busy", group.full(0.0)),
                 ("left", group.full(0.0)),
                 ("leaves", group.lanes_where(True)),
@@ -320,7 +320,7 @@ class Events:
             stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
             for _ in when(any_lane(over)) if self.note is not None else ():
                 assert self.note is not None
-                self.note(first_whole(at))
+                self.note(first_lane(at))
             course.leaves.now = ends | (whole_step & ~stays)
             if located.needs_ends(group):
                 located.clear_forces(group, over & ~closed)

@@ -14,10 +14,10 @@ from pounding_sweep.kernel import links, yielding
 from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, contact_rate, is_closed, penetration
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.impulse import alone
-from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
+from pounding_sweep.kernel.lanes import Cell, count_to, flag, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.row import damper_stiffness
 
-#: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
+#: Sweeps over the contacts before the implicit solution is given up (the lane is flag).
 MAX_SWEEPS = 500
 #: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
 STIFF_RATE = 2.0
@@ -80,7 +80,7 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * (stiffness(i) + above)
         pushed = None
         for floor, share in floors:
-            here, own = flagged(group.trace, i == floor), group.full(1.0 if share is None else share)
+            here, own = flag(group.trace, i == floor), group.full(1.0 if share is None else share)
             pushed = where(here, own, group.full(0.0) if pushed is None else pushed)
         return diagonal, pushed
 
@@ -115,7 +115,7 @@ def _keep_whole_compliance(group: Group, first: Any, floors: Floors, h: Any) -> 
     own = [storey_stiffness(group, b, i, be, ga) for b, storeys in row for i in storeys]
     right = [group.full(0.0) for _ in range(group.spec.n_moving)]
     for floor, share in floors:
-        right = [where(flagged(group.trace, floor == i), share, x) for i, x in enumerate(right)]
+        right = [where(flag(group.trace, floor == i), share, x) for i, x in enumerate(right)]
     for i, x in enumerate(links.solve(group, be, ga, own, right)):
         group.state["response", first + i] = x
 
