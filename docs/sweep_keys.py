@@ -17,7 +17,7 @@ from pounding_sweep.records import near_fault_record, pulse_record, read_record,
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.schema import SweepInput
+from pounding_sweep.spec.schema import ARGUMENTS
 from pounding_sweep.spec.toml import SECTIONS
 
 #: Of a record that is there: scaled to a spectral acceleration.
@@ -70,7 +70,8 @@ _OWN = {
 
 def _arguments(section: str) -> dict[str, FieldInfo]:
     """Return the keys of a table that holds arguments."""
-    known = {**dict.fromkeys(AXES, _AXIS), "building": _BUILDING, **SweepInput.model_fields}
+    arguments = {name: FieldInfo(default=default, description=text) for name, (text, default) in ARGUMENTS.items()}
+    known = {**dict.fromkeys(AXES, _AXIS), "building": _BUILDING, **arguments}
     return {key: known[argument] for key, argument in SECTIONS[section].items()}
 
 

@@ -63,16 +63,15 @@ def _axis(name: str, values: str) -> str:
 #: Arguments in place of those of a valid sweep.
 ARGUMENTS = [
     "gap=[0.01], colour='red', gaps=[-1.0]",
-    *(
-        _axis(name, values.format(good))
-        for name, good in AXES.items()
-        for values in (
-            "[nan, inf, -inf, 'x', True, None, [1.0], 10**400, 1j, b'x']", "[]", "np.array([])", "'0.1'", "object",
-            "[{0}, {0}]", "[{0}, 0.0, -0.0, -1.0, 1e9]", "Range({0}, 1.0, 0)", "Range(nan, 'x', 2.5, 'lin')",
-            "Range(0.0, 1.0, True)", "Range(0.0, 1.0, 1)", "Range(-1.0, 1.0, 3, 'log')", "Range({0}, {0}, 2)",
-            "Range({0}, 2.0, 10**12)", "[-7.0] * 1000", "{{}}", "range(10**30)",
-        )
-    ),
+    *(_axis(name, values.format(good)) for name, good in AXES.items() for values in (
+        "[nan, inf, -inf, 'x', True, None, [1.0], 10**400, 1j, b'x']", "[{0}, {0}]", "[{0}, 0.0, -0.0, -1.0, 1e9]",
+        "[]", "'0.1'",
+    )),
+    *(f"laws='kelvin_voigt', gaps={values}" for values in (
+        "np.array([])", "object", "Range(0.01, 1.0, 0)", "Range(nan, 'x', 2.5, 'lin')", "Range(0.0, 1.0, True)",
+        "Range(0.0, 1.0, 1)", "Range(-1.0, 1.0, 3, 'log')", "Range(0.01, 0.01, 2)", "Range(0.01, 2.0, 10**12)",
+        "[-7.0] * 1000", "{}", "range(10**30)",
+    )),
     "gaps=count()",
     "gaps={1: 2}, scene={'preset': 'mate', 3: 4}",
     "gaps={'start': 0.1, 'stop': 0.2}, records={'pulse': 'sine'}",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -66,22 +65,6 @@ def test_summary_lists_what_is_possible_and_why_the_rest_is_not(written):
         assert f"\n{key}: {COMPARISONS[key].title}" in stdout
     assert "  required-gap         2 of the 2 records" in impossible
     assert "  energy               the energy budget needs the outputs 'energy_input'" in impossible
-
-
-def test_what_one_record_does_not_allow(tmp_path):
-    axes = {"law": ["linear", "none"], "gap": [0.01, 0.02], "record": ["one"], "scale": [1.0]}
-    path = write_cube(hand_cube(axes, random_fill(1, "drift_max", "impact_count")), tmp_path / "one.nc")
-    result = run(path)
-    assert result.exit_code == 0, result.stderr
-    possible, _, rest = result.stdout.partition("Not possible with this cube")
-    assert "  amplification" in possible
-    for key, why in (
-        ("fractiles", "'record'"),
-        ("incremental", "'scale'"),
-        ("fragility", "'record' or 'scale', and this cube has one"),
-    ):
-        assert f"  {key}" not in possible
-        assert re.search(rf"  {key} .*{why}", rest)
 
 
 def test_one_scenario_with_its_histories(tmp_path):
@@ -159,16 +142,6 @@ def test_data_that_are_there_are_replaced_only_when_told(cube_file, tmp_path):
     assert "impacts.csv' exists" in run(cube_file, "-o", tmp_path).stderr  # a summary writes them all
 
 
-@pytest.mark.slow
-def test_figures_are_replaced(cube_file, tmp_path, not_rendered):
-    picture = tmp_path / "amplification.png"
-    picture.write_text("old")
-    done = run(cube_file, "--what", "amplification", "-o", tmp_path)
-    assert done.exit_code == 0, done.stderr
-    assert picture.read_text() == "drawn"
-    assert len(not_rendered) == 1
-
-
 def test_fractiles_of_counts_are_kept_as_they_are(cube_file, tmp_path):
     """They are no whole numbers, as counts are."""
     run(cube_file, "--what", "fractiles", "-o", tmp_path)
@@ -186,18 +159,15 @@ def test_settings(cube_file):
 
 
 def test_wrong_usage(cube_file, tmp_path):
-    result = run(cube_file, "--what", "amplificaton")
-    assert result.exit_code == 2
-    assert "did you mean 'amplification'" in result.stderr
-    result = run(cube_file, "--what", "energy")
-    assert result.exit_code == 2
-    assert "energy_input" in result.stderr
-    result = run(tmp_path / "none.nc")
-    assert result.exit_code == 2
-    assert "does not exist" in result.stderr
-    result = run(cube_file, "-o", cube_file / "below")
-    assert result.exit_code == 2
-    assert "can't write" in result.stderr
+    for arguments, said in (
+        ((cube_file, "--what", "amplificaton"), "did you mean 'amplification'"),
+        ((cube_file, "--what", "energy"), "energy_input"),
+        ((tmp_path / "none.nc",), "does not exist"),
+        ((cube_file, "-o", cube_file / "below"), "can't write"),
+    ):
+        result = run(*arguments)
+        assert result.exit_code == 2
+        assert said in result.stderr
 
 
 def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
@@ -245,14 +215,6 @@ def test_scenarios_that_are_left_out_are_counted(tmp_path):
         assert "left out" not in run(whole, *arguments).stdout
     for path, left_out in ((holes, {"diverged": 1, "not_run": 2}), (whole, {})):
         assert json.loads(run(path, "--what", "impacts", "--json").stdout)["impacts"]["left_out"] == left_out
-
-
-def test_a_cube_that_is_not_finished(tmp_path):
-    (tmp_path / "night.nc.parts").mkdir()
-    (tmp_path / "night.nc.parts" / "identity.json").write_text("{}")
-    refused = run(tmp_path / "night.nc")
-    assert refused.exit_code == 2
-    assert "night.nc' is not finished" in refused.stderr
 
 
 def test_listed_cases_have_tables_and_say_why_there_is_no_figure(tmp_path):

@@ -16,8 +16,8 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import AXES, Case
-from pounding_sweep.spec.faults import Faults, spell
-from pounding_sweep.spec.schema import check_sweep
+from pounding_sweep.spec.faults import spell
+from pounding_sweep.spec.schema import read_sweep
 from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
 
 
@@ -116,10 +116,9 @@ def build_spec(
     4
     """
     given = {name: value for name, value in locals().items() if name != "axes"} | axes
-    faults = Faults()
-    spec: SweepSpec | None = faults.attempt((), check_sweep, given)
+    spec, faults = read_sweep(given)
     if spec is None:
-        raise sweep_error([f"{spell(place)}: {text}" if place else text for place, text in faults.found])
+        raise sweep_error([f"{spell(place)}: {text}" if place else text for place, text in faults])
     return spec
 
 

@@ -10,13 +10,9 @@ from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from pounding_sweep.base.errors import SHOWN_CHARACTERS, Fault, InputError, Place, PoundingSweepError, shown, unknown
-
-
-class Root(tuple[str | int, ...]):
-    """A place that starts from the sweep as a whole, wherever its fault is found."""
 
 
 class Faults:
@@ -30,13 +26,12 @@ class Faults:
         self.found.append((place, text))
 
     def take(self, place: Place, error: Exception) -> None:
-        """Note what an error says, of a part of the sweep that stands at `place`."""
+        """Note what an error says of a part of the sweep that stands at `place`."""
         if isinstance(error, ValidationError):
-            found = [told(each) for each in error.errors(include_url=False)]
+            found = [(each["loc"], _text(each)) for each in error.errors(include_url=False)]
         else:
             found = [(getattr(error, "place", ()), str(error))]
-        for inner, text in found:
-            self.add(inner if isinstance(inner, Root) else type(place)((*place, *inner)), text)
+        self.found += [((*place, *inner), text) for inner, text in found]
 
     def attempt(self, place: Place, make: Callable[..., Any], *given: Any, **named: Any) -> Any:
         """Make something of what is given; None, with its faults noted, if that fails."""
@@ -51,19 +46,11 @@ class Faults:
     def refuse(self) -> None:
         """Raise all of them as one error of pydantic, if there are any."""
         if self.found:
-            raise ValidationError.from_exception_data(
-                "sweep",
-                [
-                    {
-                        "type": PydanticCustomError(
-                            "fault", "{text}", {"text": text, "place": place if isinstance(place, Root) else None}
-                        ),
-                        "loc": tuple(place),
-                        "input": None,
-                    }
-                    for place, text in self.found
-                ],
-            )
+            details: list[InitErrorDetails] = [
+                {"type": PydanticCustomError("fault", "{text}", {"text": text}), "loc": place, "input": None}
+                for place, text in self.found
+            ]
+            raise ValidationError.from_exception_data("sweep", details)
 
 
 @contextmanager
@@ -74,12 +61,10 @@ def gathering() -> Iterator[Faults]:
     faults.refuse()
 
 
-def told(error: ErrorDetails) -> tuple[Place, str]:
-    """Return the place and the text of a fault that is in our own words already."""
+def _text(error: ErrorDetails) -> str:
+    """Return the text of a fault that is in our own words already."""
     context = error.get("ctx", {})
-    if error["type"] != "fault":
-        return error["loc"], str(context.get("error", error["msg"]))
-    return (Root(context["place"]) if context.get("place") is not None else error["loc"]), context["text"]
+    return str(context.get("text", context.get("error", error["msg"])))
 
 
 def spell(place: Place) -> str:
@@ -108,8 +93,8 @@ class Table(BaseModel):
             except ValidationError as error:
                 found = error.errors(include_url=False)
                 for each in sorted(found, key=lambda each: each["type"] not in ("extra_forbidden", "invalid_key")):
-                    place, text = told(each) if each["type"] in ("fault", "value_error") else cls.worded(each)
-                    faults.add(place, text)
+                    said = each["type"] in ("fault", "value_error")
+                    faults.found.append((each["loc"], _text(each)) if said else cls.worded(each))
 
     @classmethod
     def worded(cls, error: ErrorDetails) -> tuple[Place, str]:

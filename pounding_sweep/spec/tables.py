@@ -273,18 +273,19 @@ def _number(what: str, name: str) -> Any:
     return PlainValidator(lambda value: number(value, what, finite(name)))
 
 
-def _count(value: Any, info: ValidationInfo) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        msg = f"must be a whole number, not {shown(value)}"
-        raise InputError(msg)
-    if value < 1:
-        msg = f"count = {value}: a sweep of zero scenarios; give at least 1"
-        raise InputError(msg)
-    start, stop = info.data.get("start"), info.data.get("stop")
-    if value == 1 and start != stop:
-        msg = f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
+def _whole(value: Any, what: str, least: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        msg = f"must be a whole number{what}, at least {least}, not {shown(value)}"
         raise InputError(msg)
     return value
+
+
+def _count(value: Any, info: ValidationInfo) -> int:
+    start, stop = info.data.get("start"), info.data.get("stop")
+    if _whole(value, " of values", 1) == 1 and start != stop:
+        msg = f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
+        raise InputError(msg)
+    return int(value)
 
 
 def _spacing(value: Any, info: ValidationInfo) -> str:
@@ -363,21 +364,11 @@ def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
 
 def _samples(value: Any, info: ValidationInfo) -> int:
     kind = info.data.get("kind", "")
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-        msg = f"must be a whole number of points, at least 1, not {shown(value)}"
-        raise InputError(msg)
-    if kind in POWERS and value & (value - 1):
+    if _whole(value, " of points", 1) & (value - 1) and kind in POWERS:
         below = 1 << (value.bit_length() - 1)
         msg = f"{kind} points are balanced at powers of 2 only, and {value} is none; give {below} or {2 * below}"
         raise InputError(msg)
-    return value
-
-
-def _seed(value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        msg = f"must be a whole number, at least 0, not {shown(value)}"
-        raise InputError(msg)
-    return value
+    return int(value)
 
 
 class DesignTable(Table):
@@ -387,7 +378,7 @@ class DesignTable(Table):
         description=f"one of {', '.join(KINDS)}"
     )
     samples: Annotated[Any, PlainValidator(_samples)] = Field(description="a whole number of points")
-    seed: Annotated[Any, PlainValidator(_seed)] = Field(0, description="a whole number")
+    seed: Annotated[Any, PlainValidator(lambda value: _whole(value, "", 0))] = Field(0, description="a whole number")
     inputs: dict[str, Any] = Field(description="tables [design.inputs] of distributions by the name of an axis")
 
 

@@ -11,14 +11,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.errors import Place, SweepError, shown, unknown
+from pounding_sweep.base.errors import Fault, Place, SweepError, shown, unknown
 from pounding_sweep.base.paths import ESCAPE_HINT, expanded
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.examples import sweep_file_hint
 from pounding_sweep.spec.faults import Faults, spell
-from pounding_sweep.spec.schema import check_sweep
+from pounding_sweep.spec.schema import read_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
 from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
 
@@ -281,17 +281,17 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-def _check_file(faults: Faults, data: dict[str, Any], **more: Any) -> SweepSpec | None:
-    given = _arguments(faults, data)
+def _read_data(data: dict[str, Any], **more: Any) -> tuple[SweepSpec | None, list[Fault]]:
+    """Make a sweep of what a file holds; returns every fault with its place in the file."""
+    faults = Faults()
+    spec, found = read_sweep(_arguments(faults, data) | more, file=True)
     known = [place for place, _ in faults.found]
-    found = Faults()
-    spec: SweepSpec | None = found.attempt((), check_sweep, given | more, file=True)
-    for inner, text in found.found:
+    for inner, text in found:
         place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
         if not any(place[: len(at)] == at for at in known):  # nothing more is said of what is at fault as a whole
             home = belongs(str(place[-1])) if place[:-1] in _TABLES and text.startswith("unknown key") else ""
             faults.add(place, text + home)
-    return None if faults.found else spec
+    return spec, faults.found
 
 
 def load_spec(
@@ -321,15 +321,12 @@ def load_spec(
     except ValueError as error:  # a number of thousands of digits, a key or brackets without end
         msg = f"{named}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
-    faults = Faults()
     more: dict[str, Any] = {} if laws is None else {"laws": laws}
-    spec = _check_file(
-        faults, data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders, **more
+    spec, faults = _read_data(
+        data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders, **more
     )
-    if spec is not None:
+    if spec is not None and not faults:
         return spec
     lines = key_lines(text)
-    placed = sorted(
-        ((line_of(lines, place) or 1, place, said) for place, said in faults.found), key=lambda item: item[0]
-    )
+    placed = sorted(((line_of(lines, place) or 1, place, said) for place, said in faults), key=lambda item: item[0])
     raise sweep_error([f"{named}:{line}: {spell(place)}: {said}" for line, place, said in placed], named)
