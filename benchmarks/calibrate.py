@@ -1,12 +1,9 @@
-"""Measures what ``measured.json`` holds: ``python -m benchmarks.calibrate``.
+"""Measures what ``measured.json`` of the package holds: ``python -m benchmarks.calibrate``.
 
-For every law and scheme, seeded random scenarios of rows as users have them (buildings of one, two and three storeys,
-stiff and soft, beside each other and beside a wall) under synthetic earthquakes of 20 and 40 s are run with ever finer
-steps and compared with a converged run. Each gives a line of error against steps in its shortest time; the measured
-curve is a quantile of these lines. It says at which step a sweep begins: most scenarios are within the error asked for
-there, and the others are refined (`pounding_sweep.run.refinement`). Scenarios whose converged run is none are left out.
-To be run again whenever a kernel or a law changes; it takes a while, most of it for compiling, and overwrites the file
-in the package.
+For every law and scheme, seeded random scenarios of rows as users have them are run with ever finer steps and compared
+with a converged run: a line of error against steps in the shortest time. The measured curve is a quantile of the lines;
+a sweep begins at its step, and what errs by more is refined (`pounding_sweep.run.refinement`). To be run again whenever
+a kernel or a law changes; it takes a while, most of it for compiling, and overwrites the file in the package.
 """
 
 from __future__ import annotations

@@ -27,8 +27,6 @@ def short_work():
 def measured(benchmark):
     """Measure until a bound is kept, at most `TRIES` times; returns all that was found."""
 
-    # what other programs take of a short run is no cost of what is measured
-
     def measure(job, kept):
         found = [benchmark.pedantic(job, rounds=1)]
         while not kept(found[-1]) and len(found) < TRIES:

@@ -45,17 +45,9 @@ def plain_program(
         return np.concatenate([v, total / mass - np.interp(t, times, record.acceleration)])
 
     output = np.arange(0.0, record.duration + 1e-9, interval)
-    relative, absolute = tolerances
-    solved = solve_ivp(
-        rates,
-        (0.0, output[-1]),
-        np.zeros(2 * n),
-        "RK45",
-        output,
-        rtol=relative,
-        atol=absolute,
-        max_step=output[-1] / 10,
-    )
+    last, (relative, absolute) = output[-1], tolerances
+    limits = {"rtol": relative, "atol": absolute, "max_step": last / 10}
+    solved = solve_ivp(rates, (0.0, last), np.zeros(2 * n), "RK45", output, **limits)
     u = solved.y[:n]
     force = stiffness * np.maximum(u[left] - u[right] - gap[:, None], 0.0)
     storeys = scene.n_storeys

@@ -10,7 +10,10 @@ import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -54,7 +57,7 @@ from benchmarks.paper_found.search import (
 from pounding_sweep.base.tables import print_table
 from pounding_sweep.figures.style import COLOURS, in_style
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.compare import Grid
+from pounding_sweep.paper.compare import Grid, ungrouped
 from pounding_sweep.paper.published import record_title
 from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION, paper_records
 from pounding_sweep.records import Record
@@ -191,15 +194,13 @@ def verdict(found: Found) -> list[str]:
         f"values, the others as printed, those worth fitting are {len(worth.free)}: {', '.join(values) or 'none'} "
         f"(misfit {worth.misfit:.2f})."
     )
-    printed_values = reading_points()
-    weights = found.designs.weights
-    outside: list[str] = []
-    within: list[str] = []
+    printed_values, weights = reading_points(), found.designs.weights
+    lists: dict[bool, list[str]] = {True: [], False: []}  # by whether the printed value is within its range
     for key, one in INPUTS.items():
         low, _, high = quantiles(found.designs.points[key], weights, RANGE)
-        (within if low <= printed_values[key][0] <= high else outside).append(one.title)
-    said.append(f"The data want another value than printed of: {', '.join(outside) or 'nothing'}. ")
-    said[-1] += f"They do not of: {', '.join(within) or 'nothing'}."
+        lists[bool(low <= printed_values[key][0] <= high)].append(one.title)
+    outside, within = (", ".join(lists[inside]) or "nothing" for inside in (False, True))
+    said.append(f"The data want another value than printed of: {outside}. They do not of: {within}.")
     as_samples, as_contacts = (
         float(found.designs.squares.misfit(("displacement", "force", name)).min()) for name in ("samples", "contacts")
     )
@@ -224,17 +225,17 @@ def verdict(found: Found) -> list[str]:
 
 def nearness_grid(found: Found) -> Grid:
     """Write how near each reading comes to Tables 3 and 4."""
+
+    def misfits(one: Squares) -> list[str]:
+        return [f"{float(one.misfit(names)[0]):.3f}" for names in [*((name,) for name in _QUANTITIES), FITTED]]
+
     floor = rounding(of_paper([record.name for record in found.records]))
-    rows = [["the paper's SAP2000", *_misfits(found.sap, 0)]]
-    rows += [[label, *_misfits(found.readings, i)] for i, label in enumerate(found.labels)]
-    floors = [f"{floor[name]:.3f}" for name in _QUANTITIES]
-    rows.append(["rounding of the tables alone", *floors, f"{np.sqrt(np.mean([floor[n] ** 2 for n in FITTED])):.3f}"])
-    headings = [("", "numbers"), *(("misfit to the paper's MATLAB", text) for text in [*_QUANTITIES.values(), "all"])]
-    return Grid("How near to Tables 3 and 4", headings, rows)
-
-
-def _misfits(one: Squares, at: int) -> list[str]:
-    return [f"{float(one[[at]].misfit(names)[0]):.3f}" for names in [*((name,) for name in _QUANTITIES), FITTED]]
+    rows = [["the paper's SAP2000", *misfits(found.sap)]]
+    rows += [[label, *misfits(found.readings[[i]])] for i, label in enumerate(found.labels)]
+    together = np.sqrt(np.mean([floor[name] ** 2 for name in FITTED]))
+    rows.append(["rounding of the tables alone", *(f"{v:.3f}" for v in (*(floor[n] for n in _QUANTITIES), together))])
+    headings = [("misfit to the paper's MATLAB", text) for text in [*_QUANTITIES.values(), "all"]]
+    return Grid("How near to Tables 3 and 4", [*ungrouped("numbers"), *headings], rows)
 
 
 def inputs_grid(found: Found) -> Grid:
@@ -247,11 +248,9 @@ def inputs_grid(found: Found) -> Grid:
         shown += np.quantile(values[found.boot.chosen], (RANGE[0], RANGE[2])).tolist()
         rows.append([one.label(one.title), *(f"{one.factor * value:.3g}" for value in shown)])
     names = [f"{share:.0%}" for share in RANGE]
-    headings = [("", text) for text in ("input", *found.labels[:2])] + [("tried", text) for text in ("from", "to")]
-    headings += [("", "best"), *(("likelihood", text) for text in names)]
-    headings += [("bootstrap", names[0]), ("bootstrap", names[2])]
-    size = 1.0 / float((weights**2).sum())
-    return Grid(f"Which values fit ({size:.0f} points carry the likelihood)", headings, rows)
+    headings = [*ungrouped("input", *found.labels[:2]), ("tried", "from"), ("tried", "to"), ("", "best")]
+    headings += [*(("likelihood", text) for text in names), ("bootstrap", names[0]), ("bootstrap", names[2])]
+    return Grid(f"Which values fit ({1.0 / (weights**2).sum():.0f} points carry the likelihood)", headings, rows)
 
 
 @dataclass(frozen=True)
@@ -284,7 +283,7 @@ def fewer_grid(found: Found) -> Grid:
         titles = "all" if len(one.free) == len(INPUTS) else ", ".join(INPUTS[key].short for key in one.free) or "none"
         values = ", ".join(INPUTS[key].text(value) for key, value in zip(one.free, one.values, strict=True))
         rows.append([titles, values, f"{one.misfit:.3f}", f"{one.criterion:.1f}"])
-    headings = [("", text) for text in ("fitted", "values", "misfit", "Bayesian information criterion")]
+    headings = ungrouped("fitted", "values", "misfit", "Bayesian information criterion")
     return Grid("Fewer values fitted, the others as printed", headings, rows)
 
 
@@ -294,54 +293,47 @@ def held_out_grid(found: Found) -> Grid:
     for one in found.held:
         judged = record_title(one.judged) if one.fitted == "the other records" else one.judged
         rows.append([one.fitted, judged, *(f"{v:.3f}" for v in (one.chosen, *one.references, one.best))])
-    misfits = [f"misfit {label}" for label in ("of the chosen point", *found.labels[:2], "of the best there")]
-    headings = [("", text) for text in ("chosen by", "judged by", *misfits)]
-    return Grid("Chosen by some entries, judged by others", headings, rows)
+    misfits = (f"misfit {label}" for label in ("of the chosen point", *found.labels[:2], "of the best there"))
+    return Grid("Chosen by some entries, judged by others", ungrouped("chosen by", "judged by", *misfits), rows)
 
 
 def impacts_grid(found: Found) -> Grid:
     """Write what the paper's numbers of impacts may count, record by record."""
-    names = [record.name for record in found.records]
-    impacts = of_paper(names)["contacts"]
+    impacts = of_paper([record.name for record in found.records])["contacts"]
     rows = []
-    for label, at in zip(found.labels[1:], range(1, len(found.labels)), strict=True):
-        for i, name in enumerate(names):
-            some = impacts[i] > 0
-            contacts = found.counts["contacts"][at, i][some] / impacts[i][some]
-            each = 1e3 * SAMPLING * found.counts["samples"][at, i][some] / impacts[i][some]
-            cells = [f"{np.median(contacts):.2f}", f"{np.median(each):.1f}"]
-            rows.append([label, record_title(name), str(int(some.sum())), *cells, f"{1e3 * found.records[i].dt:g}"])
+    for (at, label), (i, record) in product(list(enumerate(found.labels))[1:], enumerate(found.records)):
+        some = impacts[i] > 0
+        contacts, samples = (found.counts[name][at, i][some] / impacts[i][some] for name in ("contacts", "samples"))
+        cells = [f"{np.median(contacts):.2f}", f"{np.median(1e3 * SAMPLING * samples):.1f}", f"{1e3 * record.dt:g}"]
+        rows.append([label, record_title(record.name), str(int(some.sum())), *cells])
     headings = ("reading", "record", "floors", "contacts over the paper's number", "ms in contact for each of them")
-    return Grid(
-        "What the numbers of impacts count (medians)", [("", t) for t in (*headings, "step of the record ms")], rows
-    )
+    title = "What the numbers of impacts count (medians)"
+    return Grid(title, ungrouped(*headings, "step of the record ms"), rows)
 
 
 def forms_grid(found: Found) -> Grid:
     """Write how near forms of damping and the other sign of the motion come."""
-    rows = []
-    for title, one in found.other_forms.items():
-        misfit = one.misfit()
-        rows.append(
-            [title, *(f"{value:.3f}" for value in (misfit.min(), np.quantile(misfit, NEAR), np.median(misfit)))]
-        )
-    headings = [("", text) for text in ("damping of 5 % in", "least misfit", f"{NEAR:.0%} fractile", "median")]
-    size = len(next(iter(found.other_forms.values())))
+    misfits = {title: one.misfit() for title, one in found.other_forms.items()}
+    rows = [
+        [title, *(f"{value:.3f}" for value in (misfit.min(), np.quantile(misfit, NEAR), np.median(misfit)))]
+        for title, misfit in misfits.items()
+    ]
+    headings = ungrouped("damping of 5 % in", "least misfit", f"{NEAR:.0%} fractile", "median")
+    size = len(next(iter(misfits.values())))
     return Grid(f"Form of the damping, sign of the motion ({size} points each)", headings, rows)
 
 
 def programs_grid(found: Found) -> Grid:
     """Write what a plain program would have made of the readings."""
-    rows = [[f"contacts and peaks located, {1e3 * STEP:g} ms", *_each(found.readings)]]
+
+    def misfits(one: Squares) -> list[str]:
+        return [f"{value:.3f}" if np.isfinite(value) else "unstable" for value in one.misfit()]
+
+    rows = [[f"contacts and peaks located, {1e3 * STEP:g} ms", *misfits(found.readings)]]
     rows.append([f"contacts and peaks located, {500.0 * STEP:g} ms", "-", "-", f"{found.half:.3f}"])
-    for step, one in found.steps.items():
-        rows.append([f"RK4, {1e3 * step:g} ms, nothing located", *_each(one)])
-    rows.append([f"as ode45, output every {1e3 * SAMPLING:g} ms", *_each(found.program)])
-    return Grid("Misfit by program", [("", text) for text in ("program", *found.labels)], rows)
-
-
-def _each(one: Squares) -> list[str]:
-    return [f"{value:.3f}" if np.isfinite(value) else "unstable" for value in one.misfit()]
+    rows += [[f"RK4, {1e3 * step:g} ms, nothing located", *misfits(one)] for step, one in found.steps.items()]
+    rows.append([f"as ode45, output every {1e3 * SAMPLING:g} ms", *misfits(found.program)])
+    return Grid("Misfit by program", ungrouped("program", *found.labels), rows)
 
 
 def _law_range(one: LawFit, key: str) -> np.ndarray:
@@ -366,7 +358,7 @@ def laws_grid(found: Found) -> Grid:
             cells += [f"{factor * one.points[key][best]:.3g}", f"{low:.3g} to {high:.3g}"]
         rows.append(cells)
     ends = f"{RANGE[0]:.0%} to {RANGE[2]:.0%}"
-    headings = [("", "model"), *(("misfit", text) for text in ("as printed", f"gap of {1e3 * GAP:g} mm", "best"))]
+    headings = [*ungrouped("model"), *(("misfit", t) for t in ("as printed", f"gap of {1e3 * GAP:g} mm", "best"))]
     for text in ("stiffness (kN/m, kN/m^1.5)", f"restitution (printed {RESTITUTION:g})", "gap (mm)"):
         headings += [(text, "best"), (text, ends)]
     return Grid(f"Table 5, law by law, on the row {found.labels[1]}", headings, rows)
@@ -374,16 +366,8 @@ def laws_grid(found: Found) -> Grid:
 
 def grids(found: Found) -> list[Grid]:
     """Return all tables."""
-    return [
-        nearness_grid(found),
-        inputs_grid(found),
-        fewer_grid(found),
-        held_out_grid(found),
-        impacts_grid(found),
-        forms_grid(found),
-        programs_grid(found),
-        laws_grid(found),
-    ]
+    tables = (nearness_grid, inputs_grid, fewer_grid, held_out_grid, impacts_grid, forms_grid, programs_grid, laws_grid)
+    return [table(found) for table in tables]
 
 
 # --- the figure ------------------------------------------------------------------------------------------------------
@@ -399,15 +383,12 @@ def figure(found: Found) -> Figure:
     for ax, (key, one) in zip(axes.flat, INPUTS.items(), strict=False):
         values = one.factor * found.designs.points[key]
         ax.plot(values, misfit, ".", color="0.6", markersize=1.5, alpha=0.5, rasterized=True, label="points tried")
-        for number, (label, mark) in enumerate(zip(found.labels, ("s", "D", "*"), strict=True)):
-            value = values[found.designs.best] if label == "best" else one.factor * readings[key][number]
-            size = 9 if mark == "*" else 5
-            at = float(found.readings.misfit()[number])
-            ax.plot([value], [at], mark, color=COLOURS[number + 1], markersize=size, label=label)
+        marked = zip(found.labels, [*(one.factor * readings[key]), values[found.designs.best]], "sD*", strict=True)
+        for number, (label, value, mark) in enumerate(marked):
+            look: dict[str, Any] = {"color": COLOURS[number + 1], "markersize": 9 if mark == "*" else 5, "label": label}
+            ax.plot([value], found.readings.misfit()[[number]], mark, **look)
         ax.axhline(sap, color="black", linestyle="--", linewidth=1.0, label="the paper's SAP2000")
-        ax.set_xscale("log")
-        ax.set_xlabel(one.label(one.short))
-        ax.set_ylim(0.0, top)
+        ax.set(xscale="log", xlabel=one.label(one.short), ylim=(0.0, top))
         _few_ticks(ax, one.factor * one.low, one.factor * one.high)
     for ax in axes[:, 0]:
         ax.set_ylabel("misfit (-)")
@@ -419,9 +400,7 @@ def figure(found: Found) -> Figure:
         last.plot(impacts, found.counts[name][-1].ravel(), "o^"[number], **look)
     most = 1.1 * float(impacts.max())
     last.plot([0.0, most], [0.0, most], color="black", linewidth=0.8)
-    last.set_ylim(0.0, 1.5 * most)  # room for the legend
-    last.set_xlabel("paper's impacts (-)")
-    last.set_ylabel("computed (-)")
+    last.set(ylim=(0.0, 1.5 * most), xlabel="paper's impacts (-)", ylabel="computed (-)")  # room for the legend
     last.legend(loc="upper left", fontsize=7, borderpad=0.1, handletextpad=0.2)
     drawn.legend(handles, labels, loc="outside lower center", ncols=5, markerscale=1.0)
     return drawn
@@ -429,17 +408,13 @@ def figure(found: Found) -> Figure:
 
 def _few_ticks(ax: Axes, low: float, high: float) -> None:
     """Label a short logarithmic axis with plain numbers, a long one with powers of ten."""
-    from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, StrMethodFormatter
-
     if high / low > 30.0:
-        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.xaxis.set_minor_formatter("")
         return
-    steps = (
-        (0.8, 1.0, 1.25) if high / low < 2.0 else tuple(step * 10.0**n for n in (-1, 0, 1) for step in (1.0, 2.0, 5.0))
-    )
-    ax.xaxis.set_major_locator(FixedLocator([tick for tick in steps if low <= tick <= high]))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    steps = (0.8, 1.0, 1.25) if high / low < 2.0 else [s * 10.0**n for n in (-1, 0, 1) for s in (1.0, 2.0, 5.0)]
+    ticks = [tick for tick in steps if low <= tick <= high]
+    ax.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
 
 
 def main() -> None:
@@ -448,10 +423,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder of the figure")
     parser.add_argument("--records", type=Path, action="append", metavar="FOLDER", help="folder with the records")
     arguments = parser.parse_args()
-
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
+    say = partial(print, file=sys.stderr, flush=True)
     found = find(arguments.records, say=say)
     for text in found.missing.values():
         say(f"left out: {text}")
