@@ -11,12 +11,9 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
-import warnings
 from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,10 +24,10 @@ from typer.testing import CliRunner
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
 from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock, running
 from pounding_sweep.cli.app import app
-from pounding_sweep.output.netcdf import free_space, open_cube
+from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.resume.survey import survey
-from pounding_sweep.run import cube_writer, execute
+from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
@@ -125,42 +122,6 @@ def test_a_night(tmp_path, reference):
     assert sum(line.startswith("ended after ") for line in told) == 1
 
 
-RACER = """
-import os, sys, time, warnings
-from pathlib import Path
-from pounding_sweep.base.errors import OutputError
-from pounding_sweep.resume.checkpoint import ChunkStore
-
-warnings.simplefilter("error")
-folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
-entered = 0
-while entered < 20:
-    store = ChunkStore(folder, "x")
-    try:
-        with store.lock():
-            os.close(os.open(seen, os.O_CREAT | os.O_EXCL))  # fails where somebody else is in
-            store.open()
-            time.sleep(0.001)
-            seen.unlink()
-            if entered % 2:  # a run that ends well removes the folder, which another may make again at once
-                store.discard()
-            entered += 1
-    except OutputError as error:
-        assert "another run is at work" in str(error), error
-"""
-
-
-@pytest.mark.slow
-def test_one_at_a_time(tmp_path):
-    racers = [
-        subprocess.Popen([sys.executable, "-c", RACER, tmp_path / "parts", tmp_path / "in"], stderr=subprocess.PIPE)
-        for _ in range(4)
-    ]
-    errors = [racer.communicate(timeout=300)[1] for racer in racers]
-    assert [racer.returncode for racer in racers] == [0] * 4, errors
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.fixture(params=["locks", "no locks"])
 def drive(request, monkeypatch):
     """Run a test on a drive with locks, and on one (such as some NFS mounts) that grants none."""
@@ -219,21 +180,8 @@ MOUNTED = 'mount -t tmpfs -o "$1" tmpfs "$2" && shift 2 && exec "$@"'
 UNSHARED = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", MOUNTED, "sh")
 
 
-#: Several command lines in one process; what they say, and the code that each ends with.
-ONE_PROCESS = """
-import json, sys
-from pounding_sweep.cli import main
-sys.stderr = sys.stdout
-for sys.argv[1:] in json.loads(sys.argv[-1]):
-    try:
-        main()
-    except SystemExit as end:
-        print(end.code)
-"""
-
-
 def on_a_disk_of_its_own(folder, options, program, *arguments):
-    """Run a program of Python beside a new file system at `folder`; skips where none may be mounted."""
+    """Run a program of Python on a new file system at `folder`; skips where none may be mounted."""
     folder.mkdir()
     if shutil.which("unshare") is None or subprocess.run([*UNSHARED, options, folder, "true"], check=False).returncode:
         pytest.skip("no file system may be mounted here")
@@ -322,17 +270,6 @@ def test_a_full_disk(tmp_path, reference):
     same(tmp_path / "out.nc", reference)
 
 
-@pytest.mark.slow  # a process with a disk of its own
-def test_a_disk_that_cannot_be_written(tmp_path):
-    write(tmp_path, SWEEP)
-    run = json.dumps([["run", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "disk" / "out.nc")]])
-    said = on_a_disk_of_its_own(tmp_path / "disk", "ro", ONE_PROCESS, run)
-    refused = (
-        r"pounding-sweep: error: the folder '.*disk' of output .* can't be written \(Read-only file system\); .*\n"
-    )
-    assert re.fullmatch(refused + "2\n", said)
-
-
 def test_chunks_that_cannot_be_removed(tmp_path, monkeypatch):
     """The cube is complete all the same."""
 
@@ -372,34 +309,6 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
     assert store.completed() == set()
 
 
-def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
-    """The cube's and that of its chunks, where a link leads to another one."""
-    shared = Path("/dev/shm")
-    if not os.access(shared, os.W_OK) or shared.stat().st_dev == tmp_path.stat().st_dev:
-        pytest.skip("needs a second disk")
-    out, link = tmp_path / "out.nc", tmp_path / "out.nc.parts"
-    sweep = Sweep(row(), motions(), **AXES)
-    plan = sweep.plan()
-    with tempfile.TemporaryDirectory(dir=shared) as parts:
-        link.symlink_to(parts)
-        room = {tmp_path: plan.n_asked * plan.bytes_per_scenario, link: plan.n_unique * plan.bytes_per_scenario}
-        for small, what in ((tmp_path, "the cube of"), (link, "the folder of chunks of")):
-            free = {**room, small: room[small] - 1}
-            monkeypatch.setattr("pounding_sweep.output.netcdf.free_space", free.get)
-            with pytest.raises(OutputError, match=rf"{what} [\d,]+ scenarios needs about .* are free in '{small}';"):
-                sweep.run(out)
-        monkeypatch.setattr("pounding_sweep.output.netcdf.free_space", room.get)
-        sweep.run(out).close()
-
-
-def test_a_disk_that_does_not_say_how_large_it_is(tmp_path, monkeypatch):
-    """Such a file system has 0 blocks, 0 of them free."""
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=0, free=0))
-    assert free_space(tmp_path) is None
-    assert "free space unknown" in CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
-    Sweep(row(), motions(), **AXES).run(tmp_path / "out.nc").close()
-
-
 class At(Progress):
     """Does something when a stage begins, or when some scenarios of it are done."""
 
@@ -418,16 +327,8 @@ class At(Progress):
                 self.action()
 
 
-@pytest.mark.parametrize(
-    ("stage", "after", "held"),
-    [
-        ("scenarios", 0, 0.0),
-        ("scenarios", 0, 600.0),
-        pytest.param("cube", 0, 0.0, marks=pytest.mark.slow),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("no pounding", 1, 0.0), ("audit", 0, 600.0))),
-    ],
-)
-def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, after, held):
+@pytest.mark.parametrize(("stage", "held"), [("scenarios", 0.0), ("scenarios", 600.0), ("cube", 0.0)])
+def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, held):
     monkeypatch.setattr("pounding_sweep.run.chunk_writer.HELD_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
@@ -436,38 +337,22 @@ def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, sta
         pytest.warns(RuntimeWarning, match=r"the log .* can't be written \(No such file or directory\)"),
         pytest.raises(WriteError, match="was removed or moved during the run; run again, and leave it"),
     ):
-        sweep.run(folder / "out.nc", progress=At(stage, lambda: folder.rename(tmp_path / "gone"), after))
+        sweep.run(folder / "out.nc", progress=At(stage, lambda: folder.rename(tmp_path / "gone")))
     assert not folder.exists()
     folder.mkdir()
     sweep.run(folder / "out.nc").close()
     assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log"]
 
 
-def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
-
-    def removes():
-        for path in (tmp_path / "out.nc.parts").glob("chunk-*"):
-            path.unlink()
-
-    gone = r"chunk '\w+' was removed from '.*out\.nc\.parts'; what is missing or damaged is made anew by the next run"
-    with pytest.raises(WriteError, match=gone):
-        Sweep(scene=row(), records=motions(), **AXES).run(tmp_path / "out.nc", progress=At("cube", removes))
-    assert not (tmp_path / "out.nc").exists()
-
-
-@pytest.mark.parametrize(
-    "harm", ["flip", *(pytest.param(harm, marks=pytest.mark.slow) for harm in ("cut", "nearly all"))]
-)
-def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch, harm):
-    """A bit, an end, or nearly all: no number of the cube is from such a chunk."""
+def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch):
+    """No number of the cube is from such a chunk."""
     monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
 
     def damages():
         path = max((tmp_path / "out.nc.parts").glob("chunk-*"), key=lambda path: path.stat().st_size)
         data = bytearray(path.read_bytes())
         data[-9] ^= 4
-        path.write_bytes({"flip": data, "cut": data[:-64], "nearly all": data[:100]}[harm])
+        path.write_bytes(data)
 
     sweep = Sweep(scene=row(), records=motions(), **AXES, audit=0.0)  # an audit would have read some
     whole = sweep.run(tmp_path / "whole.nc")
@@ -480,39 +365,6 @@ def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch, 
         again = sweep.run(tmp_path / "out.nc")
     for name in whole.data_vars:
         np.testing.assert_array_equal(again[name], whole[name])
-
-
-def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):
-    """Who ends a run by the warning does not meet it again."""
-    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
-    chunk = min(parts.glob("chunk-*"))
-    chunk.write_bytes(b"damaged")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with pytest.raises(RuntimeWarning, match=r"is damaged: .*; it is computed again"):
-            sweep.run(tmp_path / "out.nc")
-        assert not chunk.exists()
-        sweep.run(tmp_path / "out.nc").close()
-
-
-def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path, monkeypatch):
-    """A chunk that is listed but gone counts for nothing, and chunks stand beside the cube, not beside a link to it."""
-    write(tmp_path, TINY)
-    (tmp_path / "data").mkdir()
-    (tmp_path / "out.nc").symlink_to(tmp_path / "data" / "real.nc")
-
-    def loses_one(*arguments, **more):
-        min((tmp_path / "data" / "real.nc.parts").glob("chunk-*")).unlink()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cube_writer, "write_cube_of", loses_one)
-    said = cli(*RUN, cwd=tmp_path, code=130).stderr
-    there = list((tmp_path / "data" / "real.nc.parts").glob("chunk-*"))
-    listed = (tmp_path / "data" / "real.nc.parts" / MANIFEST).read_text().count("\n")
-    assert 0 < len(there) < listed
-    assert f"; {len(there)} finished chunks are kept in {tmp_path}/data/real.nc.parts: " in said
 
 
 def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
@@ -536,32 +388,6 @@ def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
             r"ask its owner for access, or give another path\n",
             done.stderr,
         )
-
-
-@pytest.mark.slow  # a process without rights
-def test_chunks_that_may_not_be_read(tmp_path):
-    """Such as another user's; nobody is told to remove them."""
-    bounded = ()
-    if os.geteuid() == 0:  # root may read anything, unless that is taken from it
-        bounded = ("setpriv", "--bounding-set=-dac_override,-dac_read_search")
-        if shutil.which("setpriv") is None or subprocess.run([*bounded, "true"], check=False).returncode:
-            pytest.skip("root can't be kept from reading here")
-    write(tmp_path, TINY)
-    store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
-    store.write("a", np.zeros(1, [("a", "f8")]))
-    store.folder.chmod(0)
-    command = [*bounded, sys.executable, "-c", ONE_PROCESS, json.dumps([RUN, ["info", "out.nc"]])]
-    try:
-        done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True)
-    finally:
-        store.folder.chmod(0o700)
-    refused = (
-        r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
-        r"ask its owner for access, or give another path\n2\n"
-    )
-    assert re.fullmatch(refused * 2, done.stdout)
-    assert done.stderr == ""
-    assert store.completed() == {"a"}
 
 
 def test_names_that_a_run_can_not_use(tmp_path):
@@ -644,30 +470,6 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing
     assert "Variables" in info(tmp_path / "out.nc").stdout
-
-
-def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
-    sweep, out, parts = Sweep(row(), motions(), **AXES), tmp_path / "out.nc", tmp_path / "out.nc.parts"
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(out, scheduler="synchronous", progress=At("scenarios", stop, 20))
-    first = survey(parts)
-    assert first.planned
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(out, scheduler="synchronous", progress=At("no pounding", stop))
-    assert survey(parts) == first
-    whole = json.loads((parts / EXPECTED).read_text())
-    changes = [{"laws": whole["laws"][::-1]}, {"stages": 3}, {"stages": {"scenarios": [[1, 2]]}}, {"stages": {"x": 1}}]
-    for text in ("", "[]", "{}", *(json.dumps({**whole, **change}) for change in changes)):
-        (parts / EXPECTED).write_text(text)
-        with pytest.raises(KeyboardInterrupt):
-            sweep.run(out, scheduler="synchronous", progress=At("no pounding", stop))
-        found = survey(parts)
-        assert not found.planned
-        assert found.parts == [part for part in first.parts if part.stage == "no pounding"]
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(out, scheduler="synchronous", progress=At("scenarios", stop))
-    assert survey(parts) == first
 
 
 def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):

@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections import namedtuple
 from functools import partial
 from unittest.mock import Mock, patch
@@ -96,16 +95,6 @@ def peak_of(sizes, folder):
         pytest.skip("needs /proc")
     command = [sys.executable, "-c", MANY, json.dumps(sizes), str(folder / "out.nc")]
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-
-
-@pytest.mark.release
-def test_a_broadcast_cube_is_never_in_memory(tmp_path):
-    """60,000 scenarios that answer twenty asked ones each."""
-    found = peak_of([600, 100, 20], tmp_path)
-    assert found["run"] == 60_000 + 1
-    assert found["status"] == [Status.OK]
-    assert found["file"] > 500 * MIB
-    assert found["peak"] - found["before"] < 300 * MIB
 
 
 @pytest.mark.slow
@@ -336,17 +325,6 @@ def test_chunks_that_are_there_need_no_room_again(tmp_path, monkeypatch):
     sweep.run(out).close()
     plan = sweep.plan()
     assert asked == [(plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - there]
-
-
-def test_chunks_may_stand_on_another_disk(reference, tmp_path):
-    if not os.path.isdir("/dev/shm") or os.stat("/dev/shm").st_dev == tmp_path.stat().st_dev:
-        pytest.skip("needs a second disk")
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as elsewhere:
-        (tmp_path / "out.nc.parts").symlink_to(elsewhere)
-        with make(stiffness_factors=[1.0, 1e3]).run(tmp_path / "out.nc") as cube:
-            equal(cube, reference)
-        assert os.listdir(elsewhere) == []
-        assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "out.nc.parts"]
 
 
 KILLED = """
