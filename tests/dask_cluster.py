@@ -23,39 +23,17 @@ SETTINGS = {
 class DaskCluster:
     """A scheduler and workers, each in a process of its own, as a user starts them.
 
-    Parameters
-    ----------
-    folder : Path
-        Where they keep their files and logs.
-    before : sequence of str
-        Command in front of the scheduler's, such as one that enters a network namespace.
-    host : str
-        Where the scheduler listens.
-    env : mapping of str to str, optional
-        Added to the environment of the scheduler.
-
     Attributes
     ----------
     killed : int
         Processes ended by SIGKILL so far.
     """
 
-    def __init__(self, folder: Path, before=(), host="127.0.0.1", env=None):
+    def __init__(self, folder: Path, env=None):
         self.folder, self.killed = folder, 0
-        self._workers, self._pids = {}, {}
-        self._file = folder / "scheduler.json"
-        where = (
-            "--host",
-            host,
-            "--port",
-            "0",
-            "--no-dashboard",
-            "--dashboard-address",
-            f"{host}:0",
-            "--scheduler-file",
-            self._file,
-        )
-        self._scheduler = self._start("scheduler", *where, before=before, env=env)
+        self._workers, self._file = {}, folder / "scheduler.json"
+        where = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
+        self._scheduler = self._start("scheduler", *where, "--scheduler-file", self._file, env=env)
         self.address = self._wait(lambda: json.loads(self._file.read_text())["address"])
 
     def __enter__(self):
@@ -67,8 +45,8 @@ class DaskCluster:
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
-    def _start(self, *arguments, before=(), env=None):
-        command = [*before, sys.executable, "-m", "dask", *map(str, arguments)]
+    def _start(self, *arguments, env=None):
+        command = [sys.executable, "-m", "dask", *map(str, arguments)]
         with (self.folder / "dask.log").open("ab") as log:
             return subprocess.Popen(
                 command,
@@ -91,12 +69,10 @@ class DaskCluster:
             assert time.monotonic() < limit, (self.folder / "dask.log").read_text()[-4000:]
             time.sleep(0.1)
 
-    def add(self, name, *options, nanny=False, wait=True, before=(), env=None):
+    def add(self, name, wait=True, env=None):
         """Start a worker of one thread; waits until it runs."""
-        more = ("--name", name, "--nthreads", 1, "--no-dashboard", "--pid-file", self.folder / f"{name}.pid")
-        more += ("--local-directory", self.folder) + (() if nanny else ("--no-nanny",))
-        command = ("worker", "--scheduler-file", self._file, *more, *options)
-        self._workers[name] = self._start(*command, before=before, env=env)
+        options = ("--name", name, "--nthreads", 1, "--no-dashboard", "--no-nanny", "--local-directory", self.folder)
+        self._workers[name] = self._start("worker", "--scheduler-file", self._file, *options, env=env)
         if wait:
             self.wait_for(name)
         return self
@@ -104,10 +80,6 @@ class DaskCluster:
     def wait_for(self, name):
         """Wait until the scheduler has this worker."""
         self._wait(lambda: self._address(name))
-
-    def wait_until_gone(self, name):
-        """Wait until the scheduler has given this worker up."""
-        self._wait(lambda: not self._address(name))
 
     def _address(self, name):
         from distributed import Client
@@ -121,19 +93,6 @@ class DaskCluster:
         process = self._workers.pop(name)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        self.killed += 1
-
-    def freeze(self, name):
-        """Stop a worker without ending it; its connections stay open."""
-        os.killpg(self._workers[name].pid, signal.SIGSTOP)
-
-    def thaw(self, name):
-        """Let a worker that was stopped go on."""
-        os.killpg(self._workers[name].pid, signal.SIGCONT)
-
-    def kill_process(self, pid):
-        """End one process."""
-        os.kill(pid, signal.SIGKILL)
         self.killed += 1
 
     def kill_scheduler(self):

@@ -28,21 +28,24 @@ _THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 
 def diagnose() -> dict[str, Any]:
     """Look at the installation; changes nothing."""
-    versions, optional = installed_versions(), _optional()
+    from pounding_sweep.base.memory import free_memory
+    from pounding_sweep.run.execute import check_scheduler
+
+    versions, optional, memory = installed_versions(), _optional(), free_memory()
     problems = [
         f"{name} is not installed; install the package: pip install ."
-        for name, found in versions.items()
-        if found is None
+        for name, installed in versions.items()
+        if installed is None
     ]
-    cache = _cache(problems)
+    limits = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
     return {
         "versions": versions | {name: None for name in optional if name not in versions},
         "optional": optional,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": processor(),
-        "threads": _threads(),
-        "memory": _memory(),
-        "kernel_cache": cache,
+        "threads": {"workers": check_scheduler("threads", None), "environment": limits},
+        "memory": {"free_bytes": memory.bytes, "limit": memory.limit},
+        "kernel_cache": _cache(problems),
         "compile_seconds": _compiling(),
         "record_folders": _record_folders(problems),
         "output": _output(problems),
@@ -106,58 +109,38 @@ def processor() -> dict[str, Any]:
     }
 
 
-def _threads() -> dict[str, Any]:
-    from pounding_sweep.run.execute import check_scheduler
-
-    named = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
-    return {"workers": check_scheduler("threads", None), "environment": named}
-
-
-def _memory() -> dict[str, Any]:
-    from pounding_sweep.base.memory import free_memory
-
-    free = free_memory()
-    return {"free_bytes": free.bytes, "limit": free.limit}
-
-
 def _output(problems: list[str]) -> dict[str, Any]:
     from pounding_sweep.output.netcdf import check_output, free_space
 
+    folder = None
     try:
         folder = Path.cwd()
-    except OSError:
-        problems.append("the current folder was removed; change to another one")
-        return {"folder": None, "writable": False, "free_bytes": None}
-    try:
         check_output(folder / f"{secrets.token_hex(8)}.nc")
+        return {"folder": str(folder), "writable": True, "free_bytes": free_space(folder)}
     except OutputError:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-        return {"folder": str(folder), "writable": False, "free_bytes": None}
-    return {"folder": str(folder), "writable": True, "free_bytes": free_space(folder)}
+    except OSError:
+        problems.append("the current folder was removed; change to another one")
+    return {"folder": folder and str(folder), "writable": False, "free_bytes": None}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:
     from pounding_sweep.engine.cache import CACHE_VARIABLE, lasting_folder
 
+    folder, anew = None, "so every run compiles its kernels anew; name"
     try:
         folder = lasting_folder()
+        if folder is None:
+            problems.append(f"no home folder is known, {anew} a folder for them in {CACHE_VARIABLE}")
     except InputError as error:
         problems.append(f"{CACHE_VARIABLE}: {error}")
-        return {"folder": None, "kernels": 0, "bytes": 0}
     if folder is None:
-        problems.append(
-            "no home folder is known, so every run compiles its kernels anew; "
-            f"name a folder for them in {CACHE_VARIABLE}"
-        )
         return {"folder": None, "kernels": 0, "bytes": 0}
-    files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
-    kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
     parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
-        problems.append(
-            f"the kernel cache {str(folder)!r} can't be written, so every run compiles its kernels anew; "
-            f"name another folder in {CACHE_VARIABLE}"
-        )
+        problems.append(f"the kernel cache {str(folder)!r} can't be written, {anew} another folder in {CACHE_VARIABLE}")
+    files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
+    kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
     return {"folder": str(folder), "kernels": len(kernels), "bytes": sum(path.stat().st_size for path in files)}
 
 
@@ -179,22 +162,17 @@ def _compiling() -> dict[str, float]:
 def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
     from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
 
-    found = []
-    for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep):
-        if not part.strip():
-            continue
+    folders = []
+    for part in filter(str.strip, os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep)):
+        named = f"{part!r}, named in {RECORDS_VARIABLE},"
         try:
             folder = expanded(part)
+            files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
+            folders.append({"folder": str(folder), "files": files})
         except InputError as error:
             problems.append(f"{RECORDS_VARIABLE}: {error}")
-            continue
-        if not folder.is_dir():
-            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, is no folder; make it or mend the variable")
-            continue
-        try:
-            files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
+        except (FileNotFoundError, NotADirectoryError):
+            problems.append(f"{named} is no folder; make it or mend the variable")
         except OSError as error:
-            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
-            continue
-        found.append({"folder": str(folder), "files": files})
-    return found
+            problems.append(f"{named} can't be read ({error.strerror})")
+    return folders

@@ -113,10 +113,7 @@ class ExtendingDispatcher(Dispatcher):
 
     def __init__(self, workers: Dispatcher, earlier: EarlierCube) -> None:
         self._workers, self._earlier = workers, earlier
-
-    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
-        """See `Dispatcher.prepare`."""
-        return self._workers.prepare(shapes, advance)
+        self.prepare = workers.prepare  # type: ignore[method-assign]
 
     def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         """See `Dispatcher.run`; chunks that are known as a whole come first."""
@@ -124,39 +121,38 @@ class ExtendingDispatcher(Dispatcher):
         partly: dict[int, tuple[str, np.ndarray]] = {}  # position -> key and rows of chunks that are known in part
         for position in range(n):
             try:
-                mine = task_of(position)
-                rows = earlier.find(mine)
-                known = rows >= 0
-                whole = earlier.results(rows) if known.all() else None
+                task = task_of(position)
+                rows = earlier.find(task)
+                results = earlier.results(rows) if (rows >= 0).all() else None
             except MemoryError as error:  # it costs this chunk only
                 receive(position, f"MemoryError: {error}")
                 continue
-            if whole is not None:
-                earlier.taken[mine.key] = len(rows)
-                receive(position, whole)
-                continue
-            waiting.append(position)
-            if known.any():
-                partly[position] = mine.key, rows
+            if results is not None:
+                earlier.taken[task.key] = len(rows)
+                receive(position, results)
+            else:
+                waiting.append(position)
+                if (rows >= 0).any():
+                    partly[position] = task.key, rows
 
-        def rest(index: int) -> ChunkTask:
-            whole = task_of(waiting[index])
+        def missing(index: int) -> ChunkTask:
+            task = task_of(waiting[index])
             if waiting[index] not in partly:
-                return whole
+                return task
             new = partly[waiting[index]][1] < 0
-            return replace(whole, table=whole.table[new], variants=whole.variants[new])
+            return replace(task, table=task.table[new], variants=task.variants[new])
 
-        def together(index: int, found: np.ndarray | str) -> None:
+        def complete(index: int, results: np.ndarray | str) -> None:
             key, rows = partly.pop(waiting[index], ("", None))
             if rows is not None:
                 try:
-                    if isinstance(found, str):  # costs only what was to be run
-                        earlier.lost[key], found = found, earlier.without(rows)
+                    if isinstance(results, str):  # costs only what was to be run
+                        earlier.lost[key], results = results, earlier.without(rows)
                     else:
-                        found = earlier.completed(rows, found)
+                        results = earlier.completed(rows, results)
                     earlier.taken[key] = int((rows >= 0).sum())
                 except MemoryError as error:
-                    found = f"MemoryError: {error}"
-            receive(waiting[index], found)
+                    results = f"MemoryError: {error}"
+            receive(waiting[index], results)
 
-        self._workers.run(len(waiting), rest, together)
+        self._workers.run(len(waiting), missing, complete)
