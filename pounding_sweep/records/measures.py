@@ -82,45 +82,24 @@ def record_measures(record: Record) -> RecordMeasures:
     >>> measures.pgv, measures.end_velocity
     (3.75, 3.0)
     """
-    velocity, peak = _velocity(record)
-    squared = _squared_integral(record)
+    h, a, b = record.dt, record.acceleration[:-1], record.acceleration[1:]
+    velocity = np.concatenate([[0.0], np.cumsum(0.5 * h * (a + b))])
+    turns = np.signbit(a) != np.signbit(b)
+    inside = velocity[:-1][turns] + 0.5 * h * a[turns] * (a[turns] / (a - b)[turns])
+    height, opposed = np.abs(a) + np.abs(b), np.sign(a) * np.sign(b) < 0.0
+    divisor = np.where(opposed, height, 1.0)
+    mean = 0.5 * np.where(opposed, (a / divisor) * a + (b / divisor) * b, height)
+    squared = np.concatenate([[0.0], np.cumsum(h / 3.0 * (a * a + a * b + b * b))])
     low, high = (_time_of_share(record, squared, share) for share in SIGNIFICANT_SHARES)
     return RecordMeasures(
         pga=record.pga,
-        pgv=peak,
+        pgv=float(np.max(np.abs(np.concatenate([velocity, inside])))),
         arias_intensity=math.pi / (2 * STANDARD_GRAVITY) * float(squared[-1]),
-        cav=_absolute_integral(record),
+        cav=float(h * mean.sum()),
         significant_duration=high - low,
         duration=record.duration,
         end_velocity=float(velocity[-1]),
     )
-
-
-def _velocity(record: Record) -> tuple[Array, float]:
-    """Velocity (m/s) at the points, and its largest absolute value anywhere."""
-    a, b = record.acceleration[:-1], record.acceleration[1:]
-    velocity = np.concatenate([[0.0], np.cumsum(0.5 * record.dt * (a + b))])
-    turns = np.signbit(a) != np.signbit(b)
-    a, b = a[turns], b[turns]
-    inside = velocity[:-1][turns] + 0.5 * record.dt * a * (a / (a - b))
-    return velocity, float(np.max(np.abs(np.concatenate([velocity, inside]))))
-
-
-def _absolute_integral(record: Record) -> float:
-    """Integral of the absolute acceleration (m/s)."""
-    a, b = record.acceleration[:-1], record.acceleration[1:]
-    height = np.abs(a) + np.abs(b)
-    turns = np.sign(a) * np.sign(b) < 0.0
-    mean = 0.5 * np.where(
-        turns, (a / np.where(turns, height, 1.0)) * a + (b / np.where(turns, height, 1.0)) * b, height
-    )
-    return float(record.dt * mean.sum())
-
-
-def _squared_integral(record: Record) -> Array:
-    """Integral of the squared acceleration (m2/s3) from the first point to each."""
-    a, b = record.acceleration[:-1], record.acceleration[1:]
-    return np.concatenate([[0.0], np.cumsum(record.dt / 3.0 * (a * a + a * b + b * b))])
 
 
 def _time_of_share(record: Record, squared: Array, share: float) -> float:
@@ -174,12 +153,9 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
         time[row, : record.n_points] = record.time
         acceleration[row, : record.n_points] = record.acceleration
     measured = [record_measures(record) for record in records]
+    about = {"units": "m s-2", "long_name": "ground acceleration, linear between points"}
     variables: dict[str, Any] = {
-        "ground_acceleration": (
-            ("record", "point"),
-            acceleration,
-            {"units": "m s-2", "long_name": "ground acceleration, linear between points"},
-        ),
+        "ground_acceleration": (("record", "point"), acceleration, about),
         "time_step": ("record", [r.dt for r in records], {"units": "s", "long_name": "time between points"}),
         "source": ("record", [r.source for r in records], {"long_name": "where the record comes from"}),
     }

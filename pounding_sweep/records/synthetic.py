@@ -25,6 +25,18 @@ def _points(duration: float, dt: float) -> int:
     return math.ceil(duration / dt * (1 - 1e-12)) + 1
 
 
+def _steps(what: str, of: str, dt: float, coarsest: float, duration: float | None, length: float) -> np.ndarray:
+    """Return the numbers of the steps of a pulse; raises `RecordError` where they are too coarse or too few."""
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+    if dt > coarsest * (1 + 1e-9):
+        msg = f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {coarsest:g} s"
+        raise RecordError(msg)
+    if duration < length * (1 - 1e-9):
+        msg = f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that"
+        raise RecordError(msg)
+    return np.arange(_points(duration, dt))
+
+
 def synthetic_record(
     seed: int,
     *,
@@ -95,15 +107,18 @@ def synthetic_record(
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < _SEEDS:
         msg = f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}"
         raise RecordError(msg)
-    dt = number(dt, "dt (s)", positive=True)
-    duration = number(duration, "duration (s)", positive=True)
-    pga = number(pga, "pga (m/s2)", positive=True)
-    wg = number(ground_frequency, "ground_frequency (rad/s)", positive=True)
-    zg = number(ground_damping, "ground_damping", positive=True)
-    wf = number(filter_frequency, "filter_frequency (rad/s)", positive=True)
-    zf = number(filter_damping, "filter_damping", positive=True)
+    numbers = {
+        "duration (s)": duration,
+        "dt (s)": dt,
+        "pga (m/s2)": pga,
+        "ground_frequency (rad/s)": ground_frequency,
+        "ground_damping": ground_damping,
+        "filter_frequency (rad/s)": filter_frequency,
+        "filter_damping": filter_damping,
+        "end_level": end_level,
+    }
+    duration, dt, pga, wg, zg, wf, zf, end_level = (number(x, what, positive=True) for what, x in numbers.items())
     rise, strong = number(rise, "rise"), number(strong, "strong")
-    end_level = number(end_level, "end_level", positive=True)
     if duration < dt:
         msg = f"duration must be at least dt = {dt:g} s, not {duration:g} s"
         raise RecordError(msg)
@@ -120,7 +135,12 @@ def synthetic_record(
     w = 2 * np.pi * np.fft.rfftfreq(size, dt)
     ground = (wg**2 + 2j * zg * wg * w) / (wg**2 - w**2 + 2j * zg * wg * w)
     high_pass = w**2 / (wf**2 - w**2 + 2j * zf * wf * w)
-    motion = np.fft.irfft(np.fft.rfft(noise) * ground * high_pass, size)[:n] * _envelope(n, rise, strong, end_level)
+    motion = np.fft.irfft(np.fft.rfft(noise) * ground * high_pass, size)[:n]
+    # Jennings' envelope: parabolic rise, 1, exponential decay
+    part, tail = np.linspace(0.0, 1.0, n), 1 - rise - strong
+    up = np.clip(part / rise, 0, 1) ** 2 if rise > 0 else np.ones_like(part)
+    down = np.clip((part - rise - strong) / tail, 0, 1) if tail > 1e-12 else np.zeros_like(part)
+    motion = motion * np.asarray(up * end_level**down)
     label = f"synthetic-{seed}" if name is None else name
     source = (
         f"synthetic, Clough-Penzien filtered white noise: seed={int(seed)}, duration={duration:g} s, dt={dt:g} s, "
@@ -129,15 +149,6 @@ def synthetic_record(
     )
     peak = np.max(np.abs(motion))
     return Record(label, dt, motion * (pga / peak), source)
-
-
-def _envelope(n: int, rise: float, strong: float, end_level: float) -> Array:
-    """Jennings' envelope at `n` even times: parabolic rise, 1, exponential decay to `end_level`."""
-    part = np.linspace(0.0, 1.0, n)
-    up = np.clip(part / rise, 0, 1) ** 2 if rise > 0 else np.ones_like(part)
-    tail = 1 - rise - strong
-    down = np.clip((part - rise - strong) / tail, 0, 1) if tail > 1e-12 else np.zeros_like(part)
-    return np.asarray(up * end_level**down)
 
 
 @dataclass(frozen=True)
@@ -150,17 +161,15 @@ class Pulse:
     description: str
 
 
-def _ricker(x: Array) -> Array:
-    square = (np.pi * (x - 1.5)) ** 2
-    return (1 - 2 * square) * np.exp(-square)
-
-
 PULSES: dict[str, Pulse] = {
     pulse.shape: pulse
     for pulse in (
         Pulse("half_sine", 0.5, lambda x: np.sin(2 * np.pi * x), "positive half of one sine cycle"),
         Pulse("sine", 1.0, lambda x: np.sin(2 * np.pi * x), "one full sine cycle"),
-        Pulse("ricker", 3.0, _ricker, "Ricker wavelet of that dominant period, its peak at 1.5 periods"),
+        Pulse(
+            *("ricker", 3.0, lambda x: (1 - 2 * (np.pi * (x - 1.5)) ** 2) * np.exp(-((np.pi * (x - 1.5)) ** 2))),
+            "Ricker wavelet of that dominant period, its peak at 1.5 periods",
+        ),
         Pulse("rectangular", 1.0, np.ones_like, "constant for one period"),
         Pulse("triangular", 1.0, lambda x: 1 - np.abs(2 * x - 1), "linear rise in half a period, linear fall"),
     )
@@ -235,23 +244,11 @@ def pulse_record(
     period = number(period, "period (s)", positive=True)
     dt = number(dt, "dt (s)", positive=True)
     length = pulse.length * period
-    duration = length if duration is None else number(duration, "duration (s)", positive=True)
-    _check_sampling(f"{shape} pulse", f"{length:g} s", dt, length / 2, duration, length)
-    part = np.arange(_points(duration, dt)) * (dt / period)
+    part = _steps(f"{shape} pulse", f"{length:g} s", dt, length / 2, duration, length) * (dt / period)
     inside = part <= pulse.length * (1 + 1e-9)
     motion = np.where(inside, amplitude * pulse.height(np.minimum(part, pulse.length)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
     return Record(shape if name is None else name, dt, motion, source)
-
-
-def _check_sampling(what: str, of: str, dt: float, most: float, duration: float, length: float) -> None:
-    """Raise `RecordError` where steps are too coarse for a pulse, or the record ends before it does."""
-    if dt > most * (1 + 1e-9):
-        msg = f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {most:g} s"
-        raise RecordError(msg)
-    if duration < length * (1 - 1e-9):
-        msg = f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that"
-        raise RecordError(msg)
 
 
 #: What the source of a near-fault pulse begins with.
@@ -325,9 +322,7 @@ def near_fault_record(
         msg = f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1"
         raise RecordError(msg)
     length = cycles * period
-    duration = length if duration is None else number(duration, "duration (s)", positive=True)
-    _check_sampling("near-fault pulse", f"period {period:g} s", dt, period / _STEPS_PER_PULSE, duration, length)
-    time = np.arange(_points(duration, dt)) * dt
+    time = _steps("near-fault pulse", f"period {period:g} s", dt, period / _STEPS_PER_PULSE, duration, length) * dt
     x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)
     rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)
     motion = np.where(time <= length, -velocity * math.pi / length * (rising + falling), 0.0)
