@@ -14,13 +14,12 @@ from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures
-from pounding_sweep.analysis.comparisons.amplification import RESPONSES
 from pounding_sweep.analysis.scenarios import fractiles_over, interpolate
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.outputs.variables import Status
 
 AXES = {"law": LAWS, "gap": [0.01, 0.02], "restitution": [0.2, 0.6, 1.0], "record": list(PGA), "scale": [0.5, 1.0]}
 
@@ -105,13 +104,12 @@ class TestAmplification:
         assert found.gap.attrs["units"] == "m"
         assert np.isnan(found.drift_max_ratio.sel(building="b", storey=2)).all()
 
-    def test_rest_without_pounding_gives_no_ratio(self):
+    def test_what_touches_and_rest_without_pounding(self):
         fill = {"drift_max": np.array([0.0, 1.0, 2.0])[:, None, None]}
-        assert analysis.amplification(hand_cube({"law": LAWS}, fill)).drift_max_ratio.isnull().all()
-
-    def test_what_touches(self):
-        fill = {"drift_max": np.ones(1), "impact_count": np.array([0, 0, 2])[:, None, None]}
-        np.testing.assert_array_equal(analysis.amplification(hand_cube({"law": LAWS}, fill)).touches, [0.0, 1.0])
+        fill["impact_count"] = np.array([0, 0, 2])[:, None, None]
+        found = analysis.amplification(hand_cube({"law": LAWS}, fill))
+        np.testing.assert_array_equal(found.touches, [0.0, 1.0])
+        assert found.drift_max_ratio.isnull().all()
 
     def test_listed_cases_are_compared_with_their_own_run_without_pounding(self):
         laws = ["none", "linear", "none", "linear", "hertz_damped"]
@@ -156,25 +154,6 @@ class TestAmplification:
         unmasked = cube.assign(impact_count=cube.impact_count.fillna(-1).astype("i4"))
         xr.testing.assert_equal(analysis.impact_statistics(unmasked), analysis.impact_statistics(cube))
 
-    def test_no_run_without_pounding_is_told_with_the_remedy(self):
-        cube = hand_cube({"law": ["linear"]}, random_fill(1, "drift_max"))
-        with pytest.raises(InputError, match=r"law 'none'.*it has linear\. Add 'none' to the laws"):
-            analysis.amplification(cube)
-
-    def test_only_no_pounding(self):
-        with pytest.raises(InputError, match="this cube has only 'none'"):
-            analysis.amplification(hand_cube({"law": ["none"]}, random_fill(1, "drift_max")))
-
-    def test_unknown_and_absent_responses(self):
-        cube = hand_cube({"law": LAWS}, random_fill(1, "drift_max"))
-        with pytest.raises(InputError, match="did you mean 'drift_max'"):
-            analysis.amplification(cube, ["drift"])
-        with pytest.raises(InputError, match="'storey_shear_max', which this cube lacks"):
-            analysis.amplification(cube, ["storey_shear_max"])
-
-    def test_responses_are_outputs_of_buildings(self):
-        assert all("building" in VARIABLES[name].dims for name in RESPONSES)
-
 
 class TestSelections:
     """What is left of a cube after a selection is a cube."""
@@ -203,11 +182,6 @@ class TestSelections:
         same = whole.sel(law="linear", gap=0.02, restitution=0.6, pair="a-b")
         assert curve.fit_status == same.fit_status
         assert curve.trials == same.trials
-
-    def test_a_part_of_the_row_has_no_energy_balance(self):
-        cube = hand_cube({"law": ["linear"]}, random_fill(1, *TestEnergy.NAMES))
-        with pytest.raises(InputError, match="needs the axis 'building'"):
-            analysis.energy_budget(cube.sel(building="a"))
 
     def test_figures_of_selections(self):
         from pounding_sweep.figures import FIGURES
@@ -261,23 +235,6 @@ class TestLaws:
         assert found.basis.values.tolist() == ["nominal"]
         assert "one restitution" in found.attrs["realised_basis"]
         assert found.attrs["reference_law"] == "linear"
-
-    def test_units_are_kept(self):
-        found = analysis.compare_laws(hand_cube({"law": LAWS}, random_fill(1, "impact_force_max")))
-        assert found.impact_force_max_compared.attrs["units"] == "kN"
-        assert found.impact_force_max_ratio.attrs["units"] == "1"
-
-    def test_what_is_missing(self):
-        with pytest.raises(InputError, match="two laws with contact, this cube has linear"):
-            analysis.compare_laws(hand_cube({"law": ["none", "linear"]}, random_fill(1, "impulse")))
-        cube = hand_cube({"law": LAWS}, random_fill(1, "impulse"))
-        with pytest.raises(InputError, match="did you mean 'linear'"):
-            analysis.compare_laws(cube, "linaer")
-        with pytest.raises(InputError, match="unknown output"):
-            analysis.compare_laws(cube, outputs=["force"])
-        listed = hand_cube({"case": [1]}, random_fill(1, "impulse"), coords={"law": (("case",), ["linear"], {})})
-        with pytest.raises(InputError, match="lists its scenarios as cases"):
-            analysis.compare_laws(listed)
 
 
 class TestImpacts:
@@ -334,21 +291,6 @@ class TestImpacts:
         )
         assert found.pair_touching_share.isnull().all()
 
-    def test_what_is_missing(self):
-        single = Scene([Building("a", [1.0], [1.0])])
-        with pytest.raises(InputError, match="single building"):
-            analysis.impact_statistics(hand_cube({"law": ["linear"]}, random_fill(1, "drift_max"), scene=single))
-        with pytest.raises(InputError, match="only 'none'"):
-            analysis.impact_statistics(hand_cube({"law": ["none"]}, random_fill(1, "impact_count")))
-        cube = hand_cube({"law": LAWS}, random_fill(1, "drift_max"))
-        with pytest.raises(InputError, match="'impact_count' or 'impact_force_max'"):
-            analysis.impact_statistics(cube)
-        cube = hand_cube({"law": LAWS}, random_fill(1, "impact_count"))
-        with pytest.raises(InputError, match="no axis 'record'"):
-            analysis.impact_statistics(cube, ["record"])
-        with pytest.raises(InputError, match=r"quantiles are \[1.5\]"):
-            analysis.impact_statistics(cube, quantiles=[1.5])
-
 
 class TestEnergy:
     NAMES = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain", "contact_work")
@@ -367,16 +309,8 @@ class TestEnergy:
             for name, value in expected.items():
                 np.testing.assert_allclose(found[name].values[place], value * np.nan if bad else value, rtol=1e-12)
         assert found.attrs["largest_residual_relative"] == found.residual_relative.max()
+        np.testing.assert_array_equal(found.transfer_sum, found.energy_transfer.sum("building", skipna=False))
         assert found.energy_transfer.attrs["units"] == "kN m"
-
-    def test_budget_that_closes(self):
-        fill = {"energy_input": 10.0, "energy_damping": 6.0, "energy_kinetic": 1.0, "energy_strain": 1.0}
-        fill = {name: np.full(1, value) for name, value in fill.items()} | {"contact_work": np.array([3.0, 1.0])}
-        found = analysis.energy_budget(hand_cube({"law": ["linear"]}, fill))
-        assert (found.energy_transfer == 2.0).all()
-        assert found.transfer_sum == found.work_sum == 4.0
-        assert found.attrs["largest_residual_relative"] == 0.0
-        np.testing.assert_allclose(found.transfer_share, 0.2)
 
     def test_single_building_has_no_contacts(self):
         single = Scene([Building("a", [1.0], [1.0])])
@@ -391,10 +325,6 @@ class TestEnergy:
         assert analysis.energy_budget(cube).sizes[dim] == cube.sizes[dim]
         with pytest.raises(InputError, match=f"has 1 of {cube.sizes[dim]} along '{dim}'"):
             analysis.energy_budget(cube.isel({dim: [0]}))
-
-    def test_missing_energy_is_named(self):
-        with pytest.raises(InputError, match="'contact_work', which this cube lacks"):
-            analysis.energy_budget(hand_cube({"law": LAWS}, random_fill(1, *self.NAMES[:4])))
 
 
 class TestSuites:
@@ -413,19 +343,6 @@ class TestSuites:
             assert found.left_out_diverged.values[place] == diverged
         assert found.drift_max_fractiles.attrs["units"] == "m"
         assert (found.drift_max_count.sel(building="b", storey=2) == 0).all()
-
-    def test_other_axis(self):
-        cube = hand_cube({"law": LAWS, "gap": [0.01, 0.02, 0.03]}, random_fill(1, "drift_max"))
-        found = analysis.fractiles(cube, [0.5], dim="gap").drift_max_fractiles.sel(quantile=0.5)
-        np.testing.assert_allclose(found, cube.drift_max.median("gap"))
-
-    def test_axis_that_is_not_there(self):
-        with pytest.raises(InputError, match="needs the axis 'record'; this cube's axes: law"):
-            analysis.fractiles(hand_cube({"law": LAWS}, random_fill(1, "drift_max")))
-
-    def test_one_record_has_no_fractiles(self):
-        with pytest.raises(InputError, match="needs several values of 'record', and this cube has one"):
-            analysis.fractiles(hand_cube({"law": LAWS, "record": ["one"]}, random_fill(1, "drift_max")))
 
     def test_incremental_curves_by_a_plain_loop(self):
         axes = {"law": ["linear"], "record": list(PGA), "scale": [2.0, 0.5, 1.0]}
@@ -487,9 +404,57 @@ class TestSuites:
         with pytest.raises(InputError, match=r"unknown intensity 'sv'; valid: pga, pgv, sa\(PERIOD in s\)"):
             analysis.incremental_curves(cube, intensity="sv")
 
-    def test_one_scale_is_not_enough(self):
-        with pytest.raises(InputError, match="needs several values of 'scale', and this cube has one"):
-            analysis.incremental_curves(hand_cube({"record": ["one"], "scale": [1.0]}, random_fill(1, "drift_max")))
+
+SINGLE = Scene([Building("a", [1.0], [1.0])])
+
+
+def small(*names, scene=None, **axes):
+    """Return a cube of the laws `LAWS` with these outputs and axes."""
+    return hand_cube({"law": LAWS, **axes}, random_fill(1, *names), scene=scene)
+
+
+@pytest.mark.parametrize(
+    ("compare", "cube", "arguments", "message"),
+    [
+        (
+            "amplification",
+            small("drift_max", law=["linear"]),
+            {},
+            r"law 'none'.*it has linear\. Add 'none'",
+        ),
+        ("amplification", small("drift_max", law=["none"]), {}, "a law with contact, this cube has only 'none'"),
+        ("amplification", small("drift_max"), {"responses": ["drift"]}, "did you mean 'drift_max'"),
+        (
+            "amplification",
+            small("drift_max"),
+            {"responses": ["storey_shear_max"]},
+            "'storey_shear_max', which",
+        ),
+        ("energy_budget", small(*TestEnergy.NAMES).sel(building="a"), {}, "needs the axis 'building'"),
+        ("energy_budget", small(*TestEnergy.NAMES[:4]), {}, "'contact_work', which this cube lacks"),
+        ("energy_budget", small(*TestEnergy.NAMES).isel(law=[]), {}, "needs a scenario, and this cube has none"),
+        ("compare_laws", small("impulse", law=["none", "linear"]), {}, "two laws with contact, this cube has linear"),
+        ("compare_laws", small("impulse"), {"reference": "linaer"}, "did you mean 'linear'"),
+        ("compare_laws", small("impulse"), {"outputs": ["force"]}, "unknown output"),
+        (
+            "compare_laws",
+            small("impulse").rename(law="case").assign_coords(law=("case", LAWS)),
+            {},
+            "scenarios as cases",
+        ),
+        ("impact_statistics", small("drift_max", law=["linear"], scene=SINGLE), {}, "single building"),
+        ("impact_statistics", small("impact_count", law=["none"]), {}, "only 'none'"),
+        ("impact_statistics", small("drift_max"), {}, "'impact_count' or 'impact_force_max'"),
+        ("impact_statistics", small("impact_count"), {"over": ["record"]}, "no axis 'record'"),
+        ("impact_statistics", small("impact_count"), {"quantiles": [1.5]}, r"quantiles are \[1.5\]"),
+        ("fractiles", small("drift_max"), {}, "needs the axis 'record'; this cube's axes: law"),
+        ("fractiles", small("drift_max", record=["one"]), {}, "several values of 'record', and this cube has one"),
+        ("incremental_curves", small("drift_max", scale=[1.0]), {}, "several values of 'scale', and this cube has one"),
+    ],
+)
+def test_what_a_comparison_needs_is_told(compare, cube, arguments, message):
+    with pytest.raises(InputError, match=message):
+        getattr(analysis, compare)(cube, **arguments)
 
 
 def test_sweep_attribute_reads_back():

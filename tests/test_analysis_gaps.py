@@ -68,11 +68,6 @@ class TestCorrelation:
         found = cqc_correlation(np.array(2 * np.pi / w1), np.array(2 * np.pi / w2), z1, z2)
         assert float(found) == pytest.approx(expected, rel=1e-4)
 
-    def test_undamped(self):
-        one, two = np.array(1.0), np.array(2.0)
-        assert float(cqc_correlation(one, one, 0.0, 0.0)) == 1.0
-        assert float(cqc_correlation(one, two, 0.0, 0.0)) == 0.0
-
 
 class TestRules:
     def peaks(self, cube, building, storey, record=0):
@@ -267,14 +262,6 @@ class TestMissing:
         sweep["records"][0] |= {"name": "elsewhere", "scale": 1.0}
         assert records_of(sweep)[0].name == "elsewhere"  # renamed: known by its motion
 
-    def test_scaled_records_are_scaled_again(self):
-        from pounding_sweep import find_record
-
-        carried = sweep_attribute(low_and_high(), find_record("el_centro").scaled_to(2.0).renamed("half"), laws="none")
-        cube = hand_cube({"law": ["none"]}, random_fill(1, *OUTPUTS), attributes=carried)
-        (record,) = records_of(stored_sweep(cube))
-        assert record.pga == pytest.approx(2.0)
-
     def test_what_is_missing_is_said(self):
         with pytest.raises(InputError, match="needs records"):
             required_gap(row())
@@ -324,17 +311,6 @@ class TestGapForProbability:
         np.testing.assert_allclose(found.gap_observed.sel(probability=0.5), [0.02, np.nan, 0.15])
         np.testing.assert_allclose(found.gap_observed.sel(probability=0.3), [np.nan, np.nan, 0.21])
         assert found.gap.attrs["units"] == "m"
-
-    def test_of_a_cube(self):
-        cube = told(row(), records=motions())
-        found, gaps = gap_for_probability(cube, [0.5]), required_gap(cube)
-        np.testing.assert_allclose(found.gap_observed.squeeze("probability"), gaps.exact.median("record"))
-        np.testing.assert_allclose(found["median"].squeeze(), np.exp(np.log(gaps.exact).mean("record")).squeeze())
-        for wrong in ({"probabilities": []}, {"probabilities": [1.0]}, {"confidence": 0.0}):
-            with pytest.raises(InputError, match="must be between 0 and 1"):
-                gap_for_probability(cube, **wrong)
-        with pytest.raises(InputError, match="needs several values of 'record', and this cube has one"):
-            gap_for_probability(cube.isel(record=[0]))
 
 
 class TestAtAnIntensity:

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
-import os
-import subprocess
-import sys
 import warnings
-from functools import partial
 
 import numpy as np
 import pytest
@@ -109,12 +105,6 @@ def assert_as_promised(motion, dt, period, damping):
     assert found["spectral_displacement"].item() == pytest.approx(found["pseudo_acceleration"].item() / w**2, rel=1e-12)
 
 
-def test_what_is_promised_is_what_the_documentation_says():
-    """Per unit of each of the three peaks, so that it bounds the share of their sum; it grows with damping."""
-    for damping, share in ((0.05, 2e-5), (0.2, 4e-5), (1.0, 4e-4)):
-        assert max(promised(damping, *one).max() for one in np.eye(3)) <= share
-
-
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.5])
 def test_a_sudden_constant_acceleration_overshoots_as_in_the_textbook(damping):
     """Peak displacement a / w^2 (1 + exp(-pi z / sqrt(1 - z^2)))."""
@@ -143,20 +133,6 @@ def test_the_ends_of_the_spectrum():
     velocity = np.concatenate([[0.0], np.cumsum(h * (a[:-1] + a[1:]) / 2)])
     ground = np.cumsum(h * velocity[:-1] + h**2 * (2 * a[:-1] + a[1:]) / 6)
     assert found.isel(period=2)["spectral_displacement"].item() == pytest.approx(np.abs(ground).max(), rel=2e-3)
-
-
-@pytest.mark.slow  # by day published spectra are met
-def test_equals_the_code_of_another_package():
-    """Eqsig's Nigam and Jennings, by their closed formulas, on the record with points in between."""
-    sdof = pytest.importorskip("eqsig.sdof", reason="eqsig is not installed")
-    fine = np.interp(
-        np.arange((EL_CENTRO.n_points - 1) * 32 + 1) / 32, np.arange(EL_CENTRO.n_points), EL_CENTRO.acceleration
-    )
-    periods = np.geomspace(0.05, 5.0, 12)
-    u, _, total = sdof.nigam_and_jennings_response(fine, EL_CENTRO.dt / 32, periods, 0.05)
-    found = response_spectrum(EL_CENTRO, periods)
-    np.testing.assert_allclose(found["spectral_displacement"], np.abs(u).max(axis=1), rtol=2e-3)
-    np.testing.assert_allclose(found["absolute_acceleration"], np.abs(total).max(axis=1), rtol=2e-3)
 
 
 def test_equals_published_spectra_of_real_records():
@@ -196,23 +172,6 @@ def test_each_period_is_independent_of_its_neighbours():
     alone = [response_spectrum(EL_CENTRO, float(p))["absolute_acceleration"].item() for p in periods]
     np.testing.assert_allclose(together, alone, rtol=1e-13)
     assert np.array_equal(response_spectrum(EL_CENTRO.scaled(4.0), periods)["absolute_acceleration"], 4 * together)
-
-
-@pytest.mark.slow
-def test_a_damaged_cache_is_compiled_and_kept_anew(tmp_path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    peaks = "print(oscillator_peaks(np.sin(np.arange(50.0)), 0.02, np.array([0.1, 0.4]), 0.05))"
-    text = f"import numpy as np; from pounding_sweep.engine.spectrum import oscillator_peaks; {peaks}"
-    run = partial(subprocess.run, [sys.executable, "-c", text], env=environment, check=True, timeout=300)
-    first = run(capture_output=True).stdout
-    found = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
-    assert found
-    sound = [path.read_bytes() for path in found]
-    for path in found:
-        path.write_bytes(bytes(path.stat().st_size))
-    assert run(capture_output=True).stdout == first
-    assert [path.stat().st_size for path in found] == [len(each) for each in sound]
-    assert all(any(path.read_bytes()) for path in found)  # compiled once, and kept again
 
 
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
