@@ -484,6 +484,15 @@ def test_ground_that_turns_back_within_steps_is_told():
         assert not loses_ground(record, Numerics("newmark", 1e-2))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_record_of_one_point_moves_nothing(scheme):
+    batch = batch_of(beside_wall(), ps.Record("point", 0.01, [3.0]), gaps=[0.0, 1e-3])
+    found = batch.run(scheme, 0.01)
+    assert found["status"].tolist() == [Status.OK] * 2
+    assert not found["displacement_min"][:, 0].any()
+
+
 def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
     """Finite numbers are no proof: a run that ends within bounds may have been anywhere before."""
     batch = honest[0].batch[:2]

@@ -37,7 +37,7 @@ CONVERGED = 0.1 * OK_CLAIM
 CREATED_BOUND = 0.01
 #: Most energy of a scenario, relative to what the ground can bring in: ok, and any other with values.
 ENERGY_BOUND = {True: 1.01, False: 1.1}
-#: Seconds that a run of a few scenarios may take.
+#: Seconds of CPU time that a run of a few scenarios may take.
 TIME_LIMIT = 60.0
 #: Longest reference run (steps of the record).
 REFERENCE_STEPS = 4_000_000
@@ -61,7 +61,7 @@ class Run:
     dt: float  # largest time step (s)
     values: Values
     precision: str = "float64"
-    seconds: float = 0.0  # wall time
+    seconds: float = 0.0  # CPU time
 
     @property
     def status(self) -> np.ndarray:

@@ -294,6 +294,7 @@ class Events:
                 continue
             for _ in when(more.now):
                 starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+                starts = starts & (course.at.now < self.last)  # a record of one point has no step
                 with when_any(starts):
                     at = course.at.now
                     located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
