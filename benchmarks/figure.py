@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from benchmarks.compare import Point
-from pounding_sweep.figures.style import in_style, line_style, subplots
+from pounding_sweep.figures.style import MARKED, in_style, subplots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,12 +21,12 @@ def speed(points: Sequence[Point], caption: str) -> Figure:
     figure, axes = subplots(1, 1, (6.4, 5.2))
     ax = axes[0, 0]
     titles = list(dict.fromkeys(p.title for p in points))
-    for number, title in enumerate(titles):
+    for title, look in zip(titles, MARKED, strict=False):
         own = [p for p in points if p.title == title and p.error > 0.0]
         mine = title.startswith(ENGINE)
-        style = line_style(number) | {
+        style = look | {
             "linestyle": "-" if mine else "--",
-            "markerfacecolor": line_style(number)["color"] if mine else "white",
+            "markerfacecolor": look["color"] if mine else "white",
             "label": title,
         }
         ax.plot([p.milliseconds for p in own], [p.error for p in own], **style)

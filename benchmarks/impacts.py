@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.engine import BATCH, OUTPUTS, run_chunks
 from benchmarks.timing import medians
 from benchmarks.work import Work, make_work
-from pounding_sweep.figures.style import in_style, line_style, subplots
+from pounding_sweep.figures.style import MARKED, in_style, subplots
 from pounding_sweep.run.sweep import Sweep
 
 if TYPE_CHECKING:
@@ -67,13 +67,13 @@ def draw(found: Sequence[Series]) -> Figure:
     """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
     figure, axes = subplots(1, 1, (5.2, 3.6))
     ax = axes[0, 0]
-    for number, each in enumerate(found):
-        style = line_style(number) | {"linestyle": "", "label": f"{each.method}, {each.law}"}
+    for each, look in zip(found, MARKED, strict=False):
+        style = look | {"linestyle": "", "label": f"{each.method}, {each.law}"}
         ax.plot(each.impacts, each.microseconds, **style)
         if each.method == "exact":
             slope, start = each.line
             ends = np.array([0.0, each.impacts.max()])
-            ax.plot(ends, start + slope * ends, color=line_style(number)["color"], linewidth=0.8)
+            ax.plot(ends, start + slope * ends, color=look["color"], linewidth=0.8)
     ax.set(xlabel="impacts of a scenario", ylabel="processor time of a scenario (µs)", xlim=(0, None), ylim=(0, None))
     figure.legend(loc="outside lower center", ncols=2)
     return figure

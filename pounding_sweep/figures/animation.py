@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
 from pounding_sweep.figures.gallery.row import Stage, contact_forces, find_strongest
 from pounding_sweep.figures.select import scenario_title
-from pounding_sweep.figures.style import COLOURS, in_style, legend_beside, line_style, wrap_title
+from pounding_sweep.figures.style import COLOURS, DASHED, in_style, legend_beside, wrap_title
 
 #: Periods of the motion that are shown by default, and how long that takes to watch (s).
 PERIODS, WATCHED = 4.0, 6.0
@@ -84,9 +84,9 @@ def animate(
         ground.plot(time[inside], one.ground_acceleration.values[inside], color="black", linewidth=0.8)
         ground.set_ylabel("ground\n(m/s²)")
         ground.tick_params(labelbottom=not pairs)
-        for number, pair in enumerate(pairs):
+        for number, (pair, style) in enumerate(zip(pairs, cycle(DASHED))):
             largest = forces[inside, number].max(axis=1)
-            strips[0].plot(time[inside], largest, label=pair, linewidth=1.0, **line_style(number, marked=False))
+            strips[0].plot(time[inside], largest, label=pair, linewidth=1.0, **style)
             strips[0].set_ylabel("force\n(kN)")
             legend_beside(strips[0])
         strips = [ground, *strips]

@@ -8,6 +8,9 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+from cycler import cycler
+from matplotlib.figure import Figure
+from matplotlib.style import context
 
 from pounding_sweep.base.errors import InputError
 
@@ -15,7 +18,9 @@ from pounding_sweep.base.errors import InputError
 COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C510A")
 #: Drawn with the colours, so that lines are told apart without them.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-LINES = ("-", "--", "-.", ":")
+#: Styles of lines in turn, told apart by dashes or by markers.
+DASHED = cycler(color=COLOURS, linestyle=("-", "--", "-.", ":") * 2)
+MARKED = cycler(color=COLOURS * 2, marker=MARKERS * 2, linestyle=("-",) * 8 + ("--",) * 8)
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
@@ -34,40 +39,38 @@ _SETTINGS: dict[str, Any] = {
 
 def in_style() -> Any:
     """Return a context, and decorator, that draws in the package's style whatever the user's matplotlib settings."""
-    from matplotlib.style import context
-
     return context(_SETTINGS, after_reset=True)
 
 
-def line_style(number: int, *, marked: bool = True) -> dict[str, Any]:
-    """Return colour, marker and line style of the `number`-th line; unmarked ones are told apart by their dashes."""
-    count = len(COLOURS)
-    dashes = number // count if marked else number
-    style = {"color": COLOURS[number % count], "linestyle": LINES[dashes % len(LINES)]}
-    return style | ({"marker": MARKERS[number % count]} if marked else {})
+def subplots(
+    rows: int, columns: int, size: tuple[float, float], ax: Any = None, *, styles: Any = None, **sharing: Any
+) -> tuple[Any, Any]:
+    """Return a figure of that size (inches) and its axes, a 2-D array, whose lines have those styles in turn.
 
-
-def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None, **sharing: Any) -> tuple[Any, Any]:
-    """Return a figure of that size (inches) and its axes, a 2-D array; with `ax`, these axes stand for both."""
-    from matplotlib.figure import Figure
-
+    With `ax`, these axes stand for both.
+    """
     if ax is None:
         figure = Figure(figsize=size, layout="constrained")
         options: Any = {"sharex": True, "sharey": "row"} | sharing
-        return figure, figure.subplots(rows, columns, squeeze=False, **options)
-    if rows * columns != 1:
+        axes: Any = figure.subplots(rows, columns, squeeze=False, **options)
+    elif rows * columns == 1:
+        figure, axes = ax, np.array([[ax]], dtype=object)
+    else:
         msg = (
             f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
             "are for (pair, building, law or response), or leave ax out"
         )
         raise InputError(msg)
-    return ax, np.array([[ax]], dtype=object)
+    for panel in axes.flat:
+        panel.set_prop_cycle(styles)
+    return figure, axes
 
 
 def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> None:
     """Write labels at the edges of a grid of panels, a legend of so many columns below it, and the parts of a title."""
     label_edges(axes, x, rows)
-    legend_below(figure, axes[0, 0], legend)
+    if legend:
+        legend_below(figure, axes[0, 0], legend)
     put_title(figure, *title)
 
 
@@ -118,13 +121,9 @@ def join_nonempty(*parts: str) -> str:
 def unit_text(attributes: Mapping[str, Any]) -> str:
     """Write the unit of a variable as engineers do; "" where it has none."""
     units = str(attributes.get("units", attributes.get("unit_text", "1")))
-    above: list[str] = []
-    below: list[str] = []
-    for name, sign, power in re.findall(r"([A-Za-z%]+)(-?)([\d.]*)", units):
-        raised = {"": "", "1": "", "2": "²", "3": "³"}.get(power, f"^{power}")
-        (below if sign else above).append(name + raised)
-    under = f"/({' '.join(below)})" if len(below) > 1 else f"/{below[0]}" if below else ""
-    return (" ".join(above) or "1" * bool(below)) + under
+    raised = {"1": "", "2": "²", "3": "³"}
+    text = re.sub(r" ?([A-Za-z]+)-([\d.]+)", lambda m: f"/{m[1]}{raised.get(m[2], f'^{m[2]}')}", units)
+    return "" if units == "1" else text.replace("/", "1/", text.startswith("/"))
 
 
 def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:

@@ -20,7 +20,7 @@ from pounding_sweep.figures.select import (
     select_default,
     with_dims,
 )
-from pounding_sweep.figures.style import COLOURS, legend_below, line_style, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, MARKED, legend_below, put_title, subplots
 from pounding_sweep.outputs.variables import VARIABLES
 
 #: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
@@ -93,8 +93,8 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
             if by_law:
                 bold = {"color": COLOURS[2], "marker": "o", "linewidth": 1.6}
                 _draw_profile(ax, here.sel(law=own), response, "law of the row", **bold)
-            for number, law in enumerate(laws if not by_law else ()):
-                _draw_profile(ax, here.sel(law=law), response, law_name(cube, law), **line_style(number))
+            for law, style in zip(laws if not by_law else (), MARKED, strict=False):
+                _draw_profile(ax, here.sel(law=law), response, law_name(cube, law), **style)
             if len(response[0]) > 1:
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
             if not by_law or own == by_law[-1]:

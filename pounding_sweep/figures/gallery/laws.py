@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -24,7 +25,7 @@ from pounding_sweep.figures.select import (
     select_default,
     with_dims,
 )
-from pounding_sweep.figures.style import finish, line_style, subplots
+from pounding_sweep.figures.style import MARKED, finish, subplots
 
 _FORCES = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}
 #: Amplifications, the first three of which that are there are drawn.
@@ -53,12 +54,11 @@ def _draw_laws(lines: xr.DataArray, axis: PlotAxis, size: tuple[float, float], a
     rows, columns, law, _ = lines.dims
     lines = lines.sortby(axis.name)
     laws = labels_with_values(lines.to_dataset(name="lines"), str(law), ["lines"])
-    figure, axes = subplots(lines.sizes[rows], lines.sizes[columns], size, ax)
+    figure, axes = subplots(lines.sizes[rows], lines.sizes[columns], size, ax, styles=MARKED)
     at = axis.values(lines)
-    for row, column in ((row, column) for row in range(axes.shape[0]) for column in range(axes.shape[1])):
-        panel = axes[row, column]
-        for number, key in enumerate(laws):
-            panel.plot(at, lines[row, column].sel(law=key), label=law_name(lines, key), **line_style(number))
+    names = [law_name(lines, law) for law in laws]
+    for (row, column), panel in np.ndenumerate(axes):
+        panel.plot(at, lines[row, column].sel(law=laws).T, label=names)
         scale_axis(panel.xaxis, at)
         if row == 0:
             panel.set_title(f"{columns} {lines[columns].values[column]}")

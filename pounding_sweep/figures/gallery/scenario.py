@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import scenario_title, time_slice
-from pounding_sweep.figures.style import COLOURS, label_edges, legend_beside, line_style, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, DASHED, finish, legend_beside, put_title, subplots
 
 #: Circles on lines.
 _RING = {"marker": "o", "linestyle": "none"}
@@ -40,45 +40,46 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     part = time_slice(one, start, end)
     pairs = one.pair.values.tolist() if "contact_force" in one else []
     rows = 2 + len(pairs)
-    figure, axes = subplots(rows, 1, (7.2, 1.4 + 1.5 * rows), sharey=False)
+    figure, axes = subplots(rows, 1, (7.2, 1.4 + 1.5 * rows), sharey=False, styles=DASHED)
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
-    for number, building in enumerate(one.building.values.tolist()):
+    for building in one.building.values:
         floor = one.sel(building=building).dropna("storey", how="all", subset=["displacement"]).isel(storey=-1)
-        peaks = [(name, sign) for name, sign in (("displacement_max", 1), ("displacement_min", -1)) if name in one]
-        peaks_at = [(sign * floor.displacement, 1e3 * floor[name]) for name, sign in peaks]
-        _draw_history(top, 1e3 * floor.displacement.sel(time=part.time), building, number, peaks_at)
+        peaks = {name: sign for name, sign in (("displacement_max", 1), ("displacement_min", -1)) if name in one}
+        rings = [(sign * floor.displacement, 1e3 * floor[name]) for name, sign in peaks.items()]
+        _draw_history(top, 1e3 * floor.displacement.sel(time=part.time), building, rings)
     for panel, pair in zip(contacts, pairs, strict=True):
-        here = one.sel(pair=pair)
-        for number, storey in enumerate(one.storey.values.tolist()):
-            force = here.contact_force.sel(storey=storey).fillna(0.0)
-            if force.sel(time=part.time).any():
-                reported = [(force, here[name].sel(storey=storey)) for name in ("impact_force_max",) if name in one]
-                _draw_history(panel, force.sel(time=part.time), f"storey {storey}", number, reported)
-        if not panel.lines:
-            panel.text(0.5, 0.5, "no contact", transform=panel.transAxes, ha="center", va="center", color="0.35")
+        for storey in one.storey.values:
+            here = one.sel(pair=pair, storey=storey)
+            force = here.contact_force.fillna(0.0)
+            rings = [(force, here.impact_force_max)] if "impact_force_max" in one else []
+            _draw_history(panel, force.sel(time=part.time), f"storey {storey}", rings)
     for panel in axes[1:, 0]:
         legend_beside(panel)
-    drawn = [panel.get_ylim() for panel in contacts if panel.lines]
-    low = min((low for low, _ in drawn), default=0.0)
+    ends = [end for panel in contacts if (part.contact_force > 0.0).any() for end in panel.get_ylim()]
     for panel in contacts:
-        panel.set_ylim(low if (part.contact_force < 0.0).any() else 0.0, max((high for _, high in drawn), default=1.0))
-    label_edges(axes, "time (s)", ["ground acc. (m/s²)", "top floor (mm)", *(f"{pair}\nforce (kN)" for pair in pairs)])
-    put_title(figure, scenario_title(one))
+        panel.set_ylim(min(ends, default=0.0) if (part.contact_force < 0.0).any() else 0.0, max(ends, default=1.0))
+        _say_no_contact(panel)
+    labels = ["ground acc. (m/s²)", "top floor (mm)", *(f"{pair}\nforce (kN)" for pair in pairs)]
+    finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
     return figure
 
 
-def _draw_history(
-    ax: Any, line: xr.DataArray, label: str, number: int, peaks: list[tuple[xr.DataArray, xr.DataArray]]
-) -> None:
-    """Draw a history, and of reported peaks a ring at the instant at which their own is largest, if it is drawn."""
-    style = line_style(number, marked=False)
-    ax.plot(line.time, line, label=label, linewidth=1.0, **style)
-    for series, peak in peaks:
+def _draw_history(ax: Any, line: xr.DataArray, label: str, peaks: list[tuple[xr.DataArray, xr.DataArray]]) -> None:
+    """Draw a history unless it is zero, and of reported peaks a ring where their own is largest, if that is drawn."""
+    shown = bool(line.any())
+    (curve,) = ax.plot(line.time, line, label=label * shown, linewidth=1.0, visible=shown)
+    for series, peak in peaks if shown else ():
         at = series.idxmax("time")
         if line.time[0] <= at <= line.time[-1]:
-            ax.plot(at, peak, color=style["color"], markerfacecolor="none", markersize=6, **_RING)
+            ax.plot(at, peak, color=curve.get_color(), markerfacecolor="none", markersize=6, **_RING)
+
+
+def _say_no_contact(ax: Any) -> None:
+    """Write into a panel without lines why there are none."""
+    if not any(line.get_visible() for line in ax.lines):
+        ax.text(0.5, 0.5, "no contact", transform=ax.transAxes, ha="center", va="center", color="0.35")
 
 
 @figure_of(
@@ -107,18 +108,17 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     moved = 1e3 * part.displacement.transpose("time", "building", "storey").values
     u = np.column_stack([moved[:, b, : building.n_storeys] for b, building in enumerate(scene.buildings)])
     pairs, gaps = scene.pair_names, 1e3 * np.array(scene.gaps)
-    figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax)
+    figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax, styles=DASHED)
     for number, (panel, gap) in enumerate(zip(axes[:, 0], gaps, strict=True)):
         contacts = zip(scene.contacts, gap - 1e3 * scene.thicknesses(), strict=True)
         faces = {contact: face for contact, face in contacts if contact.pair == number}
-        for line, (contact, face) in enumerate(faces.items()):
-            style = line_style(line, marked=False)
+        for contact, face in faces.items():
             relative = sum(share * u[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
-            panel.plot(time, relative, label=label, linewidth=1.0, **style)
+            (curve,) = panel.plot(time, relative, label=label, linewidth=1.0)
             closed = relative > face
             onsets = time[1:][closed[1:] & ~closed[:-1]]
-            ring = {"color": style["color"], "markerfacecolor": "white", "markersize": 5, "zorder": 3}
+            ring = {"color": curve.get_color(), "markerfacecolor": "white", "markersize": 5, "zorder": 3}
             panel.plot(onsets, np.full(len(onsets), face), **ring, **_RING)
         for face in sorted({gap, *faces.values()}, reverse=True):
             words, dashes = ("gap", "-") if face == gap else ("bumpers", "--")
@@ -126,8 +126,8 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
         panel.axhspan(gap, max(gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
         panel.set_xlim(time[0], time[-1])
         legend_beside(panel)
-    label_edges(axes, "time (s)", [f"{pair}\nrelative displacement (mm)" for pair in pairs])
-    put_title(figure, scenario_title(one))
+    labels = [f"{pair}\nrelative displacement (mm)" for pair in pairs]
+    finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
     return figure
 
 
@@ -164,8 +164,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
             panel.plot(1e3 * top.displacement.where(near), top.velocity.where(near), **bold)
         panel.set_title(f"building {building}")
     axes[0, 0].legend(loc="upper left", fontsize=8)
-    label_edges(axes, "top floor displacement (mm)", ["velocity (m/s)"])
-    put_title(figure, scenario_title(one))
+    finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
     return figure
 
 
@@ -191,22 +190,19 @@ def force_penetration(
     """
     part = time_slice(one, start, end)
     pairs = one.pair.values.tolist()
-    figure, axes = subplots(1, len(pairs), (1.4 + 3.2 * len(pairs), 3.8), ax)
+    figure, axes = subplots(1, len(pairs), (1.4 + 3.2 * len(pairs), 3.8), ax, styles=DASHED)
     for panel, pair in zip(axes[0], pairs, strict=True):
-        for number, storey in enumerate(one.storey.values.tolist()):
+        for storey in one.storey.values:
             here = part.sel(pair=pair, storey=storey)
-            near = here.penetration.values > 0.0  # with the instants before and after, at which floors are apart
-            near = np.convolve(near, [1, 1, 1], "same") > 0
-            if near.any():
-                loops = [1e3 * here.penetration.where(near), here.contact_force.where(near)]
-                panel.plot(*loops, label=f"storey {storey}", linewidth=1.0, **line_style(number, marked=False))
-        if panel.lines:
+            near = np.convolve(here.penetration > 0.0, [1, 1, 1], "same") > 0  # with an instant apart on each side
+            words = f"storey {storey}" if near.any() else ""
+            loops = 1e3 * here.penetration.where(near), here.contact_force.where(near)
+            panel.plot(*loops, label=words, linewidth=1.0, visible=near.any())
+        if (part.penetration.sel(pair=pair) > 0.0).any():
             panel.legend(loc="upper left", fontsize=8)
-        else:
-            panel.text(0.5, 0.5, "no contact", transform=panel.transAxes, ha="center", va="center", color="0.35")
+        _say_no_contact(panel)
         panel.set_title(f"pair {pair}")
-    label_edges(axes, "penetration (mm)", ["contact force (kN)"])
-    put_title(figure, scenario_title(one))
+    finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
     return figure
 
 

@@ -13,7 +13,7 @@ from pounding_sweep.analysis.spectra import floor_spectra
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import law_name, record_name, scenario_title
-from pounding_sweep.figures.style import COLOURS, line_style, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, DASHED, put_title, subplots
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)
@@ -147,8 +147,8 @@ def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
             name = "median" if share == 0.5 else f"{share:.0%} fractile"
             ax.plot(periods, np.quantile(array, share, axis=0), color=COLOURS[0], linestyle=dashes, label=name)
     else:
-        for number, (name, line) in enumerate(lines):
-            ax.plot(periods, line, label=name, **line_style(number, marked=False))
+        for (name, line), style in zip(lines, DASHED, strict=False):
+            ax.plot(periods, line, label=name, **style)
     even = periods.size < 3 or np.allclose(np.diff(periods), periods[1] - periods[0])
     if not even:
         ax.set_xscale("log")

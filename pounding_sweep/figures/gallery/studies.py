@@ -15,7 +15,7 @@ from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import RESPONSES, NothingToDrawError, law_name, record_name, result_of
-from pounding_sweep.figures.style import COLOURS, finish, join_nonempty, line_style, subplots
+from pounding_sweep.figures.style import COLOURS, MARKED, finish, join_nonempty, subplots
 from pounding_sweep.outputs.variables import get_variable
 
 #: Rows of panels at most.
@@ -128,15 +128,13 @@ def work_precision(trade: xr.Dataset) -> Figure:
     for ax, output in zip(axes[0], outputs, strict=True):
         one = chosen.sel(output=output)
         one = one.where((one["error"] > 0.0) & np.isfinite(one["error"]) & np.isfinite(one["cost"]))
-        for number, (scheme, located) in enumerate(product(one["scheme"].values, one["located"].values)):
-            for precision in one["precision"].values:
-                line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
-                if line.sizes["step"]:
-                    style = line_style(number) | {"linestyle": "-"}
-                    if precision == "float32":
-                        style |= {"linestyle": "--", "markerfacecolor": "white"}
-                    label = f"{scheme}, {'located' if located else 'not located'}, {precision}"
-                    ax.plot(line["cost"], line["error"], label=label, **style)
+        kinds = product(one["scheme"].values, one["located"].values)
+        for ((scheme, located), style), precision in product(zip(kinds, MARKED, strict=False), one["precision"].values):
+            line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
+            hollow = {"linestyle": "--", "markerfacecolor": "white"} if precision == "float32" else {}
+            label = f"{scheme}, {'located' if located else 'not located'}, {precision}"
+            if line.sizes["step"]:
+                ax.plot(line["cost"], line["error"], label=label, **style | hollow)
         front = one.where(one["pareto"] == 1)
         cost, error = xr.broadcast(front["cost"], front["error"])
         ax.plot(cost.values.ravel(), error.values.ravel(), label="Pareto front", **ring)

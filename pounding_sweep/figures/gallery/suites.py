@@ -31,21 +31,10 @@ from pounding_sweep.figures.select import (
     use_logarithms,
     with_dims,
 )
-from pounding_sweep.figures.style import (
-    COLOURS,
-    LINES,
-    MARKERS,
-    finish,
-    label_edges,
-    legend_below,
-    line_style,
-    put_title,
-    subplots,
-    unit_text,
-)
+from pounding_sweep.figures.style import COLOURS, DASHED, MARKERS, finish, legend_below, put_title, subplots, unit_text
 
-#: Rows of panels of response against intensity at most.
-_LAWS = 3
+#: Rows of panels of response against intensity at most, and dashes of fractiles.
+_LAWS, _DASHES = 3, ("--", "-", "-.", ":") * 3
 #: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6
 #: Characters of a line of a legend.
@@ -101,19 +90,19 @@ def fragility(cube: xr.Dataset) -> Figure:
     ends, lines = result[per].values.tolist(), select_lines(result, axis)
     figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
     for ax, end in zip(axes[0], ends, strict=True):
-        for number, place in enumerate(lines):
+        for place, style, marker in zip(lines, DASHED, MARKERS, strict=False):
             part = result.isel({axis: place}).sel({per: end})
-            label = coord_text(result, axis, result[axis].values[place].item())
-            _draw_fit(ax, part, line_style(number, marked=False), MARKERS[number], f"{label}: " if label else "")
+            label = coord_text(part, axis, part[axis].item())
+            _draw_fit(ax, part, style, marker, f"{label}: " if label else "")
         ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
     label = _draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
-    label_edges(axes, label, [f"probability that\n{words} (-)"])
     below = ScaledTranslation(0.0, -0.4 - 0.16 * label.count("\n"), figure.dpi_scale_trans)  # of the label
     for ax in axes[0]:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + below, fontsize=8)
     cross = "curves cross, as each has its own dispersion" if crossed(result.isel({axis: lines})) else ""
     one = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
-    put_title(figure, words, _name_records(result), shown, cross, one)
+    title = words, _name_records(result), shown, cross, one
+    finish(figure, axes, label, [f"probability that\n{words} (-)"], *title, legend=0)
     return figure
 
 
@@ -166,17 +155,16 @@ def incremental(cube: xr.Dataset) -> Figure:
             largest = part[name].max(["record", scaled])
             part = part.isel(storey=int(largest.fillna(-np.inf).argmax("storey")))
             for way in ways:
-                for number in range(part.sizes["record"]):
-                    one = part.isel({"record": number, scaled: way}).sortby("intensity")
-                    dot = "" if len(way) > 1 else "."  # of one scale there is no line
-                    only = None if ax.lines else "record"
-                    ax.plot(one["intensity"], one[name] * factor, marker=dot, label=only, **thin)
+                curves = part.isel({scaled: way}).transpose(scaled, ...)
+                dot = "" if len(way) > 1 else "."  # of one scale there is no line
+                ax.plot(curves["intensity"], curves[name] * factor, marker=dot, **thin)
+            ax.lines[0].set_label("record")
             whole = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
             fractiles = part[f"{name}_fractiles"].where(whole) * factor
-            for number, q in enumerate(part["quantile"].values.tolist() if suite and whole.any() else ()):
-                style = {"color": COLOURS[2], "linestyle": ("--", "-", "-.", ":")[number % len(LINES)]}
-                style |= {"color": COLOURS[0], "linestyle": "-"} if q == 0.5 else {}
-                words = "median" if q == 0.5 else f"{q:.0%} fractile"
+            for q, dashes in zip(part["quantile"].values if suite and whole.any() else (), _DASHES, strict=False):
+                words, style = f"{q:.0%} fractile", {"color": COLOURS[2], "linestyle": dashes}
+                if q == 0.5:
+                    words, style = "median", {"color": COLOURS[0]}
                 ax.plot(part["level"], fractiles.sel(quantile=q), linewidth=1.8, label=words, **style)
             place = f"{per} {end}, storey {part['storey'].item()}"
             ax.set_title("\n".join(filter(None, (law_name(result, law), place))))
@@ -213,8 +201,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     result = with_dims(result, axis, absent="")
     for column, pair in enumerate(pairs):
         ax, whole = axes[0, column], result.sel(pair=pair)
-        for number, place in enumerate(select_lines(result, axis)):
-            part, style = whole.isel({axis: place}), line_style(number, marked=False)
+        for place, style in zip(select_lines(result, axis), DASHED, strict=False):
+            part = whole.isel({axis: place})
             label = "lognormal" if axis == "suite" else coord_text(part, axis, part[axis].item())
             _draw_gaps(ax, part, "curve_gap", part["curve"].values, style, label)
             gaps = 1e3 * np.sort(part["trial_gap"].dropna("record").values)
@@ -224,12 +212,11 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
         if len(rows) > 1:
             ax, part = axes[1, column], whole.isel({axis: 0})
             rate = -np.log1p(-part["curve"].values) / float(part.attrs["years"])
-            _draw_gaps(ax, part, "curve_gap_in_years", rate, line_style(0, marked=False), "lognormal")
+            _draw_gaps(ax, part, "curve_gap_in_years", rate, {"color": COLOURS[0]}, "lognormal")
             observed = 1e3 * part["curve_gap_in_years_observed"]
             ax.plot(observed, rate, color=COLOURS[2], linestyle=":", label="the records")
             if "rate" in part:
-                row = {"color": COLOURS[0], "marker": MARKERS[6], "linestyle": "none", "label": "the row's gap"}
-                ax.plot(1e3 * part["row_gap"], part["rate"], **row)
+                ax.plot(1e3 * part["row_gap"], part["rate"], "kX", label="the row's gap")
             ax.set_yscale("log")
             ax.legend(loc="upper right", fontsize=8)
     axes[0, 0].set_xlim(left=0.0)
@@ -276,11 +263,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
         ratios.axhline(1.0, color="0.4", linewidth=0.9, zorder=0)
         for number, rule in enumerate(rules):
             hollow = {"markerfacecolor": "none", "markersize": 6} if number % 2 else {}  # one seen through the other
-            mark: dict[str, Any] = {
-                "color": COLOURS[1 + number % (len(COLOURS) - 1)],
-                "marker": MARKERS[number % len(MARKERS)],
-            }
-            mark |= {"linestyle": "none", **hollow}
+            mark = {"color": COLOURS[1:][number % 7], "marker": MARKERS[number % 8], "linestyle": "none", **hollow}
             ratio = part["ratio"].sel(rule=rule)
             gaps.plot(x, 1e3 * part["rule_gap"].sel(rule=rule), label=names[number], **mark)
             ratios.plot(number + spread, ratio, **mark)
