@@ -70,7 +70,7 @@ def select_default(
         place = {dim: int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
     dataset = dataset.isel(place)
     words = describe(dataset, sizes, but=keep)
-    return median_over_records(dataset, words, drawn) if records > 1 else (dataset, words)
+    return over_records(dataset, words, drawn, "median") if records > 1 else (dataset, words)
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
@@ -147,11 +147,12 @@ def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, 
     return labels or (dataset[axis].values.tolist() if panels else [])
 
 
-def median_over_records(result: xr.Dataset, words: str, drawn: Collection[str]) -> tuple[xr.Dataset, str]:
-    """Take the median of several records, and say so before the words."""
+def over_records(result: xr.Dataset, words: str, drawn: Collection[str], what: str) -> tuple[xr.Dataset, str]:
+    """Take the median of several records, or the largest of what has a "worst", and say so before the words."""
     records, valued = result.sizes["record"], len(labels_with_values(result, "record", drawn))
     of = "" if valued in (0, records) else f"{valued} of "
-    return result.median("record", keep_attrs=True), join_nonempty(f"median of {of}{records} records", words)
+    reduced = result.median("record", keep_attrs=True) if what == "median" else result.max("record", keep_attrs=True)
+    return reduced, join_nonempty(f"{what} of {of}{records} records", words)
 
 
 def with_dims(cube: xr.Dataset, *axes: str, absent: Any = None) -> xr.Dataset:

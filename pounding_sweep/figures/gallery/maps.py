@@ -20,7 +20,7 @@ from pounding_sweep.figures.select import (
     is_log,
     labels_with_values,
     law_name,
-    median_over_records,
+    over_records,
     over_storeys,
     plot_axes,
     result_of,
@@ -28,7 +28,7 @@ from pounding_sweep.figures.select import (
     select_default,
     with_dims,
 )
-from pounding_sweep.figures.style import cell_edges, join_nonempty, label_edges, put_title, subplots, unit_text
+from pounding_sweep.figures.style import cell_edges, label_edges, put_title, subplots, unit_text
 from pounding_sweep.outputs.variables import STATUS, Status
 
 #: Rows of panels at most.
@@ -96,9 +96,9 @@ def response_map(
         Axes for a map of one panel.
     """
     upward = choose_axis(cube, y) if y else None
-    ratios = [name for name, axis in plot_axes(cube).items() if name.startswith("period_ratio_")]
-    free = (name for name in ratios if upward is None or plot_axes(cube)[name].dim != upward.dim)
-    across = choose_axis(cube, x or next(free, None), but=[upward.dim] if upward else [])
+    free = (axis for axis in plot_axes(cube).values() if upward is None or axis.dim != upward.dim)
+    ratio_axis = next((axis.name for axis in free if axis.name.startswith("period_ratio_")), None)
+    across = choose_axis(cube, x or ratio_axis, but=[upward.dim] if upward else [])
     upward = upward or choose_axis(cube, None, but=[across.dim] if across else [])
     assert across is not None
     assert upward is not None
@@ -107,23 +107,17 @@ def response_map(
     ratio, order = name.endswith("_ratio") and "touches" in cube, ("law", per, upward.dim, across.dim)
     over = "largest of the storeys" if "storey" in cube[name].dims else ""
     cube = cube.assign({name: over_storeys(cube[name])})
-    records = cube.sizes.get("record", 1)
-    cube, shown = select_default(cube, (*order, "record") if records > 1 else order, [name])
+    records = ["record"] if cube.sizes.get("record", 1) > 1 else []
+    cube, shown = select_default(cube, (*order, *records), [name])
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
-    if records > 1:
-        touch, worst = touch.mean("record"), cube[name].max("record", keep_attrs=True)
-        cube, median = median_over_records(cube, shown, [name])
-        if name == "status":
-            cube, median = cube.assign({name: worst}), join_nonempty(f"worst of {records} records", shown)
-        shown = median
-    cube = cube.assign(share=touch).sortby([across.name, upward.name])
+    if records:
+        cube, shown = over_records(cube, shown, [name], "worst" if name == "status" else "median")
+    cube = cube.assign(share=touch.mean(records)).sortby([across.name, upward.name])
     valued = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"]
     laws, ends = valued[:_LAWS], labels_with_values(cube, per, [name], panels=True)
-    peaks = (cube[name] * factor).transpose(*order).sel({"law": laws, per: ends})
-    share = cube["share"].where(ratio or per == "pair")
-    low = cube["touches"] == 0.0 if ratio else (peaks == 0.0)
-    share = share.where((low & (share > 0.0)) | (share == 0.0)).where(peaks.notnull())
-    peaks = peaks.where(share.isnull())
+    peaks, share = (cube[key].transpose(*order).sel({"law": laws, per: ends}) for key in (name, "share"))
+    share = share.where((share < 0.5) & (ratio or per == "pair"))  # else there is a colour
+    peaks = factor * peaks.where(share.isnull())
     size = (2.2 + 2.6 * len(ends), 1.3 + 2.3 * len(laws)) if len(ends) * len(laws) > 1 else (5.6, 4.2)
     figure, axes = subplots(len(laws), len(ends), size, ax)
     look, levels, ticks = _choose_colours(peaks.values, name, ratio)
@@ -131,8 +125,7 @@ def response_map(
     edges = [cell_edges(values, even=not is_log(values)) for values in at]
     for (row, column), panel in np.ndenumerate(axes):
         where = {"law": laws[row], per: ends[column]}
-        grey = share.sel({dim: end for dim, end in where.items() if dim in share.dims}).transpose(*order[2:]).values
-        values = peaks.sel(where).values
+        grey, values = share.sel(where).values, peaks.sel(where).values
         panel.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
         # cells without a colour: darkest where no record touches, the lighter the more do
         panel.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
@@ -178,18 +171,17 @@ def _choose_response(cube: xr.Dataset, value: str | None) -> tuple[xr.Dataset, s
 def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[Any, str]]:
     """Return colours of all panels, levels of lines of equal value, and ticks of the scale of colours."""
     from matplotlib import colormaps
-    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+    from matplotlib.colors import BoundaryNorm, LogNorm
     from matplotlib.ticker import MaxNLocator
 
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     if name == "status":  # a colour for each that is drawn
         codes = np.unique(finite)
-        edges = np.concatenate([[low - 0.5], 0.5 * (codes[1:] + codes[:-1]), [high + 0.5]])
-        colours = ListedColormap([colormaps["tab10"](int(c) % 10) if c else (0.85, 0.92, 0.85) for c in codes])
         labels = {int(status): status.label for status in STATUS}
-        named = {code: labels.get(code, f"code {code}") for code in map(int, codes)}
-        return {"cmap": colours, "norm": BoundaryNorm(edges, len(codes))}, (), named
+        named = {code: labels.get(code, f"code {code:g}") for code in codes}
+        norm = BoundaryNorm([*(codes - 0.5), high + 0.5], len(codes))
+        return {"cmap": colormaps["YlOrRd"].resampled(len(codes)), "norm": norm}, (), named
     if ratio:  # to both sides of 1
         wide = max(high, 1.0 / low if low > 0.0 else high, 1.05)
         ticks = {level: f"{level:g}" for level in sorted((*_LEVELS, 1.0)) if 1.0 / wide <= level <= wide}
