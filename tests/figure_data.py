@@ -1,19 +1,25 @@
-"""Datasets that figures are drawn from, made by hand: nothing is integrated for them."""
+"""Datasets that figures are drawn from, made by hand: nothing is integrated for them; and what figures show of them.
+
+``python tests/figure_data.py`` writes the latter anew (tests/golden/figures.json): look at the figures first.
+"""
 
 from __future__ import annotations
 
 import json
-from functools import cache, wraps
+import zlib
+from functools import cache, partial, wraps
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
+from pounding_sweep.analysis import response_spectrum
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.outputs.variables import VARIABLES, inner_shape
-from pounding_sweep.records import pulse_record
+from pounding_sweep.records import pulse_record, records_dataset
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import scene_data, to_json
 
@@ -37,7 +43,6 @@ def scene(left_wall=False, right_wall=False, names=("w1", "a", "b", "w2")):
 @made_once
 def cube(seed=0, *, right_wall=False, **sizes):
     """A cube of every output, its values random and above zero; axes of the sizes given, or of one value."""
-    rng = np.random.default_rng(seed)
     row = scene(right_wall=right_wall)
     n = {"law": 3, "gap": 4, "stiffness_factor": 1, "restitution": 2, "record": 1, "scale": 1} | sizes
     axes = [
@@ -51,6 +56,7 @@ def cube(seed=0, *, right_wall=False, **sizes):
     shape = tuple(axis.size for axis in axes)
     arrays = {}
     for name, variable in VARIABLES.items():
+        rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
         values = rng.uniform(0.1, 1.0, (*shape, *inner_shape(variable, row)))
         arrays[name] = np.ceil(9.0 * values).astype(np.int32) if variable.dtype == "i4" else values
     arrays["status"] = np.zeros(shape, np.int8)
@@ -163,3 +169,104 @@ def stability_map():
         {"peak_force_error": (dims, error), "status": (dims, status)},
         {"scheme": ["rk4"], "stiffness": ("stiffness", stiffnesses, {"units": "kN m-1"}), "dt": steps},
     )
+
+
+def spectra(count=2):
+    """Histories and response spectra of pulses, for both figures of records."""
+    pulses = [("sine", 1.0 + i, f"pulse {i}") for i in range(count)]
+    records = [pulse_record(kind, amplitude=a, period=0.5, dt=0.02, name=name) for kind, a, name in pulses]
+    return xr.merge([records_dataset(records), response_spectrum(records, [0.1, 0.5, 1.0], 0.05)])
+
+
+def many_laws(**sizes):
+    """A cube of more laws, that answer as the first."""
+    first = cube(**sizes)
+    more = [first.isel(law=[0]).assign_coords(law=[law]) for law in ("hertz", "hertz_damped")]
+    return xr.concat([first, *more], "law", combine_attrs="override")
+
+
+def of_periods(record=1, periods=5):
+    """A cube along the period of building a, with what follows from it, and along the gap."""
+    factors = np.geomspace(0.5, 2.0, periods)
+    made = cube(record=record, stiffness_factor=periods, restitution=1).rename(stiffness_factor="period_factor_a")
+    ratio = {"units": "1", "long_name": "period ratio T1/T2 of a and b"}  # falls where the factor rises
+    coords = {"period_factor_a": factors, "period_ratio_a_b": ("period_factor_a", 1.7 / factors, ratio)}
+    return made.assign_coords(coords)
+
+
+def suite():
+    """A cube of six records under four scales, of which some touch."""
+    made = cube(record=6, scale=4, law=1).isel(gap=[0], restitution=[0], storey=[0])
+    made = made.assign_coords(record_pga=("record", np.ones(6)))  # scales 0.5 to 2
+    closes_at = xr.DataArray([0.4, 0.6, 0.9, 1.2, 1.4, 1.7], dims="record")
+    return made.assign(impact_count=(made["impact_count"] > 0) & (made["scale"] > closes_at))
+
+
+def reported():
+    """Histories between whose instants peaks are higher."""
+    one = histories()
+    top, low = 1.1 * one.displacement.max("time"), 1.05 * one.displacement.min("time")
+    peaks = {"impact_force_max": 1.2 * one.contact_force.max("time"), "displacement_max": top, "displacement_min": low}
+    return one.assign(peaks)
+
+
+MAKERS = {
+    "cube": partial(cube, right_wall=True, record=4, scale=5),
+    "design": partial(design, 64),
+    "histories": histories,
+    "trade": trade,
+    "map": stability_map,
+    "spectra": spectra,
+}
+#: Further figures whose numbers are compared: figure, dataset, options.
+CASES = {
+    "amplification along storeys": ("amplification", lambda: cube(gap=1, restitution=1), {}),
+    "closing beside walls": ("closing", partial(histories, True, True), {"end": 1.0}),
+    "fragility of a suite": ("fragility", suite, {}),
+    "incremental in both directions": (
+        "incremental",
+        lambda: cube(record=2, scale=3).assign_coords(scale=[-1.0, 1.0, 2.0]),
+        {},
+    ),
+    "incremental of one record": ("incremental", partial(cube, scale=4), {}),
+    "histories with peaks": ("histories", reported, {}),
+    "law-comparison along the gap": ("law-comparison", cube, {"x": "gap"}),
+    "map of an amplification": ("map", of_periods, {"value": "drift_max_ratio", "x": "gap"}),
+    "map of status": ("map", of_periods, {"value": "status"}),
+    "profiles of many laws": ("profiles", many_laws, {}),
+    "response-spectra of many": ("response-spectra", partial(spectra, 10), {}),
+    "sensitivity of drifts": ("sensitivity", partial(design, 64), {"value": "drift_max"}),
+}
+GOLDEN = Path(__file__).parent / "golden" / "figures.json"
+
+
+def summary(figure):
+    """What a figure shows: per panel its texts, and means of the coordinates of its lines, cells and bars."""
+
+    def means(*parts):
+        return [float(f"{np.nanmean(part):.5g}") for part in parts if np.isfinite(np.asarray(part, float)).any()]
+
+    panels = []
+    for ax in figure.axes:
+        lines = [means(*line.get_data()) for line in ax.lines]
+        cells = [means(item.get_array()) for item in ax.collections if item.get_array() is not None]
+        areas = [means(*path.vertices.T) for item in ax.collections for path in item.get_paths()[:9]]
+        bars = [means([bar.get_y()], [bar.get_height()]) for bar in ax.patches]
+        marks = [means(*np.transpose(item.get_offsets())) for item in ax.collections if len(item.get_offsets()) > 1]
+        legend = ax.get_legend_handles_labels()[1]
+        numbers = sorted(filter(None, (*lines, *cells, *areas, *bars, *marks)))
+        panels.append([ax.get_title(), ax.get_xlabel(), ax.get_ylabel(), legend, numbers])
+    return {"title": figure.get_suptitle(), "panels": panels}
+
+
+def cases(figures):
+    """Every figure, drawn of its source, and `CASES`: figure, dataset, options."""
+    return {key: (key, MAKERS[kind.source], {}) for key, kind in figures.items()} | CASES
+
+
+if __name__ == "__main__":
+    from pounding_sweep.figures import FIGURES
+
+    drawn = {name: FIGURES[key].draw(make(), **more) for name, (key, make, more) in cases(FIGURES).items()}
+    lines = [f"{json.dumps(name)}: {json.dumps(summary(figure))}" for name, figure in drawn.items()]
+    GOLDEN.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

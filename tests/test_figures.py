@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 
 import figure_data as made
@@ -16,43 +17,25 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import COMPARISONS, amplification, response_spectrum, sensitivity
+from pounding_sweep.analysis import COMPARISONS, amplification
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, animate, fading_marks
-from pounding_sweep.figures.gallery import laws as laws_module
 from pounding_sweep.figures.gallery.row import Stage, contact_forces, find_strongest, round_down
 from pounding_sweep.figures.select import is_log, scenario_title, select_default
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.outputs.variables import INNER_DIMS, Status
-from pounding_sweep.records import records_dataset
 
 #: Words of labels that have no unit.
 NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law|input")
 CUBE_FIGURES = [key for key, kind in FIGURES.items() if kind.source == "cube"]
 TITLES = {key: LAWS[key].title for key in LAWS}
 MAP = "impact_force_max"
-
-
-def spectra():
-    """Histories and response spectra of two pulses, for both figures of records."""
-    records = [ps.pulse_record("sine", amplitude=a, period=0.5, dt=0.02, name=f"pulse {a:g}") for a in (1.0, 2.0)]
-    return xr.merge([records_dataset(records), response_spectrum(records, [0.1, 0.5, 1.0], 0.05)])
-
-
-MAKERS = {
-    "cube": lambda: made.cube(record=4, scale=5),
-    "design": made.design,
-    "histories": made.histories,
-    "trade": made.trade,
-    "map": made.stability_map,
-    "spectra": spectra,
-}
 
 
 def some(keys, *fast):
@@ -64,11 +47,7 @@ def draw(key, dataset, **options):
     return FIGURES[key].draw(dataset, **options)
 
 
-def legend(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def numbers(ticks):
+def numeric(ticks):
     """Whether tick labels are numbers, which need a name, and not names themselves, or none."""
     texts = [tick.get_text() for tick in ticks if tick.get_text()]
     return bool(texts) and all(re.match(r"[−-]?[\d.]|\$", text) for text in texts)
@@ -80,21 +59,24 @@ def without(cube, there, status=Status.NOT_RUN):
     return part.assign(status=cube["status"].where(there, int(status)).astype("i1"))
 
 
-def with_laws(cube, *more):
-    """A cube with further laws that answer as the first."""
-    others = [cube.isel(law=[0]).assign_coords(law=[law]) for law in more]
-    return xr.concat([cube, *others], "law", combine_attrs="override")
-
-
 # -- the registry ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", FIGURES)
-def test_every_figure_is_drawn_with_labelled_axes(key):
-    figure = draw(key, MAKERS[FIGURES[key].source]())
+CASES = made.cases(FIGURES)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_figure_shows_what_it_should_on_labelled_axes(name):
+    key, make, options = CASES[name]
+    figure, golden = draw(key, make(), **options), json.loads(made.GOLDEN.read_text(encoding="utf-8"))[name]
+    shown = made.summary(figure)
+    assert shown["title"] == golden["title"]
+    for panel, expected in zip(shown["panels"], golden["panels"], strict=True):
+        assert panel[:-1] == expected[:-1]
+        for numbers, wanted in zip(panel[-1], expected[-1], strict=True):
+            assert numbers == pytest.approx(wanted, rel=1e-3, abs=1e-9), panel
     visible = [ax for ax in figure.axes if ax.get_visible()]
-    assert any(ax.has_data() for ax in visible)
-    assert any(ax.get_xlabel() or not numbers(ax.get_xticklabels()) for ax in visible)
+    assert any(ax.get_xlabel() or not numeric(ax.get_xticklabels()) for ax in visible)
     assert any(ax.get_ylabel() for ax in visible)
     for label in (text for ax in visible for text in (ax.get_xlabel(), ax.get_ylabel()) if text):
         assert re.search(r"\([^()]+\)", label) or NO_UNIT.search(label), label
@@ -103,7 +85,7 @@ def test_every_figure_is_drawn_with_labelled_axes(key):
 @pytest.mark.slow
 @pytest.mark.parametrize("key", FIGURES)
 def test_every_figure_finds_its_layout_and_is_saved(key, tmp_path):
-    draw(key, MAKERS[FIGURES[key].source]()).savefig(tmp_path / "figure.png", dpi=20)
+    draw(key, made.MAKERS[FIGURES[key].source]()).savefig(tmp_path / "figure.png", dpi=20)
     with Image.open(tmp_path / "figure.png") as picture:
         assert min(picture.size) > 20
 
@@ -170,7 +152,7 @@ def test_files_of_every_kind(suffix, start, tmp_path):
 
 
 def test_what_cannot_be_drawn_or_written_is_said(tmp_path):
-    cube = of_periods()
+    cube = made.of_periods()
     both = cube.assign_coords(period_ratio_a_b=(("period_factor_a", "gap"), np.ones((5, 4))))
     for key, options, text in (
         ("profile", {}, "did you mean 'profiles'"),
@@ -257,7 +239,7 @@ def test_a_median_counts_the_records_that_have_values(key):
 
 @some(("force-gap", "amplification", "law-comparison", "profiles", "energy-budget"), "force-gap", "profiles")
 def test_laws_without_values_are_not_drawn(key):
-    cube = with_laws(made.cube(), "hertz", "hertz_damped")
+    cube = made.many_laws()
     axes = draw(key, without(cube, (cube["law"] != "hertz") & (cube["status"] == 0))).axes
     texts = [t for ax in axes for t in (ax.get_ylabel(), *(tick.get_text() for tick in ax.get_xticklabels()))]
     texts = [text.replace("\n", " ") for text in (*texts, *(line.get_label() for ax in axes for line in ax.lines))]
@@ -309,22 +291,13 @@ def test_a_title_tells_the_scenario():
 # -- axes that are chosen ----------------------------------------------------------------------------------------------
 
 
-def of_periods(record=1, periods=5):
-    """A cube along the period of building a, with what follows from it, and along the gap."""
-    cube = made.cube(record=record, stiffness_factor=periods, restitution=1)
-    factors = np.geomspace(0.5, 2.0, periods)
-    cube = cube.rename(stiffness_factor="period_factor_a").assign_coords(period_factor_a=factors)
-    ratio = {"units": "1", "long_name": "period ratio T1/T2 of a and b"}  # falls where the factor rises
-    return cube.assign_coords(period_ratio_a_b=("period_factor_a", 1.7 / factors, ratio))
-
-
 @some(("force-gap", "amplification", "law-comparison"), "force-gap")
 @pytest.mark.parametrize(
     ("x", "label", "scale", "size"),
     [("period_ratio", "period ratio T1/T2 of a and b (-)", "log", 5), ("gap", "gap (mm)", "linear", 4)],
 )
 def test_any_axis_of_numbers_may_be_drawn_along(key, x, label, scale, size):
-    axes = draw(key, of_periods(record=2), x=x).axes
+    axes = draw(key, made.of_periods(record=2), x=x).axes
     assert {ax.get_xscale() for ax in axes} == {scale}
     assert label in [ax.get_xlabel() for ax in axes]
     values = axes[0].lines[-1].get_xdata() if key != "amplification" else axes[0].lines[0].get_xdata()
@@ -332,23 +305,15 @@ def test_any_axis_of_numbers_may_be_drawn_along(key, x, label, scale, size):
     assert (np.diff(values) > 0).all()
 
 
-@pytest.mark.parametrize(
-    ("values", "log"),
-    [
-        ([1.0, 2.0, 4.0], True),
-        ([0.1, 0.3, 1.0, 3.0, 10.0], True),
-        ([0.4, 0.5, 0.6, 0.8], False),  # a narrow range
-        ([2.0, 4.0, 6.0, 8.0], False),
-        ([0.0, 1.0, 2.0, 4.0], False),
-        ([1.0, 10.0], False),
-    ],
-)
-def test_when_an_axis_is_logarithmic(values, log):
-    assert is_log(np.array(values)) == log
+def test_when_an_axis_is_logarithmic():
+    for values in ([1.0, 2.0, 4.0], [0.1, 0.3, 1.0, 3.0, 10.0]):
+        assert is_log(np.array(values))
+    for values in ([0.4, 0.5, 0.6, 0.8], [2.0, 4.0, 6.0, 8.0], [0.0, 1.0, 2.0, 4.0], [1.0, 10.0]):
+        assert not is_log(np.array(values))
 
 
 def test_axes_of_a_figure_of_ones_own():
-    cube, one = of_periods().sel(law=["linear", "none"]), made.histories()
+    cube, one = made.of_periods().sel(law=["linear", "none"]), made.histories()
     for key, dataset, options, words in (
         ("map", cube, {}, "gap"),
         ("map", cube.sel(building="b"), {"value": "storey_shear_max_ratio"}, "gap"),
@@ -369,29 +334,6 @@ def test_axes_of_a_figure_of_ones_own():
 
 
 # -- what is drawn -----------------------------------------------------------------------------------------------------
-
-
-def test_lines_of_laws_are_the_largest_of_all_storeys(monkeypatch):
-    handed = []
-    drawn = laws_module._draw_laws
-    monkeypatch.setattr(laws_module, "_draw_laws", lambda lines, *more: handed.append(lines) or drawn(lines, *more))
-    cube = made.cube(restitution=3)
-    part = cube.sel(restitution=0.6, law=["linear", "kelvin_voigt"]).squeeze()
-    figure = draw("force-gap", cube.isel(gap=[2, 0, 3, 1]))
-    assert legend(figure) == [TITLES["linear"], TITLES["kelvin_voigt"]]
-    np.testing.assert_allclose(figure.axes[0].lines[0].get_xdata(), [2, 4, 6, 8])
-    for name in (MAP, "impact_count"):
-        lines = handed[0].sel(row=name, pair="a-b").sortby("gap").transpose("law", "gap")
-        np.testing.assert_array_equal(lines, part[name].max("storey").transpose("law", "gap"))
-    draw("amplification", cube, value="drift_max_ratio")
-    ratio = (part["drift_max"] / cube["drift_max"].sel(law="none", restitution=0.6).squeeze()).max("storey")
-    np.testing.assert_allclose(
-        handed[1][0].transpose("building", "law", "gap"), ratio.transpose("building", "law", "gap")
-    )
-    draw("law-comparison", cube, x="gap")
-    force = part[MAP].max("storey")
-    nominal = handed[2].sel(basis="nominal", pair="a-b").transpose("law", "gap")
-    np.testing.assert_allclose(nominal, (force / force.sel(law="kelvin_voigt")).transpose("law", "gap"))
 
 
 @some(CUBE_FIGURES, "force-gap", "profiles", "fragility")
@@ -434,58 +376,6 @@ def test_the_map_shows_medians_over_records_and_where_nothing_touches():
     assert "light grey: the share of records that touch" in figure.get_suptitle().replace("\n", " ")
 
 
-def test_the_map_of_what_a_scenario_has_one_value_of_has_one_column():
-    cube = made.cube(record=3, stiffness_factor=3).sel(law=["linear"])
-    codes = xr.where(cube["gap"] > 0.002, int(Status.DIVERGED), int(Status.OK)).broadcast_like(cube["status"])
-    ax, bar = draw("map", cube.assign(status=codes.astype("int8")), value="status").axes
-    assert [tick.get_text() for tick in bar.get_yticklabels()] == ["ok", "diverged"]
-    np.testing.assert_array_equal(cells(ax)[1][0], [0, 1, 1, 1])
-
-
-def test_a_map_over_period_ratio_and_gap_and_one_of_an_amplification():
-    cube = of_periods()
-    ax, below, _ = draw("map", cube).axes
-    assert (below.get_xlabel(), ax.get_ylabel()) == ("period ratio T1/T2 of a and b (-)", "gap (mm)")
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
-    want = cube[MAP].isel(law=0).max("storey").squeeze().transpose("gap", "period_factor_a").values
-    np.testing.assert_allclose(cells(ax)[1], want[:, ::-1])
-    swapped = draw("map", cube.sel(law=["linear"]), x="gap", y="period_factor_a").axes[0]
-    np.testing.assert_allclose(cells(swapped)[1], want.T)
-    cube["impact_count"] = cube["impact_count"].where((cube["gap"] > 0.002) & (cube["law"] != "none"), 0)
-    figure = draw("map", cube, value="drift_max_ratio", x="gap", contours=True)
-    ratio = (cube["drift_max"].sel(law="linear") / cube["drift_max"].sel(law="none")).max("storey").squeeze()
-    want = ratio.sel(building="b").sortby("period_ratio_a_b").transpose("period_factor_a", "gap").values
-    grey, peaks = cells(figure.axes[1])
-    np.testing.assert_allclose(peaks[:, 1:], want[:, 1:])
-    assert np.isnan(peaks[:, 0]).all()
-    assert (np.isfinite(grey) == np.isnan(peaks)).all()
-    norm = figure.axes[1].collections[1].norm
-    assert norm.vmin * norm.vmax == pytest.approx(1.0)  # no change has the colour in the middle
-    assert figure.axes[-1].get_ylabel() == "amplification of the largest interstorey drift (-)"
-
-
-def test_profiles_show_floors_and_storeys():
-    cube = made.cube(gap=1, restitution=1)
-    axes = np.reshape(draw("profiles", cube).axes, (4, 2))
-    for column, (building, floors) in enumerate((("a", 3), ("b", 2))):
-        here = cube.squeeze().sel(building=building, law="kelvin_voigt").isel(storey=slice(floors))
-        displacement, drift, acceleration = (axes[row, column].lines for row in (0, 1, 3))
-        np.testing.assert_allclose(displacement[2].get_xdata(), [0.0, *(1e3 * here.displacement_max.values)])
-        np.testing.assert_allclose(displacement[2].get_ydata(), [0.0, *here.floor_elevation.values])
-        np.testing.assert_allclose(drift[1].get_xdata(), np.repeat(1e3 * here.drift_max.values, 3))
-        np.testing.assert_allclose(drift[1].get_ydata()[drift[1].get_markevery()], [1.5, 4.5, 7.5][:floors])
-        np.testing.assert_allclose(acceleration[1].get_xdata(), here.acceleration_max.values)
-    laws = ("linear", "kelvin_voigt", "hertz", "hertz_damped")  # of many, each has its panels
-    axes = np.reshape(draw("profiles", with_laws(cube, *laws[2:]), value="storey_shear_max").axes, (4, 2))
-    for (_, ax), law in zip(axes, laws, strict=True):
-        *others, none, own = ax.lines
-        assert len(others) == 3
-        for line, its in ((own, "linear" if law.startswith("hertz") else law), (none, "none")):
-            want = cube["storey_shear_max"].sel(building="b", law=its, storey=[1, 2]).squeeze().values
-            np.testing.assert_allclose(line.get_xdata(), np.repeat(want, 3))
-    assert axes[-1, 0].get_xlabel() == "storey shear (kN)"
-
-
 def test_energies_end_below_the_frame():
     for ax in draw("energy-budget", made.cube()).axes[:-1]:
         low, high = ax.get_ylim()
@@ -493,39 +383,17 @@ def test_energies_end_below_the_frame():
         assert low < min(ends) < max(ends) < high
 
 
-def test_histories_mark_the_peaks_that_are_reported():
-    """Between the instants of histories a peak may be higher than they show."""
-    one = made.histories()
-    force, top = 1.2 * one.contact_force.max("time"), 1.1 * one.displacement.max("time")
-    one = one.assign(impact_force_max=force, displacement_max=top, displacement_min=1.05 * one.displacement.min("time"))
-    _, floors, contact = draw("histories", one).axes
-    assert [line.get_label() for line in contact.lines[::2]] == ["storey 1", "storey 2"]
-    np.testing.assert_allclose(contact.lines[2].get_ydata(), one.contact_force.sel(pair="a-b", storey=2))
-    marks = [(line.get_xdata()[0], line.get_ydata()[0]) for line in contact.lines if line.get_marker() == "o"]
-    at = [float(one.contact_force.sel(pair="a-b", storey=s).idxmax("time")) for s in (1, 2)]
-    np.testing.assert_allclose(marks, list(zip(at, force.sel(pair="a-b").values[:2], strict=True)))
-    assert max(height for _, height in marks) < contact.get_ylim()[1]
-    heights = sorted(float(line.get_ydata()[0]) for line in floors.lines if line.get_marker() == "o")
-    ends = [one[name].sel(building=b, storey=s).item() for b, s in (("a", 3), ("b", 2)) for name in list(one)[-2:]]
-    np.testing.assert_allclose(heights, sorted(1e3 * np.array(ends)))
-    later = draw("histories", one, start=1.0, end=1.5)  # after the peaks
+def test_onsets_of_contact_and_reported_peaks_are_marked():
+    one = made.histories(left_wall=True)
+    for ax, name in zip(draw("closing", one).axes, ("w1-a", "a-b"), strict=True):
+        marks = sorted(t for line in ax.lines if line.get_marker() == "o" for t in line.get_xdata())
+        deep = one.penetration.sel(pair=name).fillna(0.0).transpose("time", "storey").values > 0.0
+        assert marks == sorted(np.repeat(one.time.values[1:, None], deep.shape[1], axis=1)[deep[1:] & ~deep[:-1]])
+    later = draw("histories", made.reported(), start=1.0, end=1.5)  # after the peaks
     assert not [line for ax in later.axes for line in ax.lines if line.get_marker() == "o"]
     assert later.axes[-1].get_xlim() == (1.0, 1.5)
     for key in ("histories", "force-penetration"):
         assert draw(key, made.histories(touch=False)).axes[-1].texts[0].get_text() == "no contact"
-
-
-def test_floors_touch_where_their_relative_displacement_reaches_the_gap():
-    one = made.histories(left_wall=True)
-    part = one.sel(time=slice(0.0, 1.0))
-    for ax, name in zip(draw("closing", one, end=1.0).axes, ("w1-a", "a-b"), strict=True):
-        gap = next(line for line in ax.lines if line.get_label() == "gap").get_ydata()[0]
-        assert gap == pytest.approx(1e3 * float(one.pair_gap.sel(pair=name)))
-        highest = max(np.max(line.get_ydata(), initial=-np.inf) for line in ax.lines)
-        assert (highest > gap) == bool((part.contact_force.sel(pair=name) > 0).any())
-        marks = sorted(t for line in ax.lines if line.get_marker() == "o" for t in line.get_xdata())
-        deep = part.penetration.sel(pair=name).fillna(0.0).transpose("time", "storey").values > 0.0
-        assert marks == sorted(np.repeat(part.time.values[1:, None], deep.shape[1], axis=1)[deep[1:] & ~deep[:-1]])
 
 
 def test_loops_of_a_contact_hold_what_it_took():
@@ -536,39 +404,6 @@ def test_loops_of_a_contact_hold_what_it_took():
     depth, force = (np.nan_to_num(values) for values in draw("force-penetration", lossy).axes[0].lines[1].get_data())
     put_in = sum(np.maximum(np.diff(0.5e6 * one.penetration.sel(storey=2).values[:, 0] ** 2), 0.0))
     assert np.trapezoid(force, 1e-3 * depth) == pytest.approx(0.5 * put_in, rel=0.05)
-
-
-def test_phase_plots_tell_contact_from_flight():
-    one = made.histories()
-    touching = (one.contact_force.sel(pair="a-b") > 0).any("storey").values
-    for ax, building, storey in zip(draw("phase", one).axes, "ab", (3, 2), strict=True):
-        apart, near = ax.lines
-        np.testing.assert_allclose(apart.get_xdata(), 1e3 * one.displacement.sel(building=building, storey=storey))
-        np.testing.assert_allclose(apart.get_ydata(), one.velocity.sel(building=building, storey=storey))
-        np.testing.assert_array_equal(np.isfinite(near.get_xdata()), touching)
-
-
-def test_sensitivity_shows_indices_and_intervals():
-    """Of drifts the scale decides alone: it stands at the top, with an index of 1; a panel for each law."""
-    cube = made.design(64)
-    axes = np.reshape(draw("sensitivity", cube, value="drift_max").axes, (2, 2))
-    for (a, b), law in zip(axes, made.LAWS[:2], strict=True):
-        assert a.get_title() == f"building a; storey 3\n{TITLES[law]}"
-        assert b.get_title().startswith("building b; storey 2")
-    assert [tick.get_text() for tick in axes[0, 0].get_yticklabels()] == ["gap", "scale"]
-    assert axes[0, 0].lines[1].get_xdata() == pytest.approx([0.0, 1.0], abs=0.1)
-    result = sensitivity(cube)
-    own = result.isel(group=0).sel(building="b", storey=2)
-    for line, bars, name in zip(axes[0, 1].lines, axes[0, 1].collections, ("first", "total"), strict=False):
-        np.testing.assert_array_equal(line.get_xdata(), own[f"drift_max_{name}"])
-        ends = [path.vertices[:, 0] for path in bars.get_paths()]
-        np.testing.assert_array_equal(ends, own[f"drift_max_{name}_interval"].transpose("input", "bound"))
-    low, high = axes[0, 0].get_xlim()
-    assert (
-        low < float(result["drift_max_first_interval"].min()) < float(result["drift_max_total_interval"].max()) < high
-    )
-    force = draw("sensitivity", select(cube, {"law": "linear"}))
-    assert [ax.get_title() for ax in force.axes] == ["pair a-b; storey 2"]
 
 
 # -- suites of records -------------------------------------------------------------------------------------------------
@@ -585,13 +420,8 @@ def test_fragility_shows_its_trials_and_bands():
     pga = {"pga": xr.DataArray([1.0, 2.0, 3.0, 4.0], dims="pga"), "record_pga": ("record", np.full(6, 2.0))}
     stripes = cube.drop_vars("scale").rename(scale="pga").assign_coords(pga)
     stripes = stripes.assign_coords(scale=(("record", "pga"), np.tile([0.5, 1.0, 1.5, 2.0], (6, 1))))
-    marks = draw("fragility", stripes.isel(gap=[0])).axes[0].lines[-1]
-    assert marks.get_xdata().tolist() == [1, 2, 3, 4]
-    cube = made.cube(record=6, scale=4, law=1).isel(gap=[0], restitution=[0], storey=[0])
-    cube = cube.assign_coords(record_pga=("record", np.ones(6)))  # scales 0.5 to 2
-    closes_at = xr.DataArray([0.4, 0.6, 0.9, 1.2, 1.4, 1.7], dims="record")
-    cube["impact_count"] = (cube["impact_count"] > 0) & (cube["scale"] > closes_at)
-    ax = draw("fragility", cube).axes[0]
+    assert draw("fragility", stripes.isel(gap=[0])).axes[0].lines[-1].get_xdata().tolist() == [1, 2, 3, 4]
+    ax = draw("fragility", made.suite()).axes[0]
     x = np.concatenate([path.vertices[:, 0] for path in ax.collections[0].get_paths()])
     assert (x.min(), x.max()) == (min(x for x in ax.lines[0].get_xdata() if x >= 0.5), 2.0)
     assert ax.lines[0].get_xdata().min() < 0.1  # the curve itself begins there
@@ -609,20 +439,12 @@ def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(
     assert "record Imperial Valley 1940" in draw(key, alone).get_suptitle()
 
 
-def test_incremental_draws_records_directions_and_fractiles():
-    one, two = (draw("incremental", made.cube(record=n, scale=4)) for n in (1, 2))
-    assert [len(ax.lines) for ax in one.axes] == [1] * len(one.axes)
-    assert (legend(one), legend(two)) == (["record"], ["record", "16% fractile", "median", "84% fractile"])
-    for scales, sizes in (([-2.0, -1.0, 1.0, 2.0], [2, 2]), ([-1.0, 1.0, 2.0], [1, 2])):
-        cube = made.cube(record=2, scale=len(scales)).assign_coords(scale=scales)
-        thin = [line for line in draw("incremental", cube).axes[0].lines if line.get_color() == "0.7"]
-        assert sorted(len(line.get_xdata()) for line in thin) == sorted(2 * sizes)
-        assert all(line.get_marker() == "." for line in thin if len(line.get_xdata()) == 1)
+def test_incremental_says_why_there_are_no_fractiles():
     cube = made.cube(record=3, scale=3)
     for pga, there in (([0.1, 1.0, 100.0], False), ([0.9, 1.0, 1.1], True)):
         figure = draw("incremental", cube.assign_coords(record_pga=("record", pga)))
         assert ("No fractiles: none of these intensities" in figure.get_suptitle()) != there
-        assert ("median" in legend(figure)) == there
+        assert ("median" in [text.get_text() for text in figure.legends[0].texts]) == there
 
 
 @some(("force-gap", "amplification", "law-comparison", "incremental", "required-gap"), "force-gap")
@@ -705,11 +527,10 @@ def test_a_gif_moves(tmp_path):
 
 
 def test_a_short_impact_between_two_pictures_is_marked_and_fades():
-    forces = np.zeros((401, 1, 3))
-    forces[203, 0, 1], forces[300, 0, 0] = 0.5, 1.0
-    seen = fading_marks(forces, np.array([190, 200, 210, 220, 230]))[:, 0, 1]
-    assert seen[:3].tolist() == [0.0, 0.0, 0.5]
-    assert 0.5 > seen[3] > seen[4] > 0.0
+    forces = np.zeros((401, 1))
+    forces[203] = 0.5
+    seen = fading_marks(forces, np.array([190, 200, 210, 220, 230]))[:, 0]
+    assert seen.tolist() == pytest.approx([0.0, 0.0, 0.5, 0.3, 0.18])
 
 
 def test_what_cannot_be_animated_is_said(tmp_path, monkeypatch):
@@ -768,11 +589,11 @@ def test_select_by_value():
 
 def test_plot_on_the_command_line(tmp_path, not_rendered):
     periods, cube, one, picture = (tmp_path / name for name in ("periods.nc", "cube.nc", "one.nc", "x.png"))
-    write_cube(of_periods(), periods)
+    write_cube(made.of_periods(), periods)
     write_cube(made.cube(), cube)
     write_cube(made.histories(), one)
     listed = command("plot", "--list").stdout
-    assert all(re.search(rf"^{key} ", listed, re.MULTILINE) for key in FIGURES)
+    assert [key for key in FIGURES if not re.search(rf"^{key} ", listed, re.MULTILINE)] == []
     possible, others = command("plot", cube).stdout.split("not possible")
     assert re.search(r"^force-gap ", possible, re.MULTILINE)
     assert re.search(r"^histories +several times, ground_acceleration, displacement$", others, re.MULTILINE)
