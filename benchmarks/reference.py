@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from benchmarks.engine import prepare
 from benchmarks.work import ERROR_GAPS, Peaks, Work
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the slow twin lives there
 
 #: Step (s) of the converged solution.
 STEP = 5e-5
@@ -23,7 +23,8 @@ def converged(work: Work, gaps: np.ndarray = ERROR_GAPS) -> Peaks:
 
 def independent(work: Work, gap: float) -> Peaks:
     """Return one scenario by the tests' slow twin: scipy's DOP853 at a tolerance of 1e-10, every event located."""
-    naive = _naive()
+    import naive
+
     buildings = [
         naive.NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in work.scene.buildings
     ]
@@ -42,15 +43,3 @@ def force_errors(found: Peaks, reference: Peaks) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, off / reference.force)
     return np.asarray(error.max(axis=1))
-
-
-def _naive() -> ModuleType:
-    """Load the slow twin, which lives with the tests."""
-    path = Path(__file__).parents[1] / "tests" / "naive.py"
-    spec = importlib.util.spec_from_file_location("pounding_sweep_naive", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
