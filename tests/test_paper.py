@@ -21,13 +21,22 @@ from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
-from pounding_sweep.paper.conclusions import CONCLUSIONS, Judgement, Support, Verdict, judge, overall, spread
-from pounding_sweep.paper.hertz import force_fit
+from pounding_sweep.paper.conclusions import (
+    CONCLUSIONS,
+    Judgement,
+    Support,
+    Verdict,
+    judge,
+    opening_grid,
+    overall,
+    spread,
+    table_outcome,
+    verdict_of_all,
+)
 from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABLES, published
+from pounding_sweep.paper.questions import force_fit, largest_steps, step_grid
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
-from pounding_sweep.paper.steps import largest_steps, step_grid
 from pounding_sweep.paper.study import study
-from pounding_sweep.paper.verdict import opening_grid, table_outcome, verdict_of_all
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
 
@@ -411,10 +420,7 @@ def _judged(cube, verdict):
     compared = {number: side_by_side(number, cube) for number in TABLES}
     outcome = Support(*{Verdict.HOLDS: (9, 10), Verdict.PARTLY: (5, 10), Verdict.FAILS: (1, 10)}[verdict], "")
     judgements = [Judgement(one, key, (outcome,)) for one in CONCLUSIONS.values() for key in READINGS]
-    return {
-        (part.word, part.reading): "; ".join(part.items)
-        for part in verdict_of_all(compared, judgements, findings(cube))
-    }
+    return {(part.word, part.reading): "; ".join(part.items) for part in verdict_of_all(compared, judgements, [])}
 
 
 def test_what_is_the_papers_own_is_reproduced():
@@ -438,8 +444,6 @@ def test_what_is_the_papers_own_is_reproduced():
     )
     assert said["Reproduced", labels[1]] == "nothing"
     assert said["Not reproduced", labels[1]].count("(0 of ") == 6
-    cant = said["Can't be", "in the paper itself"]
-    assert "misprint" not in cant
 
 
 @pytest.mark.parametrize(
@@ -466,8 +470,7 @@ def test_zero_in_one_alone_is_no_agreement_and_in_both_no_case():
 
 def test_the_verdict_says_what_cannot_be():
     cube = outputs()
-    *parts, last = verdict_of_all({n: side_by_side(n, cube) for n in TABLES}, [], findings(cube))
+    *parts, last = verdict_of_all({n: side_by_side(n, cube) for n in TABLES}, [], ["one", "two"])
     assert last.word == "Can't be"
-    assert [item.split(":")[0] for item in last.items] == [one.title for one in findings(cube) if one.impossible]
-    assert [row[2] for row in opening_grid([*parts, last]).rows[-3:]] == list(last.items)
+    assert [row[2] for row in opening_grid([*parts, last]).rows[-2:]] == ["one", "two"]
     assert [one.impossible for one in findings(cube)] == [True, True, True, False]

@@ -1,12 +1,12 @@
-"""The paper's conclusions i to v, each tested against computed cubes by criteria that stand here.
+"""The paper's conclusions i to v, each tested against computed cubes by criteria that stand here, and the verdict.
 
-The paper gives no numbers for "more or less the same" or "drastically"; the
-limits below are this package's, and no cube changes them.
+The paper gives no numbers for "more or less the same" or "drastically"; the limits below are this package's, and no
+cube changes them. The verdict says what of the paper is reproduced, what is not, and what can't be.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -14,6 +14,8 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.paper.compare import CLOSE, Grid, paper_source, resolution, ungrouped
+from pounding_sweep.paper.readings import READINGS
 
 #: A claim holds where it is true in this share of its cases; it holds partly down to the second share.
 HOLDS_SHARE, PARTLY_SHARE = 0.9, 0.5
@@ -275,3 +277,89 @@ def _spectra_spread(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     ratio = width.sel(law=_POUNDING) / width.sel(law="none")
     numbers = "spread over that without pounding: median {median:.2f}, up to {most:.2f}"
     return _support(ratio, ratio >= SPREAD_FACTOR, numbers)
+
+
+#: What the tables hold, in words, and the outputs that are it.
+_CONTENTS: dict[int, dict[str, tuple[str, ...]]] = {
+    3: {"displacements": ("displacement_max", "displacement_min")},
+    4: {"peak forces": ("impact_force_max",), "impacts": ("impact_count",)},
+    5: {"peak forces": ("impact_force_max",), "impacts": ("impact_count",)},
+    6: {"energies transferred": ("energy_transfer_max", "energy_transfer_min")},
+}
+#: Verdicts of claims in this verdict's words.
+_WORDS = {
+    Verdict.HOLDS: "Reproduced",
+    Verdict.PARTLY: "Reproduced in part",
+    Verdict.FAILS: "Not reproduced",
+    Verdict.UNTESTED: "Not tested",
+}
+#: When something is reproduced.
+RULE = (
+    f"Numbers of a table are reproduced where {HOLDS_SHARE:.0%} of those that are not zero in both are within "
+    f"{CLOSE[-1]:.0%}, in part from {PARTLY_SHARE:.0%}; a conclusion is where it holds."
+)
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What is reproduced, or is not, of one reading; or what can't be."""
+
+    word: str
+    reading: str
+    items: tuple[str, ...]
+
+
+def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Support:
+    """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
+    held = cases = 0
+    for name in names:
+        printed, own = (compared[name].sel(source=source).values for source in (paper_source(compared), reading))
+        cell = np.isfinite(own) & ((printed != 0.0) | (np.abs(own) >= resolution(name)))
+        near = np.abs(own - printed) <= CLOSE[-1] * np.abs(printed)
+        held, cases = held + int((near & cell).sum()), cases + int(cell.sum())
+    return Support(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
+
+
+def verdict_of_all(
+    compared: Mapping[int, xr.Dataset], judgements: Sequence[Judgement], impossible: Sequence[str]
+) -> list[Reproduction]:
+    """Return what the report opens with; `compared` are the tables side by side by their number."""
+    parts = []
+    for reading in compared[3]["reading"].values.tolist():
+        said: dict[Verdict, list[str]] = {verdict: [] for verdict in _WORDS}
+        for number, contents in _CONTENTS.items():
+            for what, names in contents.items():
+                outcome = table_outcome(compared[number], names, reading)
+                said[outcome.verdict].append(f"{what} of Table {number} ({outcome.numbers})")
+        for one in judgements:
+            if one.reading == reading:
+                said[one.verdict].append(f"conclusion {one.conclusion.key}: {one.conclusion.text}")
+        parts += [
+            Reproduction(_WORDS[verdict], READINGS[reading].label, tuple(items) or ("nothing",))
+            for verdict, items in said.items()
+            if items or verdict is not Verdict.UNTESTED
+        ]
+    return [*parts, Reproduction("Can't be", "in the paper itself", tuple(impossible))]
+
+
+def opening_grid(parts: Sequence[Reproduction]) -> Grid:
+    """Write the verdict, a row for each item."""
+    rows = [
+        [part.word, part.reading, item] if item is part.items[0] else ["", "", item]
+        for part in parts
+        for item in part.items
+    ]
+    return Grid("The verdict", ungrouped("verdict", "reading", "what"), rows)
+
+
+def verdict_grid(judgements: Sequence[Judgement]) -> Grid:
+    """Write the verdicts: one row per conclusion and reading, and one per claim."""
+    rows = []
+    for judgement in judgements:
+        label = READINGS[judgement.reading].label
+        rows.append([judgement.conclusion.key, label, judgement.verdict.value, "", judgement.conclusion.text])
+        for claim, outcome in zip(judgement.conclusion.claims, judgement.outcomes, strict=True):
+            cases = f"{outcome.held}/{outcome.cases}"
+            rows.append(["", "", outcome.verdict.value, cases, f"{claim.text} {outcome.numbers}"])
+    headings = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
+    return Grid("The paper's conclusions", headings, rows)

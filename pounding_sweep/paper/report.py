@@ -20,12 +20,19 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.paper.checks import energy_checks, findings
 from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid, ungrouped
-from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, judge
+from pounding_sweep.paper.conclusions import (
+    HOLDS_SHARE,
+    PARTLY_SHARE,
+    RULE,
+    judge,
+    opening_grid,
+    verdict_grid,
+    verdict_of_all,
+)
 from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
+from pounding_sweep.paper.questions import LIMIT, error_text, largest_steps, step_grid
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
-from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_grid
 from pounding_sweep.paper.study import Study
-from pounding_sweep.paper.verdict import RULE, opening_grid, verdict_of_all
 
 
 @dataclass(frozen=True)
@@ -67,7 +74,8 @@ def contents_of(study: Study) -> dict[str, Any]:
     """Return everything that the report says, by section."""
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     readings = [READINGS[str(key)] for key in study.cube["reading"].values]
-    judgements, impossible = judge(study.cube, study.floor_spectra), findings(study.cube)
+    judgements, suspects = judge(study.cube, study.floor_spectra), findings(study.cube)
+    impossible = [f"{one.title}: {one.printed}" for one in suspects if one.impossible]
     return {
         "opening": verdict_of_all(compared, judgements, impossible),
         "rule": RULE,
@@ -82,7 +90,7 @@ def contents_of(study: Study) -> dict[str, Any]:
         "partly_share": f"{PARTLY_SHARE:.0%}",
         "agreement": [agreement(one) for one in compared.values()],
         "tables": [table_grid(one) for one in compared.values()],
-        "findings": impossible,
+        "findings": suspects,
         "steps": [step_grid(study.steps, reading) for reading in readings],
         "largest_steps": largest_grid(study),
         "checks": checks_grid(study),
@@ -107,19 +115,6 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
         contents["checks"],
         contents["errors"],
     ]
-
-
-def verdict_grid(judgements: Sequence[Judgement]) -> Grid:
-    """Write the verdicts: one row per conclusion and reading, and one per claim."""
-    rows = []
-    for judgement in judgements:
-        label = READINGS[judgement.reading].label
-        rows.append([judgement.conclusion.key, label, judgement.verdict.value, "", judgement.conclusion.text])
-        for claim, outcome in zip(judgement.conclusion.claims, judgement.outcomes, strict=True):
-            cases = f"{outcome.held}/{outcome.cases}"
-            rows.append(["", "", outcome.verdict.value, cases, f"{claim.text} {outcome.numbers}"])
-    headings = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
-    return Grid("The paper's conclusions", headings, rows)
 
 
 def record_grid(study: Study) -> Grid:

@@ -13,8 +13,8 @@ from pounding_sweep.analysis.spectra import floor_spectra, response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import MATE2015_MODELS, get_law
 from pounding_sweep.outputs.differences import relative_errors
-from pounding_sweep.paper.hertz import hertz_fit
 from pounding_sweep.paper.published import RECORDS
+from pounding_sweep.paper.questions import hertz_fit, step_errors
 from pounding_sweep.paper.readings import (
     GAP,
     METHOD,
@@ -28,7 +28,6 @@ from pounding_sweep.paper.readings import (
     reading_of,
     sweep_of,
 )
-from pounding_sweep.paper.steps import step_errors
 from pounding_sweep.records import Record, records_dataset
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.run.execute import Progress
@@ -107,8 +106,8 @@ class Study:
     floor_spectra: xr.Dataset
     #: relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``
     error: xr.Dataset
-    steps: xr.Dataset  # see `pounding_sweep.paper.steps.step_errors`
-    hertz: xr.Dataset  # see `pounding_sweep.paper.hertz.hertz_fit`
+    steps: xr.Dataset  # see `pounding_sweep.paper.questions.step_errors`
+    hertz: xr.Dataset  # see `pounding_sweep.paper.questions.hertz_fit`
 
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:
