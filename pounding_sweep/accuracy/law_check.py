@@ -81,21 +81,18 @@ class LawCheck:
     @property
     def faults(self) -> list[str]:
         """Where the ways do not agree; empty where the law is what it says."""
-        found = []
-        kernel = float(abs(self.certificate.measured - self.certificate.solved).max())
-        if not kernel <= REBOUND_TOLERANCE:
-            found.append(f"kernels and solver give restitutions that differ by {kernel:.1e}")
-        closed = float(abs(self.certificate.analytic - self.certificate.solved).fillna(0.0).max())
-        if not closed <= REBOUND_TOLERANCE:
-            found.append(
-                f"the closed form {self.law.relation!r} and the solver give restitutions that differ by {closed:.1e}"
-            )
-        worst = max(self.twin, key=lambda name: self.twin[name])
-        if not self.twin[worst] <= TWIN_TOLERANCE:
-            found.append(f"kernel and twin differ in {worst} by {self.twin[worst]:.1e} of its largest value")
-        if not self.impacts:
-            found.append("the scene of the twin had no impact")
-        return found
+        table, worst = self.certificate, max(self.twin, key=lambda name: self.twin[name])
+        differ = "restitutions that differ by {:.1e}"
+        kernel, closed = (
+            abs(one - table.solved).max().item() for one in (table.measured, table.analytic.fillna(table.solved))
+        )
+        checks = [
+            (kernel, REBOUND_TOLERANCE, f"kernels and solver give {differ}"),
+            (closed, REBOUND_TOLERANCE, f"the closed form {self.law.relation!r} and the solver give {differ}"),
+            (self.twin[worst], TWIN_TOLERANCE, f"kernel and twin differ in {worst} by {{:.1e}} of its largest value"),
+        ]
+        faults = [text.format(off) for off, most, text in checks if not off <= most]
+        return faults if self.impacts else [*faults, "the scene of the twin had no impact"]
 
 
 def check_law(

@@ -26,6 +26,7 @@ from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
+from pounding_sweep.output.provenance import library_attribute, library_versions
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status, inner_shape
 from pounding_sweep.plan.advice import measured_schemes
@@ -72,7 +73,10 @@ _ERROR = (
     "Largest difference over floors or pairs over the largest value of the scenario; infinite: diverged.",
 )
 _ONE_CORE = "Processor time of one core, kernels compiled, lane groups full; missing where any scenario is refused."
-_REFERENCE_ERROR = ("upper estimate of the converged solution's own relative error", "1")
+_REFERENCE_ERROR = (
+    "upper estimate (its difference to twice its step) of the converged solution's own relative error",
+    "1",
+)
 #: Long name, units (or meanings of flags) and comment of all that a trade holds; ``law_error`` has those of ``error``.
 _ABOUT: dict[str, tuple[str, ...]] = {
     "error": _ERROR,
@@ -256,11 +260,9 @@ def measure(
         "scenario_status": (each, statuses.reshape(n, *shape)),
         "scenario_reference_error": (("scenario", "output"), reference_error),
         "sensitivity": (("scenario",), sensitivity),
-        "sensitive": (("scenario",), (sensitivity > OK_CLAIM).astype(np.int8)),
         **_costs(sample, seconds.reshape(-1, *shape, repeats)),
     }
-    settings = {"seed": seed, "repeats": repeats}
-    about = _provenance(spec, sample, reference) | settings
+    about = _provenance(spec, sample, reference) | {"seed": seed, "repeats": repeats}
     return xr.Dataset(found, _coordinates(spec, sample, axes, outputs), about)
 
 
@@ -325,8 +327,6 @@ def _coordinates(
 
 def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
     """Return attributes: settings, machine and sweep."""
-    import numba
-
     machine = diagnose()
     processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}
     records = [
@@ -341,20 +341,16 @@ def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> di
         "unique_scenarios": len(sample.plan.unique),
         "reference": f"{reference.method}, located, {reference.precision}",
         "reference_step": reference.dt,
-        "reference_check": "the same at twice the step; their difference is reference_error",
         "resolution_factor": RESOLUTION,
         "input_change": CHANGE,
         "sensitive_change": OK_CLAIM,
-        "newmark_beta": spec.beta,
-        "newmark_gamma": spec.gamma,
         "machine": json.dumps({"system": machine["system"], **processor}, sort_keys=True),
         "records": json.dumps(records, sort_keys=True, ensure_ascii=False),
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": digest(spec),
+        **{library_attribute(name): version for name, version in library_versions().items()},
         "python_version": str(machine["versions"]["python"]),
-        "numba_version": numba.__version__,
-        "numpy_version": np.__version__,
         "xarray_version": xr.__version__,
     }
 
