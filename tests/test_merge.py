@@ -401,11 +401,6 @@ def test_a_file_given_twice_is_refused(whole, tmp_path, monkeypatch):
     assert merge_cubes([a, b, "copy.nc"], "all.nc").overlapping == whole.status[:, :2].size
 
 
-def test_an_audit_of_nothing_is_refused(whole, tmp_path):
-    with pytest.raises(InputError, match=r"b\.nc' is damaged, .*: attributes of its audit are no positive numbers"):
-        merged(tmp_path, part(whole, gap=GAPS[:1]), whole.assign_attrs(audit_touching=0))
-
-
 def test_one_cube_is_nothing_to_merge(whole, tmp_path):
     with pytest.raises(InputError, match="at least two cubes"):
         merged(tmp_path, part(whole))

@@ -19,7 +19,7 @@ from pounding_sweep.base.tables import finite
 from pounding_sweep.base.text import printable
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, origins, plain
+from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, plain, sources
 from pounding_sweep.output.slabs import cuts, status_counts
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.spec.overview import overview_of
@@ -39,8 +39,6 @@ _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken"
 _WIDTH = 100
 #: Digits of a digest that tell it from others.
 _DIGITS = 12
-#: Cubes that results were taken from, of which no more are told.
-_MOST_ORIGINS = 100
 #: No line is longer, whatever a file says.
 _LONGEST_LINE = 2000
 
@@ -175,21 +173,20 @@ def _records(dataset: xr.Dataset) -> list[str]:
 
 
 def _origins(attributes: Mapping[Any, Any]) -> list[str]:
-    """List the cubes that results were taken from, each below the one that took them."""
-    try:
-        found = list(origins(attributes))
-    except (ValueError, TypeError, RecursionError):  # an attribute of any kind
-        return []
-    rows = []
-    for depth, how, told in found[:_MOST_ORIGINS]:
-        counts = [f"{told[key]} {text}" for key, text in _COUNTS.items() if isinstance(told.get(key), int)]
-        made_by = [f"source {_number(told[SOURCE_ATTRIBUTE])[:_DIGITS]}"] if SOURCE_ATTRIBUTE in told else []
-        for library in (name for name in LIBRARIES if library_attribute(name) in told):
-            made_by.append(f"{library} {_number(told[library_attribute(library)])}")
-        cells = (_number(told.get("history", "")), ", ".join(counts), ", ".join(made_by))
-        rows.append((f"{'  ' * min(depth, 10)}{how}", _short(told["file"], 4 * _WIDTH), *map(_short, cells)))
-    more = [f"  and {len(found) - _MOST_ORIGINS} more"] if len(found) > _MOST_ORIGINS else []
-    return _table(rows) + more
+    """List the cubes that results were taken from."""
+    rows: list[tuple[str, ...]] = []
+    for key, how in ORIGINS.items():
+        for one in sources(attributes, key):
+            counts = [f"{one[name]} {text}" for name, text in _COUNTS.items() if name in one]
+            if one.get("made_from"):
+                counts.append(f"made from {', '.join(one['made_from'])}")
+            made_by = [f"source {str(one[SOURCE_ATTRIBUTE])[:_DIGITS]}"] if SOURCE_ATTRIBUTE in one else []
+            made_by += [
+                f"{name} {one[library_attribute(name)]}" for name in LIBRARIES if library_attribute(name) in one
+            ]
+            cells = (one["file"], one.get("history", ""), ", ".join(counts), ", ".join(made_by))
+            rows.append((how, *map(_short, cells)))
+    return _table(rows)
 
 
 def about(dataset: xr.Dataset) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,19 +27,14 @@ from pounding_sweep.output.integrity import (
     FREE,
     OWN_LAWS,
     REMEDY,
-    check_attributes,
     check_axes,
-    check_statuses,
-    check_variables,
-    damaged,
     differing_laws,
-    load_labels,
     outer_dims,
     recorded_axes,
     recorded_sweep,
 )
 from pounding_sweep.output.netcdf import check_output, check_space, open_cube, reading, write_in_slabs
-from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
+from pounding_sweep.output.provenance import LIBRARIES, MAKER_ATTRIBUTES, ORIGINS, makers, plain, runs
 from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, numbered, scenario_keys
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
@@ -73,74 +68,54 @@ def _design(cube: xr.Dataset) -> dict[str, Any]:
 
 
 def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
-    """Raise `InputError` where the cases of cubes are not those of their sweeps, or ran in different kernels."""
+    """Raise `InputError` if the cases of cubes are not those of their sweeps, or ran in different kernels."""
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
         for key in ("law", "record"):
-            if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"] or ()]:
+            if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
                 raise InputError(f"{name!r} has other cases than its sweep; {REMEDY}")
-        for key in KNOWN_BY:
-            if key in cube.coords and cube[key].dims[:1] != (CASE,):
-                raise damaged(name, f"coordinate {key!r} is not along {CASE!r} first")
-        labels = cube[CASE].values
-        if labels.dtype.kind == "f" and not np.isfinite(labels).all():
-            raise damaged(name, "a case has no label")
     (first, base), *others = parts.items()
-    for (name, cube), key in itertools.product(others, ("period_factor", *KNOWN_BY)):
-        if (key in cube.coords) != (key in base.coords):
-            has, lacks = (first, name) if key in base.coords else (name, first)
-            msg = f"{lacks!r} has no coordinate {key!r}, {has!r} has; give the cubes as they were made"
-            if key == "period_factor":
-                msg = (
-                    f"{has!r} varies building properties and {lacks!r} doesn't, so they ran in different kernels: add "
-                    "a case with such a property to the sweep of the second and run it again"
-                )
+    for name, cube in others:
+        if ("period_factor" in cube.coords) != ("period_factor" in base.coords):
+            has, lacks = (first, name) if "period_factor" in base.coords else (name, first)
+            msg = (
+                f"{has!r} varies building properties and {lacks!r} doesn't, so they ran in different kernels: add "
+                "a case with such a property to the sweep of the second and run it again"
+            )
             raise InputError(msg)
 
 
-class Cases(NamedTuple):
-    """Cubes with each of their cases once, the keys of those, and the labels and descriptions of all cases."""
-
-    parts: dict[str, xr.Dataset]
-    keys: list[list[bytes]]
-    labels: list[Any]
-    described: list[dict[str, Any]]
-
-
-def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
-    """Find out which cases of cubes are the same: a list may name one in two spellings."""
+def number_cases(
+    parts: Parts, sweeps: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, xr.Dataset], list[Any], list[dict[str, Any]]]:
+    """Return cubes with each of their cases once, numbered over all cubes, and labels and descriptions of all cases."""
     labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
-    texts: dict[str, int] = {}
-    found, keys = {}, []
-    described: dict[bytes, dict[str, Any]] = {}
+    codes: dict[str, int] = {}
+    numbers: dict[bytes, int] = {}
+    labels: dict[Any, tuple[bytes, str, int]] = {}
+    described, result = [], {}
     for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
         # with what the law ignores, too: a case was listed with it, and is selected by it
         names = [name for name in (*([CASE] if labelled else []), *KNOWN_BY) if name in cube.coords]
-        known = scenario_keys({name: numbered(cube[name].values, texts) for name in names}).tolist()
-        first = {key: position for position, key in reversed(list(enumerate(known)))}
-        places = sorted(first.values())
-        for position in places:
-            described.setdefault(known[position], sweep["cases"][position])
-        found[file] = cube if len(first) == cube.sizes[CASE] else cube.isel(case=places)
-        keys.append([known[position] for position in places])
-    labels = _labels(found, keys) if labelled else list(range(1, len(described) + 1))
-    return Cases(found, keys, labels, list(described.values()))
-
-
-def _labels(parts: Parts, keys: Sequence[Sequence[bytes]]) -> list[Any]:
-    """Return the labels of all cases, each once, in the order given."""
-    found: dict[Any, tuple[bytes, str, int]] = {}
-    for (file, cube), mine in zip(parts.items(), keys, strict=True):
-        for position, (label, key) in enumerate(zip(cube[CASE].values.tolist(), mine, strict=True)):
-            known, other, place = found.setdefault(label, (key, file, position))
-            if known != key:
-                one, two = case_name(parts[other].coords, place), case_name(cube.coords, position)
+        keys = scenario_keys({name: numbered(cube[name].values, codes) for name in names}).tolist()
+        positions = {key: position for position, key in reversed(list(enumerate(keys)))}
+        positions = dict(sorted(positions.items(), key=lambda item: item[1]))  # a list may name a case in two spellings
+        for key, position in positions.items():
+            if key not in numbers:
+                numbers[key] = len(numbers)
+                described.append(sweep["cases"][position])
+            label = cube[CASE].values[position].item()
+            other_key, other, at = labels.setdefault(label, (key, file, position))
+            if labelled and other_key != key:
+                one, two = case_name(parts[other].coords, at), case_name(cube.coords, position)
                 msg = f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
                 raise InputError(msg)
-    kinds = sorted({type(label).__name__ for label in found})
+        chosen = cube if len(positions) == cube.sizes[CASE] else cube.isel(case=list(positions.values()))
+        result[file] = chosen.assign_coords({CASE: [numbers[key] for key in positions]})
+    kinds = sorted({type(label).__name__ for label in labels})
     if len(kinds) > 1:
         msg = f"some cases have labels of type {kinds[0]}, others of type {kinds[1]}; give all of them text"
         raise InputError(msg)
-    return list(found)
+    return result, list(labels) if labelled else list(range(1, len(numbers) + 1)), described
 
 
 def telling(coordinates: Mapping[Any, xr.Variable]) -> list[str]:
@@ -187,8 +162,10 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
         if strange:
             msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
             raise InputError(msg)
-    sweeps = [_check_whole(name, cube) for name, cube in parts.items()]
     _check_makers(parts, mix_sources=mix_sources)
+    sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
+    for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
+        check_axes(name, cube, recorded_axes(cube, sweep))
     (first, base), *others = parts.items()
     for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
         if lists_cases(base) != lists_cases(cube):
@@ -207,33 +184,30 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
             raise InputError(msg)
     if lists_cases(base):
         check_cases(parts, sweeps)
-    _check_labels(parts)
+    labels = [
+        {key for key, label in cube.coords.items() if not {*AUDIT_DIMS} & {*label.dims}} for cube in parts.values()
+    ]
+    for (name, _), keys in zip(others, labels[1:], strict=True):
+        for key in sorted(map(str, keys ^ labels[0])):
+            has, lacks = (first, name) if key in labels[0] else (name, first)
+            msg = f"coordinate {key!r} of {has!r} is missing in {lacks!r}; give the cubes as they were made"
+            raise InputError(msg)
     return sweeps
 
 
-def _check_whole(name: str, cube: xr.Dataset) -> dict[str, Any]:
-    """Return what a cube says of its sweep; raise where it can't be what that sweep wrote."""
-    told = recorded_sweep(name, cube)
-    check_axes(name, cube, recorded_axes(cube, told))
-    check_variables(name, cube, map(str, scenario_variables(cube)))
-    check_attributes(name, cube, told)
-    load_labels(name, cube)
-    return told
-
-
 def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
-    """Raise `InputError` where cubes were made by other versions of the package or of libraries, or another source."""
+    """Raise `InputError` if cubes were made by other versions of the package or of libraries, or another source."""
     (first, base), *others = parts.items()
     for name, cube in others:
-        released = plain(cube.attrs[VERSION_ATTRIBUTE]) == plain(base.attrs[VERSION_ATTRIBUTE])
-        both = parts_makers({first: base, name: cube})
-        if released and (mix_sources or (len(both) == 1 and all(maker.source is not None for maker in both))):
+        released = plain(cube.attrs.get(VERSION_ATTRIBUTE)) == plain(base.attrs[VERSION_ATTRIBUTE])
+        both = makers(base.attrs) | makers(cube.attrs)
+        if released and (mix_sources or (len(both) == 1 and all(maker[0] is not None for maker in both))):
             continue
-        told = [key for key in Maker._fields if key == "source" or len({getattr(maker, key) for maker in both}) > 1]
+        different = [i for i, values in enumerate(zip(*both, strict=True)) if not i or len(set(values)) > 1]
         msg = (
-            f"{first!r} was made by {_made_by(base, told)}, {name!r} by {_made_by(cube, told)}: the same scenario may "
-            "have another result in each. Run them again with one of them, such as the installed package (version "
-            f"{package_version()})"
+            f"{first!r} was made by {_made_by(base, different)}, {name!r} by {_made_by(cube, different)}: the same "
+            "scenario may have another result in each. Run them again with one of them, such as the installed package "
+            f"(version {package_version()})"
         )
         if released:
             msg += (
@@ -243,54 +217,14 @@ def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
         raise InputError(msg)
 
 
-def parts_makers(parts: Parts) -> set[Maker]:
-    """Return what made cubes, or their parts."""
-    return set().union(*(makers(cube.attrs) for cube in parts.values()))
-
-
-def _made_by(cube: xr.Dataset, told: Sequence[str]) -> str:
-    """Say what made a cube, by its version and those fields of its makers."""
-    found = set()
-    for maker in makers(cube.attrs):
-        values = {**maker._asdict(), "source": maker.source and maker.source[:12]}  # the first digits tell enough
-        found.add(", ".join(f"{k} {values[k]}" if values[k] else f"of a {k} it does not name" for k in told))
-    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(found))})"
-
-
-def _check_labels(parts: Parts) -> None:
-    """Raise `InputError` where coordinates of cubes, or their audits, are not of one form."""
-    (first, base), *others = parts.items()
-    for name, cube in others:
-        for key in sorted({*map(str, base.coords), *map(str, cube.coords)} - {CASE}):
-            here, there = _form(base, key), _form(cube, key)
-            if here != there and not _is_audit(base, key) and not _is_audit(cube, key):
-                msg = (
-                    f"coordinate {key!r} is {here} in {first!r} and {there} in {name!r}; "
-                    "cubes of one study have the same, give them as they were made"
-                )
-                raise InputError(msg)
-    audits = [(name, cube) for name, cube in parts.items() if has_audit(cube)]
-    for name, cube in audits[1:]:
-        first, base = audits[0]
-        keys = [str(key) for key in base.variables if key in cube.variables and _is_audit(base, str(key))]
-        unlike = [key for key in keys if _form(base, key) != _form(cube, key)]
-        if unlike or base["output"].values.tolist() != cube["output"].values.tolist():
-            what = unlike[0] if unlike else "output"
-            msg = f"the audits of {first!r} and {name!r} differ in {what!r}; run one of the sweeps again"
-            raise InputError(msg)
-
-
-def _is_audit(cube: xr.Dataset, key: str) -> bool:
-    """Whether a variable or coordinate belongs to the audit."""
-    return key in cube.variables and bool(set(AUDIT_DIMS) & set(cube.variables[key].dims))
-
-
-def _form(cube: xr.Dataset, key: str) -> str:
-    """Say what kind of a coordinate a cube has under a name."""
-    if key not in cube.variables:
-        return "missing"
-    kind = "numbers" if cube[key].dtype.kind in "iuf" else "text"
-    return f"{kind} along ({', '.join(map(str, cube[key].dims))})"
+def _made_by(cube: xr.Dataset, different: Sequence[int]) -> str:
+    """Say what made a cube, by its version and those of its makers' attributes."""
+    names = ("source", *LIBRARIES)
+    texts = {
+        ", ".join(f"{names[i]} {str(maker[i])[:12]}" if maker[i] else f"no known {names[i]}" for i in different)
+        for maker in makers(cube.attrs)
+    }
+    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(texts))})"
 
 
 def _differences(
@@ -328,7 +262,7 @@ def scenario_variables(cube: xr.Dataset) -> list[Hashable]:
 NEARLY = 1e-9
 
 
-def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
+def merge_values(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     """Return all values of an axis, each once: rising or falling if all parts are, else as they come."""
     values = list(dict.fromkeys(value for part in parts for value in part))
     if not all(isinstance(value, int | float) for value in values):
@@ -344,62 +278,38 @@ def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
 
 
-def places(along: Sequence[Mapping[str, Sequence[Any]]], axes: Mapping[str, list[Any]]) -> list[dict[str, np.ndarray]]:
-    """Where the values of each part's axes stand on the axes of all."""
-    where = {axis: {value: i for i, value in enumerate(values)} for axis, values in axes.items()}
-    return [{axis: np.array([at[value] for value in mine[axis]]) for axis, at in where.items()} for mine in along]
-
-
-def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
-    """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes."""
+def merge_labels(parts: Parts, axes: Mapping[str, list[Any]]) -> dict[str, xr.Variable]:
+    """Return the coordinates of all parts; missing (NaN, "") if no part has both values of two axes."""
     base = next(iter(parts.values()))
-    found: dict[str, Any] = {}
-    for name, given in base.coords.items():
-        if set(AUDIT_DIMS) & set(given.dims):
+    labels = {
+        file: part.drop_vars(part.data_vars).drop_dims(AUDIT_DIMS, errors="ignore").reset_coords().reindex(axes)
+        for file, part in parts.items()
+    }
+    result = {}
+    for name in map(str, base.coords):
+        if {*AUDIT_DIMS} & {*base[name].dims}:
             continue
-        shape = [len(axes[str(dim)]) if dim in axes else base.sizes[dim] for dim in given.dims]
-        if name == CASE:  # each part may number its own from 1
-            kind = np.result_type(*(cube[CASE].dtype for cube in parts.values()))
-            whole = np.array(axes[CASE], kind if kind.kind in "iuf" else np.str_)
-        else:
-            whole = _whole(str(name), given.dims, shape, parts, axes, where)
-        stored = xr.Variable(given.dims, whole, given.attrs)
-        stored.encoding = {"_FillValue": None}
-        found[str(name)] = stored
-    return found
-
-
-def _whole(
-    name: str,
-    dims: Sequence[Hashable],
-    shape: Sequence[int],
-    parts: Parts,
-    axes: Mapping[str, list[Any]],
-    where: list[dict[str, np.ndarray]],
-) -> np.ndarray:
-    """Return the values of a coordinate from all parts."""
-    given = next(iter(parts.values())).variables[name].dtype
-    text = given.kind not in "iuf"
-    whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
-    origin = np.full(shape, -1)
-    for index, ((file, cube), at) in enumerate(zip(parts.items(), where, strict=True)):
-        box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in dims))
-        values = cube.variables[name].transpose(*dims).values
-        differs = (origin[box] >= 0) & (whole[box] != values)
-        if not text:
-            differs &= ~(np.isnan(whole[box]) & np.isnan(values))
-        if differs.any():
-            one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
-            earlier = list(parts)[int(origin[box][differs][0])]
-            msg = (
-                f"coordinate {name!r} is {one!r} in {earlier!r}, and {two!r} at the same place in {file!r}; "
-                "cubes of one study agree in it, so one is damaged or was changed: run it again"
-            )
-            raise InputError(msg)
-        whole[box], origin[box] = values, index
-    if text:
-        return whole.astype(np.str_)
-    return whole.astype(given) if given.kind in "iu" and (origin >= 0).all() else whole
+        dims, dtype = base[name].dims, base[name].dtype
+        (_, whole), *others = ((file, each[name].transpose(*dims).variable) for file, each in labels.items())
+        for file, values in others:
+            differs = (whole.notnull() & values.notnull() & (whole != values)).values
+            if differs.any():
+                one, two = (each.values[differs].tolist()[0] for each in (whole, values))
+                earlier = next(
+                    f for f, each in labels.items() if each[name].transpose(*dims).notnull().values[differs][0]
+                )
+                msg = (
+                    f"coordinate {name!r} is {one!r} in {earlier!r}, and {two!r} at the same place in {file!r}; "
+                    "cubes of one study agree in it, so one is damaged or was changed: run it again"
+                )
+                raise InputError(msg)
+            whole = whole.where(whole.notnull(), values)
+        if dtype.kind == "U":
+            whole = whole.where(whole.notnull(), "").astype(np.str_)
+        elif dtype.kind in "iu" and bool(whole.notnull().all()):
+            whole = whole.astype(dtype)
+        result[name] = xr.Variable(dims, whole.values, base[name].attrs, {"_FillValue": None})
+    return result
 
 
 def attributes(
@@ -412,15 +322,15 @@ def attributes(
         whole.pop("design", None)
     for key in AXIS_KEYS:
         if whole.get(key) is not None:
-            whole[key] = together(key, [each[key] for each in described])
+            whole[key] = merge_values(key, [each[key] for each in described])
     for key in BUILDING_AXES & whole.keys():
         each_building = zip(*(each[key] for each in described), strict=True)
-        whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
+        whole[key] = [[alike[0][0], merge_values(key, [values for _, values in alike])] for alike in each_building]
     if own := {key: law for each in described for key, law in each.get(OWN_LAWS, {}).items()}:
         whole[OWN_LAWS] = own
     whole["records"] = list(_by_name([each["records"] for each in described]).values())
     there = {record["name"] for record in whole["records"]}
-    left_out = together("records_left_out", [each["records_left_out"] for each in described])
+    left_out = merge_values("records_left_out", [each["records_left_out"] for each in described])
     whole["records_left_out"] = [name for name in left_out if name not in there]
     text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
     base = cubes[0].attrs
@@ -428,8 +338,9 @@ def attributes(
     told = _by_name([json.loads(cube.attrs["records"]) for cube in cubes])
     found["records"] = json.dumps([told[record["name"]] for record in whole["records"]], sort_keys=True)
     found |= {"sweep": text, "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(), "scenarios_asked": n}
+    all_runs = runs({file: cube.attrs for file, cube in parts.items()})
     for key in ("scenarios_run", "scenarios_never_touching"):
-        found[key] = sum(int(run.get(key, 0)) for run in _runs(parts))
+        found[key] = sum(int(run.get(key, 0)) for run in all_runs)
     steps = [
         dict(zip((r["name"] for r in each["records"]), np.atleast_1d(cube.attrs["time_step"]).tolist(), strict=True))
         for each, cube in zip(described, cubes, strict=True)
@@ -445,12 +356,13 @@ def attributes(
     for key in ("source", VERSION_ATTRIBUTE):  # the same for all
         if key in base:
             found[key] = base[key]
-    for key, values in zip(MAKER_ATTRIBUTES, zip(*parts_makers(parts), strict=True), strict=True):
+    all_makers = set().union(*(makers(cube.attrs) for cube in cubes))
+    for key, values in zip(MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
         if len(set(values)) == 1 and values[0] is not None:
             found[key] = values[0]
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     found["history"] = f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)"
-    found["merged_from"] = json.dumps([origin(file, cube.attrs) for file, cube in parts.items()])
+    found["merged_from"] = json.dumps(all_runs)
     return found
 
 
@@ -461,14 +373,6 @@ def _by_name(listed: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
         for record in records:
             found.setdefault(record["name"], record)
     return found
-
-
-def _runs(parts: Parts) -> list[dict[str, Any]]:
-    """Return what is said of the runs that made cubes, each once: one may be a part of another, or a copy."""
-    found: dict[str, dict[str, Any]] = {}
-    for file, cube in parts.items():
-        found |= runs(file, cube.attrs)
-    return list(found.values())
 
 
 def _first_of_each(audits: Sequence[xr.Dataset], names: Sequence[Hashable]) -> np.ndarray:
@@ -508,7 +412,8 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
         if decided.any() and name in result:
             error = found["audit_error"].values[decided, i]
             result[name].attrs |= {"audit_error_max": float(error.max()), "audit_error_median": float(np.median(error))}
-    audited = [run for run in _runs({f: p for f, p in parts.items() if has_audit(p)}) if "audit_touching" in run]
+    audited = runs({file: part.attrs for file, part in parts.items() if has_audit(part)})
+    audited = [run for run in audited if "audit_touching" in run]
     touching = np.array([int(run["audit_touching"]) for run in audited])
     share = np.array([float(run["audit_share"]) for run in audited])
     result.attrs |= {
@@ -613,7 +518,7 @@ def merge_cubes(
         merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
-        merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
+        merge.found.path = write_in_slabs(merge.cube(), target, blocks, values, overwrite=overwrite)
     return merge.found
 
 
@@ -632,29 +537,36 @@ def _check_distinct(paths: Sequence[str | os.PathLike[str]]) -> None:
 class _Merge:
     """Parts on their way into one cube."""
 
-    def __init__(self, parts: Mapping[str, xr.Dataset], sweeps: list[dict[str, Any]], tolerance: float) -> None:
-        dims = outer_dims(next(iter(parts.values())))
-        listed = cases_together(parts, sweeps) if dims == [CASE] else None
-        if listed:
-            parts, along = listed.parts, [{CASE: keys} for keys in listed.keys]
-        else:
-            along = [{dim: cube[dim].values.tolist() for dim in dims} for cube in parts.values()]
-        axes = {dim: together(dim, [values[dim] for values in along]) for dim in dims}
-        self.parts, self.tolerance, self.where = parts, tolerance, places(along, axes)
-        self.axes = {CASE: listed.labels} if listed else axes
-        self.labels = coordinates(parts, self.axes, self.where)
-        self.telling = telling(self.labels) if listed else []
+    def __init__(self, parts: Parts, sweeps: list[dict[str, Any]], tolerance: float) -> None:
         base = next(iter(parts.values()))
-        self.base, self.names = base, [str(name) for name in scenario_variables(base)]
+        self.base, self.tolerance = base, tolerance
+        self.names = [str(name) for name in scenario_variables(base)]
+        cases = None
+        if dims := [dim for dim in outer_dims(base) if dim != CASE]:
+            along = [{dim: cube[dim].values.tolist() for dim in dims} for cube in parts.values()]
+            self.axes = {dim: merge_values(dim, [values[dim] for values in along]) for dim in dims}
+        else:
+            kind = np.result_type(*(part[CASE].dtype for part in parts.values()))
+            parts, labels, cases = number_cases(parts, sweeps)
+            self.axes = {CASE: list(range(len(labels)))}
+        self.parts = parts
+        self.results = {file: part[self.names].reset_coords(drop=True) for file, part in parts.items()}
+        self.labels = merge_labels(parts, self.axes)
+        if cases is not None:
+            values = np.array(labels, kind if kind.kind in "iuf" else np.str_)
+            self.labels[CASE] = xr.Variable((CASE,), values, base[CASE].attrs, {"_FillValue": None})
+        self.telling = [] if cases is None else telling(self.labels)
         self.sizes = [len(values) for values in self.axes.values()]
         self.scenarios = math.prod(self.sizes)
         self.inner = {name: [base.sizes[dim] for dim in VARIABLES[name].dims] for name in self.names}
-        each = {name: np.dtype(VARIABLES[name].dtype).itemsize * math.prod(self.inner[name]) for name in self.names}
-        self.n_bytes = self.scenarios * sum(each.values())
-        self.block = block_shape(self.sizes, BLOCK_BYTES // max(each.values()))
-        self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(each.values())))
-        self.found = Merged(Path(), self.scenarios, sources=len(parts_makers(parts)))
-        self.about = attributes(parts, sweeps, self.scenarios, listed.described if listed else None)
+        sizes = {name: np.dtype(VARIABLES[name].dtype).itemsize * math.prod(self.inner[name]) for name in self.names}
+        self.n_bytes = self.scenarios * sum(sizes.values())
+        self.block = block_shape(self.sizes, BLOCK_BYTES // max(sizes.values()))
+        self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(sizes.values())))
+        self.found = Merged(
+            Path(), self.scenarios, sources=len(set().union(*(makers(p.attrs) for p in parts.values())))
+        )
+        self.about = attributes(parts, sweeps, self.scenarios, cases)
         self.conflicts: list[str] = []
         self.n_conflicts = 0
 
@@ -662,7 +574,7 @@ class _Merge:
         """Shape of the blocks in which the file stores each variable."""
         return {name: (*self.block, *self.inner[name]) for name in self.names}
 
-    def frame(self) -> xr.Dataset:
+    def cube(self) -> xr.Dataset:
         """Return the cube of all parts without its values, which would not fit into memory."""
         data = {}
         for name in self.names:
@@ -670,15 +582,13 @@ class _Merge:
             about = {key: v for key, v in self.base[name].attrs.items() if not str(key).startswith("audit_")}
             whole = np.broadcast_to(zero, (*self.sizes, *self.inner[name]))
             data[name] = ((*self.axes, *VARIABLES[name].dims), whole, about)
-        cube = xr.Dataset(data, self.labels, self.about)
-        for name, variable in self.labels.items():
-            cube[name].encoding = variable.encoding
-        return with_audit(cube, self.parts)
+        return with_audit(xr.Dataset(data, self.labels, self.about), self.parts)
 
     def slabs(self) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
         """Values of all parts as they are stored; raises `InputError` at the end if some are in conflict."""
         for slab in slabs(self.sizes, self.slab):
-            shape = [part.stop - part.start for part in slab]
+            labels = {dim: values[part] for (dim, values), part in zip(self.axes.items(), slab, strict=True)}
+            shape = [len(values) for values in labels.values()]
             values = {
                 name: np.full((*shape, *self.inner[name]), VARIABLES[name].fill, VARIABLES[name].dtype)
                 for name in self.names
@@ -686,11 +596,23 @@ class _Merge:
             }
             values["status"] = np.full(shape, int(Status.NOT_RUN), np.int8)
             origin = np.full(shape, -1)
-            for index, at in enumerate(self.where):
-                self._lay(index, at, slab, values, origin)
-            gone = values["status"] == Status.NOT_RUN
-            self.found.missing += int(gone.sum())
-            self.found.named += self._names(gone, slab, NAMED - len(self.found.named))
+            for index, file in enumerate(self.parts):
+                results = self._read(file, labels)
+                if results is None:
+                    continue
+                exists = results["status"] != Status.NOT_RUN
+                new, both = exists & (origin < 0), exists & (origin >= 0)
+                self.found.overlapping += int(both.sum())
+                if both.any():
+                    self._compare(values, results, both, origin, file, slab)
+                for name in self.names:
+                    values[name][new] = results[name][new]
+                origin[new] = index
+            self.found.missing += int((origin < 0).sum())
+            missing = np.argwhere(origin < 0)[: max(0, NAMED - len(self.found.named))]
+            self.found.named += [
+                self._name(position) for position in (missing + [part.start for part in slab]).tolist()
+            ]
             yield slab, values
         if self.conflicts:
             more = self.n_conflicts - len(self.conflicts)
@@ -700,101 +622,60 @@ class _Merge:
             )
             raise InputError(msg)
 
-    def _lay(
-        self,
-        index: int,
-        at: Mapping[str, np.ndarray],
-        slab: tuple[slice, ...],
-        values: dict[str, np.ndarray],
-        origin: np.ndarray,
-    ) -> None:
-        """Put what a part has of a slab into it, and compare it with what is there."""
-        mine = {dim: np.flatnonzero((at[dim] >= s.start) & (at[dim] < s.stop)) for dim, s in zip(at, slab, strict=True)}
-        if not all(len(positions) for positions in mine.values()):
-            return
-        file, cube = list(self.parts.items())[index]
+    def _read(self, file: str, labels: Mapping[str, list[Any]]) -> dict[str, np.ndarray] | None:
+        """Return what a part has of a slab, as it is stored and missing elsewhere; None if it has nothing of it."""
+        part, chosen = self.results[file], {}
+        for dim, values in labels.items():
+            positions = np.flatnonzero(part.indexes[dim].isin(values))
+            if not len(positions):
+                return None
+            first, last = positions[0], positions[-1]  # a range is read in one piece
+            chosen[dim] = slice(first, last + 1) if last - first < 4 * len(positions) else positions
         with reading(file):
-            given = self._read(cube, mine)
-        check_statuses(file, given["status"])
-        box = np.ix_(*(at[dim][mine[dim]] - s.start for dim, s in zip(at, slab, strict=True)))
-        there = values["status"][box] != Status.NOT_RUN
-        new = ~there & (given["status"] != Status.NOT_RUN)
-        both = there & (given["status"] != Status.NOT_RUN)
-        self.found.overlapping += int(both.sum())
-        if both.any():
-            before = {name: values[name][box] for name in self.names}
-            self._compare(before, given, both, origin[box], file, box, slab)
-        for name in self.names:
-            held = values[name][box]
-            held[new] = given[name][new]
-            values[name][box] = held
-        held = origin[box]
-        held[new] = index
-        origin[box] = held
-
-    def _read(self, cube: xr.Dataset, mine: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the values of a part at rising places on its axes, as they are stored."""
-        if CASE not in mine:
-            return self._values(cube, mine)
-        pieces = []  # cases may lie anywhere, and would be read one by one: what is between them is read, too
-        cuts = np.flatnonzero(np.diff(mine[CASE] // self.slab[0])) + 1
-        for some in np.split(mine[CASE], cuts):
-            first, last = some[0], some[-1]
-            whole = self._values(cube, {CASE: slice(first, last + 1)})
-            pieces.append({name: array[some - first] for name, array in whole.items()})
-        return {name: np.concatenate([piece[name] for piece in pieces]) for name in self.names}
-
-    def _values(self, cube: xr.Dataset, part: Mapping[str, np.ndarray | slice]) -> dict[str, np.ndarray]:
-        read = {name: cube.variables[name].isel(part) for name in self.names}
+            read = part.isel(chosen).load()
+        read = read.reindex(labels, fill_value={"status": int(Status.NOT_RUN)})
         return {
-            name: as_stored(name, values.transpose(*self.axes, *VARIABLES[name].dims).values)
-            for name, values in read.items()
+            name: as_stored(name, read[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
         }
 
     def _compare(
         self,
         before: Mapping[str, np.ndarray],
-        given: Mapping[str, np.ndarray],
+        results: Mapping[str, np.ndarray],
         both: np.ndarray,
         origin: np.ndarray,
         file: str,
-        box: tuple[np.ndarray, ...],
         slab: tuple[slice, ...],
     ) -> None:
         """Note the scenarios of which two parts have different results."""
-        told = np.zeros(both.shape, bool)
+        noted = np.zeros(both.shape, bool)
         for name in self.names:
-            a, b = before[name], given[name]
+            a, b = before[name], results[name]
             inner = tuple(range(both.ndim, a.ndim))
             differs = a != b
             if VARIABLES[name].dtype == "f8":
-                differs &= ~(np.isnan(a) & np.isnan(b))
-                size = np.fmax(np.abs(a), np.abs(b))
                 # of ratios, such as the residual of the energies, 1 is the whole
                 least = 1.0 if VARIABLES[name].units == "1" else 0.0
-                scale = np.fmax.reduce(size, axis=inner, keepdims=True, initial=least)
+                scale = np.fmax.reduce(np.fmax(np.abs(a), np.abs(b)), axis=inner, keepdims=True, initial=least)
                 with np.errstate(invalid="ignore"):
-                    differs &= ~(np.abs(a - b) <= self.tolerance * scale)
-            first = differs & both.reshape(*both.shape, *(1,) * len(inner))
-            scenarios = first.any(axis=inner) & ~told
-            told |= scenarios
+                    differs &= ~(np.isnan(a) & np.isnan(b)) & ~(np.abs(a - b) <= self.tolerance * scale)
+            differs &= both.reshape(*both.shape, *(1,) * len(inner))
+            scenarios = differs.any(axis=inner) & ~noted
+            noted |= scenarios
             self.n_conflicts += int(scenarios.sum())
-            for where in np.argwhere(scenarios)[: NAMED - len(self.conflicts)].tolist():
-                place = tuple(where)
-                spot = (*place, *np.argwhere(np.atleast_1d(first[place]))[0].tolist()[: len(inner)])
-                whole = [int(axis.ravel()[i]) + s.start for axis, i, s in zip(box, where, slab, strict=True)]
+            for position in np.argwhere(scenarios)[: NAMED - len(self.conflicts)].tolist():
+                place = tuple(position)
+                spot = (*place, *np.argwhere(np.atleast_1d(differs[place]))[0].tolist()[: len(inner)])
+                name_of = self._name([i + part.start for i, part in zip(position, slab, strict=True)])
                 other = list(self.parts)[int(origin[place])]
                 self.conflicts.append(
-                    f"{self._name(whole)}: {name} {a[spot].item()!r} in {other!r}, {b[spot].item()!r} in {file!r}"
+                    f"{name_of}: {name} {a[spot].item()!r} in {other!r}, {b[spot].item()!r} in {file!r}"
                 )
 
-    def _names(self, chosen: np.ndarray, slab: tuple[slice, ...], most: int) -> list[str]:
-        found = np.argwhere(chosen)[: max(0, most)] + [part.start for part in slab]
-        return [self._name(place) for place in found.tolist()]
-
-    def _name(self, place: Sequence[int]) -> str:
-        """Values of the axes at a place, of those that have several; of a listed case also what it differs in."""
-        told = [f"{axis}={v[i]}" for (axis, v), i in zip(self.axes.items(), place, strict=True) if len(v) > 1]
-        if CASE in self.axes and told:
-            told.append(case_name(self.labels, place[0], self.telling))
-        return " ".join(told) or "the scenario"
+    def _name(self, position: Sequence[int]) -> str:
+        """Return the values of the axes that have several, and of a listed case also what it differs in."""
+        labels = [(axis, self.labels[axis].values[i].item()) for axis, i in zip(self.axes, position, strict=True)]
+        texts = [f"{axis}={label}" for axis, label in labels if len(self.axes[axis]) > 1]
+        if CASE in self.axes and texts:
+            texts.append(case_name(self.labels, position[0], self.telling))
+        return " ".join(texts) or "the scenario"

@@ -1,17 +1,17 @@
 """What made a cube: the package, its source and libraries, and the cubes that results were taken from.
 
-The attribute ``merged_from`` lists the cubes that one was merged from, ``extended_from`` names the one that a sweep
-took results from. What they say of a cube is what it said of itself, so that either may hold others of both kinds.
+The attribute ``merged_from`` lists the runs that the results of a merged cube are from, ``extended_from`` names the
+cube that a sweep took results from.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 LIBRARIES = ("numba", "llvmlite", "numpy")
 #: Attributes that name cubes -> how results came from those.
 ORIGINS = {"merged_from": "merged from", "extended_from": "extended from"}
-#: What is kept of a cube whose results are in another one, beside its versions.
-_KEPT = (
+#: Attributes of a cube that others say of it, next to its versions.
+_DESCRIBED = (
     *("history", "sweep_sha256", "scenarios_asked", "scenarios_run", "scenarios_never_touching"),
     *("audit_touching", "audit_share", SOURCE_ATTRIBUTE),
 )
@@ -38,74 +38,47 @@ def library_attribute(library: str) -> str:
     return f"{library}_version"
 
 
-#: Attributes that say by what results were made, beside the package's version.
+#: Attributes that say by what results were made, next to the package's version.
 MAKER_ATTRIBUTES = (SOURCE_ATTRIBUTE, *map(library_attribute, LIBRARIES))
 
 
-class Maker(NamedTuple):
-    """What made results, of one version of the package; None where a cube does not name it."""
-
-    source: str | None
-    numba: str | None
-    llvmlite: str | None
-    numpy: str | None
-
-
-def makers(told: Mapping[Any, Any]) -> set[Maker]:
-    """Return what made the results of a cube: several only where it was merged."""
-    parts = _listed(told, "merged_from")
-    if parts:
-        return set().union(*map(makers, parts))
-    return {Maker(*(str(told[key]) if key in told else None for key in MAKER_ATTRIBUTES))}
-
-
-def origin(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, Any]:
-    """Return what a cube says of one that results were taken from."""
-    found: dict[str, Any] = {"file": file}
-    found |= {key: plain(attributes[key]) for key in _KEPT if key in attributes}
-    found |= {str(key): plain(value) for key, value in attributes.items() if str(key).endswith("_version")}
-    return found | {key: json.loads(attributes[key]) for key in ORIGINS if key in attributes}
-
-
-def runs(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, dict[str, Any]]:
-    """Return what is said of the runs that the results of a cube are from: several only where it was merged."""
-    return _runs(origin(file, attributes))
-
-
-def _runs(told: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = {}
-    for part in _listed(told, "merged_from"):
-        found |= _runs(part)
-    if found and ("audit_touching" not in told or any("audit_touching" in part for part in found.values())):
-        return found
-    nameless = {key: value for key, value in told.items() if key != "file"}
-    return {json.dumps(nameless, sort_keys=True): dict(told)}
-
-
-def origins(told: Mapping[Any, Any], depth: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:
-    """Go through the cubes that results were taken from, and through those that theirs were taken from."""
-    for key, how in ORIGINS.items():
-        for each in _listed(told, key):
-            if not isinstance(each, dict) or not isinstance(each.get("file"), str):
-                msg = f"{key} names no file"
-                raise ValueError(msg)
-            yield depth, how, each
-            yield from origins(each, depth + 1)
-
-
-def _listed(told: Mapping[Any, Any], key: str) -> list[Any]:
-    """Return what an attribute names: JSON in a file, one object or a list of some."""
-    found = told.get(key, [])
-    found = json.loads(found) if isinstance(found, str) else found
+def sources(attributes: Mapping[Any, Any], key: str) -> list[dict[str, Any]]:
+    """Return what an attribute says of the cubes that results were taken from."""
+    found = json.loads(attributes.get(key, "[]"))
     return [found] if isinstance(found, dict) else list(found)
+
+
+def source(file: str, attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return what a cube says of one that results were taken from."""
+    described = [key for key in attributes if key in _DESCRIBED or str(key).endswith("_version")]
+    made_from = [each["file"] for key in ORIGINS for each in sources(attributes, key)]
+    return {
+        "file": file,
+        **{str(key): plain(attributes[key]) for key in described},
+        **({"made_from": made_from} if made_from else {}),
+    }
+
+
+def runs(cubes: Mapping[str, Mapping[Any, Any]]) -> list[dict[str, Any]]:
+    """Return the runs that the results of cubes are from, by their files and attributes; copies count once."""
+    found: dict[str, dict[str, Any]] = {}
+    for file, attributes in cubes.items():
+        for run in sources(attributes, "merged_from") or [source(file, attributes)]:
+            found.setdefault(json.dumps({**run, "file": ""}, sort_keys=True), run)
+    return list(found.values())
+
+
+def makers(attributes: Mapping[Any, Any]) -> set[tuple[str | None, ...]]:
+    """Return the source and libraries that made the results of a cube: several only if it was merged."""
+    return {tuple(run.get(key) and str(run[key]) for key in MAKER_ATTRIBUTES) for run in runs({"": attributes})}
 
 
 @cache
 def package_digest() -> str:
-    """Digest of the package's own source: chunks and cubes of another version of it are never taken up."""
+    """Digest of the package's own source: chunks and cubes of another version of it are never reused."""
     from importlib.resources import files
 
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     folders = [files("pounding_sweep")]
     while folders:
         for entry in sorted(folders.pop().iterdir(), key=lambda e: e.name):
@@ -114,8 +87,8 @@ def package_digest() -> str:
             if entry.is_dir() and entry.name != "__pycache__":
                 folders.append(entry)
             elif entry.name.endswith((".py", ".json")):  # the second: measured costs, by which methods are chosen
-                found.update(entry.name.encode() + b"\0" + entry.read_bytes())
-    return found.hexdigest()
+                digest.update(entry.name.encode() + b"\0" + entry.read_bytes())
+    return digest.hexdigest()
 
 
 @cache

@@ -29,18 +29,13 @@ from pounding_sweep.output.integrity import (
     FREE,
     OWN_LAWS,
     check_axes,
-    check_origins,
-    check_statuses,
-    check_variables,
-    damaged,
     differing_laws,
-    load_labels,
     other_values,
     recorded_sweep,
 )
 from pounding_sweep.output.labels import scenario_axes
 from pounding_sweep.output.netcdf import check_space, open_cube, reading
-from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, origin, plain
+from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, plain, source
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
@@ -56,9 +51,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) -> None:
+def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest: str) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
-    check_origins(path, cube.attrs)
     if "merged_from" in cube.attrs and not set(MAKER_ATTRIBUTES) <= set(cube.attrs):
         msg = (
             f"{path!r} can't be extended: it was merged from cubes that several states of the package's source, or "
@@ -79,7 +73,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
     ]
     makers = [
         ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
-        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source),
+        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source_digest),
         *(
             (name, plain(cube.attrs.get(library_attribute(name))), version)
             for name, version in library_versions().items()
@@ -104,25 +98,19 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given: dict[str, Any] = {"laws": tuple(told["laws"]), **vars(axes_of(told))}
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given |= {"records_left_out": tuple(told["records_left_out"]), "design": None}  # of the cases, not of all of them
-    try:
-        given["own_laws"] = tuple(
-            law_of({key: value for key, value in law.items() if key != "sha256"})
-            for law in told.get(OWN_LAWS, {}).values()
-        )
-        given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
-    except (TypeError, ValueError, KeyError):
-        raise damaged(path, "its sweep lists no valid cases or laws") from None
+    laws = told.get(OWN_LAWS, {}).values()
+    given["own_laws"] = tuple(law_of({key: value for key, value in law.items() if key != "sha256"}) for law in laws)
+    given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     found = replace(spec, **given)
     names = [record["name"] for record in told["records"]]
     if found.cases is None:
         check_axes(path, cube, {**found.axes, "gap": found.gaps or 1, "record": names})
     else:
         check_axes(path, cube, {"case": len(found.cases)})
-    load_labels(path, cube)
     if found.cases is not None:
         there = cube["record"].values.tolist() if "record" in cube.coords else None
         if there != [case.record for case in found.cases]:
-            raise InputError(other_values(path, "record"))
+            raise other_values(path, "record")
     _check_results(path, cube, spec)
     return found
 
@@ -131,7 +119,9 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
     scene = spec.scene
     names = [name for name in cube_variables(spec.outputs) if VARIABLES[name].exists_in(scene)]
-    check_variables(path, cube, names)
+    if missing := [name for name in names if name not in cube.data_vars]:
+        msg = f"{path!r} has no variable {', '.join(missing)}; give a cube of a sweep with the same outputs"
+        raise InputError(msg)
     labels = {
         "building": [building.name for building in scene.buildings],
         "pair": list(scene.pair_labels),
@@ -139,7 +129,7 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     }
     for dim in {dim for name in names for dim in VARIABLES[name].dims}:
         if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
-            raise InputError(other_values(path, dim))
+            raise other_values(path, dim)
 
 
 def dimensions(spec: SweepSpec) -> tuple[str, ...]:
@@ -173,20 +163,20 @@ def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Datas
 
 
 def check_listed(path: str, cube: xr.Dataset, old: Plan) -> None:
-    """Raise `InputError` where a cube says of its listed cases what its sweep, planned again, does not."""
+    """Raise `InputError` if listed cases of a cube, such as reordered ones, are not those of its sweep."""
     for name, (dims, values, _) in scenario_axes(old)[1].items():
-        if name == "record":  # may have another name in the new sweep
-            continue
-        there, own = cube.coords.get(name), np.asarray(values)
-        numbers = own.dtype.kind == "f"
-        if there is None or not np.array_equal(there.transpose(*dims).values, own, equal_nan=numbers):
-            raise InputError(other_values(path, name))
+        if name != "record" and name in cube.coords:  # which may have another name in the new sweep
+            expected = np.asarray(values)
+            if not np.array_equal(cube[name].transpose(*dims).values, expected, equal_nan=expected.dtype.kind == "f"):
+                raise other_values(path, name)
 
 
 class EarlierCube:
     """Results of an earlier cube, by what the scenarios are."""
 
-    def __init__(self, path: str | os.PathLike[str], plan: Plan, source: str, folder: Path | None = None) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], plan: Plan, source_digest: str, folder: Path | None = None
+    ) -> None:
         self.path = os.fspath(path)
         self.taken: dict[str, int] = {}
         self.lost: dict[str, str] = {}
@@ -195,14 +185,14 @@ class EarlierCube:
         motions = [motion_of(record) for record in plan.spec.records]
         self._first = np.array([motions.index(each) for each in motions])  # several records may be of one motion
         with open_cube(path) as cube:
-            check_same_study(self.path, cube, plan.spec, source)
+            check_same_study(self.path, cube, plan.spec, source_digest)
             self.sha256 = str(cube.attrs["sweep_sha256"])
-            self.origin = origin(self.path, cube.attrs)
+            self.origin = source(self.path, cube.attrs)
             whole = described_sweep(self.path, cube, plan.spec)
             spec, shared = shared_part(cube, whole)
             if not spec.n_scenarios:
                 return
-            old = self._planned(spec)
+            old = make_plan(spec)
             self._check_numerics(shared, old, varied=varies_buildings(whole))
             if spec.cases is not None:
                 check_listed(self.path, shared, old)
@@ -224,15 +214,6 @@ class EarlierCube:
         keys = self._keys(own, old.variants[table.variant], old.steps[unique])
         order = np.argsort(keys)
         self._rising, self._place = keys[order], self._place[order]
-
-    def _planned(self, spec: SweepSpec) -> Plan:
-        """Plan the earlier sweep, as far as it can be what a user once gave: a file may say anything of it."""
-        try:
-            return make_plan(spec)
-        except InputError:
-            raise
-        except (TypeError, ValueError, KeyError, IndexError) as error:
-            raise damaged(self.path, f"its sweep can't be planned ({type(error).__name__}: {error})") from None
 
     def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
         plan, spec = self._plan, old.spec
@@ -286,7 +267,6 @@ class EarlierCube:
             with reading(self.path):  # a variable alone: its coordinates would take most of the time
                 values = cube.variables[name].isel(where).transpose(*where, *VARIABLES[name].dims).values
             rows[name] = as_stored(name, values)
-        check_statuses(self.path, rows["status"])
         return rows.data
 
     def _keys(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> np.ndarray:
