@@ -14,7 +14,7 @@ from test_cli import TINY, cli, environment, same_data, write
 
 from pounding_sweep.cli.reporting import reporting
 from pounding_sweep.output import audited
-from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
+from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -65,19 +65,6 @@ def test_a_warning_that_nobody_reads_ends_nothing(stopped, tmp_path, where):
     assert not (folder / "out.nc.parts").exists()
 
 
-@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", pytest.param(">&-", marks=pytest.mark.slow)])
-@pytest.mark.slow
-def test_streams_that_are_closed(stopped, tmp_path, closed):
-    """What is opened in their place is no file of the run, into which somebody might print."""
-    for name in ("sweep.toml", "whole.nc"):
-        shutil.copy(stopped / name, tmp_path)
-    said = subprocess.PIPE if "2>" not in closed else None
-    done = through(f'"$@" {closed}', tmp_path, *RUN, stderr=said)
-    assert (done.returncode, done.stderr or "") == (0, "")
-    same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
-    assert through(f'"$@" {closed}', tmp_path, "info", "out.nc").returncode == 0
-
-
 @pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 @pytest.mark.slow
 def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
@@ -93,48 +80,6 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
             f"{'; the cube out.nc is complete' if command is RUN else ''}\n"
         )
     same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
-
-
-SLEEPS = """
-import signal, sys, time
-import stub_engine
-from pounding_sweep import cli
-from pounding_sweep.run import execute
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-real = execute.run_chunk
-
-def run_chunk(kernel, *more):
-    if kernel.law.key == "none":
-        return real(kernel, *more)
-    time.sleep(0.5)  # until then the main thread waits, and can be interrupted in that
-    print("begun", flush=True)
-    time.sleep(600)
-
-execute.run_chunk = run_chunk
-stub_engine.install()
-cli.main()
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.slow
-def test_a_second_signal_does_not_wait(stopped, tmp_path, number):
-    shutil.copy(stopped / "sweep.toml", tmp_path)
-    how = {"cwd": tmp_path, "env": environment(), "text": True, "stdin": subprocess.DEVNULL}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", SLEEPS, *RUN], **how, **pipes) as process:
-        assert process.stdout.readline() == "begun\n"
-        process.send_signal(number)
-        said = process.stderr.readline()
-        process.send_signal(number)
-        assert process.wait(timeout=300) == 130
-    kept = (tmp_path / "out.nc.parts" / MANIFEST).read_text().count("\n")
-    assert said == (
-        f"pounding-sweep: interrupted; {kept} finished chunks are kept in {tmp_path}/out.nc.parts: "
-        "running the same command again continues from there\n"
-    )
-    assert kept == 1
 
 
 #: A command whose end in order takes long, as that of workers that are busy.

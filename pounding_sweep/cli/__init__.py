@@ -5,35 +5,8 @@ interrupted. Each module holds the commands of one subject and registers them wh
 ``--help`` lists them.
 """
 
-# isort: off
-from pounding_sweep.cli import init
-from pounding_sweep.cli import run
-from pounding_sweep.cli import cubes
-from pounding_sweep.cli import exchange
-from pounding_sweep.cli import compare
-from pounding_sweep.cli import histories
-from pounding_sweep.cli import tradeoff
-from pounding_sweep.cli import extremes
-from pounding_sweep.cli import paper
-from pounding_sweep.cli import lists
-from pounding_sweep.cli import records
-from pounding_sweep.cli import doctor
-
-# isort: on
+from pounding_sweep.cli import init, run, cubes, exchange, compare, histories  # noqa: F401, I001  in this order
+from pounding_sweep.cli import tradeoff, extremes, paper, lists, records, doctor  # noqa: F401  in this order
 from pounding_sweep.cli.app import main
 
-__all__ = [
-    "compare",
-    "cubes",
-    "doctor",
-    "exchange",
-    "extremes",
-    "histories",
-    "init",
-    "lists",
-    "main",
-    "paper",
-    "records",
-    "run",
-    "tradeoff",
-]
+__all__ = ["main"]

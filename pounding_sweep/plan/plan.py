@@ -251,16 +251,10 @@ class Plan:
         )
 
     def summary(self, workers: int = 1) -> dict[str, Any]:
-        """Return counts and estimates, before anything is run.
+        """Return counts and estimates: ``at_most`` scenarios are run, ``steps`` and ``steps_least`` are by record.
 
-        Returns
-        -------
-        dict
-            ``asked``, ``at_most`` (scenarios to run before those that never touch
-            are left out), ``refused``, ``kernels``, ``steps`` and ``steps_least`` (most and
-            least per scenario of each record), ``seconds`` (estimate, all workers),
-            ``cube_bytes``, ``chunks``, ``accuracy_choice`` and ``accuracy_numbers`` ("" and None where the sweep gives
-            scheme and step).
+        ``seconds`` are those of all `workers`, without compilation; ``accuracy_choice`` and ``accuracy_numbers`` are ""
+        and None where the sweep gives scheme and step.
         """
         rows = np.flatnonzero(~self.refused)
         seconds, most, least = 0.0, {}, {}
@@ -290,36 +284,31 @@ class Plan:
         `summary` is that of the plan, with ``workers``; with ``kernels_to_compile`` and ``compile_seconds`` (CPU time)
         the time is that with compilation.
         """
-        told = summary or {**self.summary(), "workers": 1}
+        plan = summary or {**self.summary(), "workers": 1}
         axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
-        least = told["steps_least"]
+        least = plan["steps_least"]
         steps = ", ".join(
             f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
-            for name, count in told["steps"].items()
+            for name, count in plan["steps"].items()
         )
-        compiling, time = "", f"about {seconds_text(told['seconds'])}"
-        if "kernels_to_compile" in told:
-            missing = told["kernels_to_compile"]
-            compiling = f", {missing} to compile" if missing else ", all compiled"
-            if missing:
-                time = f"about {seconds_text(told['compile_seconds'] / told['workers'])} to compile, then {time} to run"
-        workers = f"{told['workers']} worker{'s' * (told['workers'] != 1)}"
+        missing, run = plan.get("kernels_to_compile"), f"about {seconds_text(plan['seconds'])}"
+        kernels = "" if missing is None else f", {missing} to compile" if missing else ", all compiled"
+        workers = f"{plan['workers']} worker{'s' * (plan['workers'] != 1)}"
+        if missing:
+            run = f"about {seconds_text(plan['compile_seconds'] / plan['workers'])} to compile, then {run} to run"
         rows = [
-            ("axes", axes or (str(self.spec.design) if self.spec.design else f"{told['asked']} listed cases")),
-            ("scenarios", f"{told['asked']} asked, at most {told['at_most']} to run"),
+            ("axes", axes or (str(self.spec.design) if self.spec.design else f"{plan['asked']} listed cases")),
+            ("scenarios", f"{plan['asked']} asked, at most {plan['at_most']} to run"),
             ("", "(scenarios that never touch are skipped after the no-contact run)"),
-            ("kernels", f"{told['kernels']}{compiling}"),
-            ("steps", f"{steps} per scenario"),
-            ("time", f"{time}, with {workers}{'' if compiling else ', without compilation'}"),
-            ("cube", f"{bytes_text(told['cube_bytes'])} of values"),
         ]
         if self.refused.any():
             stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
             remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
-            rows.insert(3, ("refused", f"{told['refused']}: beyond the stability limit; {remedy}"))
-        if self.choice:
-            rows.insert(-2, ("accuracy", self.choice))
-        return rows
+            rows.append(("refused", f"{plan['refused']}: beyond the stability limit; {remedy}"))
+        rows += [("kernels", f"{plan['kernels']}{kernels}"), ("steps", f"{steps} per scenario")]
+        rows += [("accuracy", self.choice)] if self.choice else []
+        rows.append(("time", f"{run}, with {workers}{', without compilation' if missing is None else ''}"))
+        return [*rows, ("cube", f"{bytes_text(plan['cube_bytes'])} of values")]
 
     def __repr__(self) -> str:
         return f"Plan({self.n_asked} scenarios asked, at most {self.n_unique} to run)"
@@ -339,31 +328,28 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     """Reduce a sweep to its unique scenarios."""
     laws = _laws(spec)
     unique, variants, inverse = unique_scenarios(spec, laws)
-    advice = None
+    choice: tuple[Any, ...] = ()
     if spec.accuracy is None:
         assert spec.method is not None
         assert spec.dt is not None
         assert spec.precision is not None
         numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
-        each = np.array([numerics.steps(r) for r in spec.records], np.int32)
-        uncoupled = np.broadcast_to(each[:, None], (len(each), len(variants)))
-        steps = each[unique.record]
+        of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
+        uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
+        steps = of_record[unique.record]
     else:
         from pounding_sweep.plan.advice import advise
 
         advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
-        uncoupled, steps = advice.uncoupled, advice.steps
+        uncoupled, steps, choice = advice.uncoupled, advice.steps, (advice.sentence, advice.numbers)
         largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, uncoupled, strict=True))
-        numerics = Numerics(
-            advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.refinement
-        )
+        rest = (spec.locate, spec.beta, spec.gamma, advice.precision, advice.refinement)
+        numerics = Numerics(advice.method, largest, *rest)
     limit = _limits(spec, laws, unique, variants, numerics)
-    interval = np.array([r.dt for r in spec.records])
+    interval = np.array([record.dt for record in spec.records])
     step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
-    steps, limit = _once(steps), _once(limit)
-    choice = (advice.sentence, advice.numbers) if advice else ()
-    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, uncoupled, *choice)
+    return Plan(spec, unique, variants, inverse, refused, _once(limit), numerics, _once(steps), uncoupled, *choice)
 
 
 def _once(column: np.ndarray) -> np.ndarray:
@@ -376,23 +362,16 @@ def _limits(
     spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, variants: Variants, numerics: Numerics
 ) -> np.ndarray:
     """Largest stable step (s) of each row."""
-    table, alike = but_for_gaps(unique)  # no step depends on gaps
+    table, repeats = but_for_gaps(unique)  # no step depends on gaps
     limit = np.full(len(table), np.inf)
-    for i, item in enumerate(laws):
+    settings = {"method": numerics.method, "beta": spec.beta, "gamma": spec.gamma, "basis": spec.restitution_basis}
+    for i, law in enumerate(laws):
         mine = np.flatnonzero(table.law == i)
         for first in range(0, len(mine), LIMIT_BLOCK):
             rows = mine[first : first + LIMIT_BLOCK]
-            limit[rows] = largest_step(
-                variants[table.variant[rows]],
-                item,
-                table.stiffness[rows],
-                table.restitution[rows],
-                method=numerics.method,
-                beta=spec.beta,
-                gamma=spec.gamma,
-                basis=spec.restitution_basis,
-            )
-    return np.repeat(limit, alike) if len(table) < len(unique) else limit
+            part = variants[table.variant[rows]], law, table.stiffness[rows], table.restitution[rows]
+            limit[rows] = largest_step(*part, **settings)  # type: ignore[arg-type]
+    return np.repeat(limit, repeats) if len(table) < len(unique) else limit
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
