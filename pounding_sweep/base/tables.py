@@ -29,7 +29,8 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _width() -> int:
+def terminal_width() -> int:
+    """Columns of the terminal, 100 without one."""
     return shutil.get_terminal_size((100, 24)).columns
 
 
@@ -39,7 +40,7 @@ def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | N
     for name, text in rows:
         lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
         if sys.stdout.isatty() if fold is None else fold:
-            columns = max(len(lead) + 20, _width())
+            columns = max(len(lead) + 20, terminal_width())
             line = textwrap.fill(line, columns, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
         print(lead + line)
 
@@ -73,7 +74,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
         for i, column in enumerate(columns)
     ]
     words = [max(map(len, column), default=0) for column in parts]
-    free = _width() - 2 * (len(widths) - 1)
+    free = terminal_width() - 2 * (len(widths) - 1)
     while sum(widths) > free and widths != words:  # the widest column that can be folded gives way
         widths[max((i for i in range(len(widths)) if widths[i] > words[i]), key=widths.__getitem__)] -= 1
     folded = [

@@ -14,7 +14,7 @@ from typer import Option
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.errors import InputError, OutputError, unknown
-from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table
+from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 
@@ -257,28 +257,32 @@ def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> No
         for name in _NOTES:
             if name in part["attributes"]:
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
-        groups = [list(group) for _, group in itertools.groupby(rows, lambda row: row.get("variable"))]
-        for group in groups:
-            print("\n" * (group is not groups[0]), end="")
-            _print_group(group)
-        if not rows:
+        if rows:
+            _print_rows(rows)
+        else:
             print("  no values")
         if more := (len(part["lead"]) if summary else len(rows)) - len(rows):
             print(f"  and {more} more rows: --what {key}")
         print("\n".join(part.get("files", [])), end="\n" * ("files" in part))
 
 
-def _print_group(rows: list[Row]) -> None:
-    """Print a table; what is the same in all of its rows in one line above, so that the rest fits a terminal."""
+def _print_rows(rows: list[Row], apart: bool = False) -> None:
+    """Print a table, and above it what is the same in all rows; variables `apart` if it is wider than the terminal."""
     columns = {name: [row.get(name) for row in rows] for name in _headings(rows)}
     numeric = {name for name, values in columns.items() if any(isinstance(value, int | float) for value in values)}
-    same = [name for name, values in columns.items() if len(rows) > 1 and name not in numeric and len({*values}) == 1]
-    notes = [f"{name}: {columns[name][0]}" for name in same if columns[name][0] not in (None, "-")]
+    same = [n for n, values in columns.items() if len(rows) > 1 == len({*values}) and (apart or n not in numeric)]
+    headings = [name for name in columns if name not in same]
+    cells = [[_cell(row.get(name)) for name in headings] for row in rows]
+    width = sum(max(map(len, column)) + 2 for column in zip(headings, *cells, strict=True)) - 2
+    if width > terminal_width() and not apart:
+        for number, (_, group) in enumerate(itertools.groupby(rows, lambda row: row.get("variable"))):
+            print("\n" * bool(number), end="")
+            _print_rows(list(group), apart=True)
+        return
+    notes = [f"{name}: {_cell(columns[name][0])}" for name in same if columns[name][0] not in (None, "-")]
     if notes:
         print(f"  {'; '.join(notes)}")
-    headings = [name for name in columns if name not in same]
-    right = [i for i, name in enumerate(headings) if name in numeric]
-    print_table(headings, [[_cell(row.get(name)) for name in headings] for row in rows], right)
+    print_table(headings, cells, [i for i, name in enumerate(headings) if name in numeric])
 
 
 #: Attributes of results that are told above their tables.

@@ -34,6 +34,14 @@ from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
 from pounding_sweep.spec.faults import Table, gathering, number
 from pounding_sweep.spec.own_laws import find_law, names_file
 
+#: A list whose items are checked by what takes it.
+Numbers = list[Any] | None
+
+
+def key(description: str, default: Any = ...) -> Any:
+    """Return the field of a key: what it takes, in words, and its default; it is needed without one."""
+    return Field(default, description=description)
+
 
 def _each(given: list[Any], make: Callable[..., Any], *more: Any) -> list[Any]:
     """Make something of each item of a list; its faults have its place."""
@@ -55,55 +63,49 @@ def _one_of(what: str, valid: Collection[str]) -> Callable[[Any], str]:
 class BoucWenTable(Table):
     """``bouc_wen`` of a building: smooth hysteresis in place of the bilinear one."""
 
-    n: float = Field(1.0, description="a number")
-    beta: float = Field(0.5, description="a number")
-    gamma: float = Field(0.5, description="a number")
+    n: float = key("a number", 1.0)
+    beta: float = key("a number", 0.5)
+    gamma: float = key("a number", 0.5)
 
 
 class FoundationTable(Table):
     """``foundation`` of a building: its base on springs and dashpots."""
 
-    mass: float = Field(description="a number in t")
-    inertia: float = Field(description="a number in t m2")
-    sway_stiffness: float = Field(description="a number in kN/m")
-    rocking_stiffness: float = Field(description="a number in kN m/rad")
-    sway_damping: float = Field(0.0, description="a number in kN s/m")
-    rocking_damping: float = Field(0.0, description="a number in kN m s/rad")
+    mass: float = key("a number in t")
+    inertia: float = key("a number in t m2")
+    sway_stiffness: float = key("a number in kN/m")
+    rocking_stiffness: float = key("a number in kN m/rad")
+    sway_damping: float = key("a number in kN s/m", 0.0)
+    rocking_damping: float = key("a number in kN m s/rad", 0.0)
 
 
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
-    name: Annotated[str, AfterValidator(partial(check_name, "building"))] = Field(description="a text")
-    masses: list[Any] = Field(description="a list of numbers, floor masses in t, bottom first")
-    stiffnesses: list[Any] = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
+    name: Annotated[str, AfterValidator(partial(check_name, "building"))] = key("a text")
+    masses: list[Any] = key("a list of numbers, floor masses in t, bottom first")
+    stiffnesses: list[Any] = key("a list of numbers, storey stiffnesses in kN/m, bottom first")
     damping_ratio: Any = 0.05
-    storey_heights: list[Any] | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
-    yield_strengths: list[Any] | None = Field(
-        None, description="a list of numbers, storey shears at first yield in kN, bottom first"
-    )
-    hardening: Any = Field(0.0, description="a number, or a list of one per storey")
-    damping_stiffness: str = Field("initial", description="a text")
+    storey_heights: Numbers = key("a list of numbers, storey heights in m, bottom first", None)
+    yield_strengths: Numbers = key("a list of numbers, storey shears at first yield in kN, bottom first", None)
+    hardening: Any = key("a number, or a list of one per storey", 0.0)
+    damping_stiffness: str = key("a text", "initial")
 
-    slab_depths: list[Any] | None = Field(
-        None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
+    slab_depths: Numbers = key("a list of numbers, depths of the floors' slabs in m, bottom first", None)
+    column_stiffnesses: Numbers = key(
+        "a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first", None
     )
-    column_stiffnesses: list[Any] | None = Field(
-        None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
-    )
-    p_delta: bool = Field(False, description="true or false")
-    bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
-    dashpots: list[Any] | None = Field(
-        None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
-    )
-    foundation: FoundationTable | None = Field(None, description="a table of mass, inertia, stiffnesses and dampings")
+    p_delta: bool = key("true or false", False)
+    bouc_wen: BoucWenTable | None = key("a table of n, beta and gamma", None)
+    dashpots: Numbers = key("a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first", None)
+    foundation: FoundationTable | None = key("a table of mass, inertia, stiffnesses and dampings", None)
 
 
 class WallTable(Table):
     """[[scene.row]]: a rigid wall, with ``wall = true``."""
 
-    wall: Literal[True] = Field(description="true")
-    name: Annotated[str, AfterValidator(partial(check_name, "wall"))] = Field("wall", description="a text")
+    wall: Literal[True] = key("true")
+    name: Annotated[str, AfterValidator(partial(check_name, "wall"))] = key("a text", "wall")
 
 
 def _row_item(given: Any) -> Building | Wall:
@@ -131,11 +133,11 @@ _ContactValue = Annotated[float, AfterValidator(_contact_value)]
 class HertzTable(Table):
     """scene.contact.hertz: what a Hertz stiffness follows from."""
 
-    young_modulus: float = Field(25.0e6, description="a number in kN/m2")
-    poisson_ratio: float = Field(0.2, description="a number")
-    density: float = Field(2.5, description="a number in t/m3")
-    mass_1: float | None = Field(None, description="a number in t")
-    mass_2: float | None = Field(None, description="a number in t")
+    young_modulus: float = key("a number in kN/m2", 25.0e6)
+    poisson_ratio: float = key("a number", 0.2)
+    density: float = key("a number in t/m3", 2.5)
+    mass_1: float | None = key("a number in t", None)
+    mass_2: float | None = key("a number in t", None)
     radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
 
 
@@ -156,12 +158,12 @@ def _hertz(given: dict[str, Any], info: ValidationInfo) -> float | None:
 class ContactTable(Table):
     """[scene.contact]: reference contact properties."""
 
-    linear_stiffness: _ContactValue | None = Field(None, description="a number in kN/m")
-    hertz_stiffness: _ContactValue | None = Field(None, description="a number in kN/m^1.5")
-    hertz: Annotated[dict[str, Any], AfterValidator(_hertz)] | None = Field(
-        None, description="a table of material and masses or radii"
+    linear_stiffness: _ContactValue | None = key("a number in kN/m", None)
+    hertz_stiffness: _ContactValue | None = key("a number in kN/m^1.5", None)
+    hertz: Annotated[dict[str, Any], AfterValidator(_hertz)] | None = key(
+        "a table of material and masses or radii", None
     )
-    restitution: _ContactValue | None = Field(None, description="a number")
+    restitution: _ContactValue | None = key("a number", None)
 
 
 def _linking(value: Any, info: ValidationInfo) -> float:
@@ -171,10 +173,10 @@ def _linking(value: Any, info: ValidationInfo) -> float:
 class LinkTable(Table):
     """[[scene.links]]: springs and dashpots between floors of two neighbours."""
 
-    pair: str = Field(description='a text, the pair of neighbours "left-right"')
-    storeys: list[Any] = Field(description="a list of whole numbers, or of two: the left and the right storey")
-    stiffness: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN/m")
-    damping: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN s/m")
+    pair: str = key('a text, the pair of neighbours "left-right"')
+    storeys: list[Any] = key("a list of whole numbers, or of two: the left and the right storey")
+    stiffness: Annotated[Any, AfterValidator(_linking)] = key("a number in kN/m", 0.0)
+    damping: Annotated[Any, AfterValidator(_linking)] = key("a number in kN s/m", 0.0)
 
 
 def _link(given: Any) -> Link:
@@ -184,12 +186,12 @@ def _link(given: Any) -> Link:
 class BumperTable(Table):
     """[[scene.bumpers]]: contacts of a pair with a law of their own."""
 
-    pair: str = Field(description='a text, the pair of neighbours "left-right"')
-    law: str = Field(description='a name, "rubber_bumper" or FILE.py:NAME')
-    stiffness: Any = Field(None, description="a number in kN/m**exponent")
-    restitution: Any = Field(None, description="a number")
-    thickness: Any = Field(None, description="a number in m")
-    storeys: list[Any] = Field([], description="a list of whole numbers")
+    pair: str = key('a text, the pair of neighbours "left-right"')
+    law: str = key('a name, "rubber_bumper" or FILE.py:NAME')
+    stiffness: Any = key("a number in kN/m**exponent", None)
+    restitution: Any = key("a number", None)
+    thickness: Any = key("a number in m", None)
+    storeys: list[Any] = key("a list of whole numbers", [])
 
 
 def _bumper(given: Any, info: ValidationInfo) -> Bumper:
@@ -204,29 +206,29 @@ def _bumper(given: Any, info: ValidationInfo) -> Bumper:
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
-    preset: Annotated[str, AfterValidator(get_preset)] | None = Field(None, description="name of a preset")
-    row: Annotated[list[Any], AfterValidator(lambda given: _each(given, _row_item))] | None = Field(
-        None, description="tables [[scene.row]], left to right"
+    preset: Annotated[str, AfterValidator(get_preset)] | None = key("name of a preset", None)
+    row: Annotated[list[Any], AfterValidator(lambda given: _each(given, _row_item))] | None = key(
+        "tables [[scene.row]], left to right", None
     )
-    gaps: Annotated[list[Any], AfterValidator(lambda given: _each(given, number, "gap in m", check_gap))] | None = (
-        Field(None, description="a list of numbers, the gap of each pair in m")
+    gaps: Annotated[list[Any], AfterValidator(lambda given: _each(given, number, "gap in m", check_gap))] | None = key(
+        "a list of numbers, the gap of each pair in m", None
     )
-    contact: ContactTable | None = Field(None, description="a table [scene.contact]")
-    contacts: Annotated[str, AfterValidator(_one_of("kind of contacts", CONTACTS))] | None = Field(
-        None, description='"floors" or "floors and columns", what can meet'
+    contact: ContactTable | None = key("a table [scene.contact]", None)
+    contacts: Annotated[str, AfterValidator(_one_of("kind of contacts", CONTACTS))] | None = key(
+        '"floors" or "floors and columns", what can meet', None
     )
-    tolerance: Annotated[float, AfterValidator(lambda value: quantity(value, "tolerance", "m"))] | None = Field(
-        None, description="a number in m, by which slabs that meet may miss each other in elevation"
+    tolerance: Annotated[float, AfterValidator(lambda value: quantity(value, "tolerance", "m"))] | None = key(
+        "a number in m, by which slabs that meet may miss each other in elevation", None
     )
-    storeys: dict[str, list[int]] | None = Field(
-        None, description="a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet"
+    storeys: dict[str, list[int]] | None = key(
+        "a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet", None
     )
-    allow_unmet: bool | None = Field(None, description="true or false, whether pairs may have no floors that meet")
-    links: Annotated[list[Any], AfterValidator(lambda given: _each(given, _link))] | None = Field(
-        None, description="tables [[scene.links]] of springs and dashpots between neighbours"
+    allow_unmet: bool | None = key("true or false, whether pairs may have no floors that meet", None)
+    links: Annotated[list[Any], AfterValidator(lambda given: _each(given, _link))] | None = key(
+        "tables [[scene.links]] of springs and dashpots between neighbours", None
     )
-    bumpers: Annotated[list[Any], AfterValidator(lambda given, info: _each(given, _bumper, info))] | None = Field(
-        None, description="tables [[scene.bumpers]] of contacts with a law of their own"
+    bumpers: Annotated[list[Any], AfterValidator(lambda given, info: _each(given, _bumper, info))] | None = key(
+        "tables [[scene.bumpers]] of contacts with a law of their own", None
     )
 
 
@@ -300,10 +302,10 @@ def _spacing(value: Any, info: ValidationInfo) -> str:
 class RangeTable(Table):
     """An axis as evenly spaced values."""
 
-    start: Annotated[float, _number("first value", "start")] = Field(description="a number, the first value")
-    stop: Annotated[float, _number("last value", "stop")] = Field(description="a number, the last value")
-    count: Annotated[int, PlainValidator(_count)] = Field(description="a whole number, how many values")
-    spacing: Annotated[str, PlainValidator(_spacing)] = Field("linear", description="a text")
+    start: Annotated[float, _number("first value", "start")] = key("a number, the first value")
+    stop: Annotated[float, _number("last value", "stop")] = key("a number, the last value")
+    count: Annotated[int, PlainValidator(_count)] = key("a whole number, how many values")
+    spacing: Annotated[str, PlainValidator(_spacing)] = key("a text", "linear")
 
 
 def read_range(given: Range | dict[str, Any]) -> Range:
@@ -326,15 +328,13 @@ _End = Annotated[Any, PlainValidator(_end)]
 class DistributionTable(Table):
     """What an input of a design is drawn from."""
 
-    distribution: Annotated[Any, PlainValidator(_one_of("distribution", NEEDS))] = Field(
-        description=f"one of {', '.join(NEEDS)}"
-    )
-    low: _End = Field(None, description="a number")
-    high: _End = Field(None, description="a number")
-    mean: _End = Field(None, description="a number")
-    std: _End = Field(None, description="a number")
-    median: _End = Field(None, description="a number")
-    dispersion: _End = Field(None, description="a number")
+    distribution: Annotated[Any, PlainValidator(_one_of("distribution", NEEDS))] = key(f"one of {', '.join(NEEDS)}")
+    low: _End = key("a number", None)
+    high: _End = key("a number", None)
+    mean: _End = key("a number", None)
+    std: _End = key("a number", None)
+    median: _End = key("a number", None)
+    dispersion: _End = key("a number", None)
 
 
 def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
@@ -374,22 +374,20 @@ def _samples(value: Any, info: ValidationInfo) -> int:
 class DesignTable(Table):
     """[design]: inputs that are drawn."""
 
-    kind: Annotated[Any, PlainValidator(_one_of("kind of design", KINDS))] = Field(
-        description=f"one of {', '.join(KINDS)}"
-    )
-    samples: Annotated[Any, PlainValidator(_samples)] = Field(description="a whole number of points")
-    seed: Annotated[Any, PlainValidator(lambda value: _whole(value, "", 0))] = Field(0, description="a whole number")
-    inputs: dict[str, Any] = Field(description="tables [design.inputs] of distributions by the name of an axis")
+    kind: Annotated[Any, PlainValidator(_one_of("kind of design", KINDS))] = key(f"one of {', '.join(KINDS)}")
+    samples: Annotated[Any, PlainValidator(_samples)] = key("a whole number of points")
+    seed: Annotated[Any, PlainValidator(lambda value: _whole(value, "", 0))] = key("a whole number", 0)
+    inputs: dict[str, Any] = key("tables [design.inputs] of distributions by the name of an axis")
 
 
 class FoundRecord(Table):
     """A record that is there, scaled or renamed."""
 
-    name: str | None = Field(None, description="a text")
-    scale: float = Field(1.0, description="a number")
-    pga: float | None = Field(None, description="a number in m/s2")
-    sa: float | None = Field(None, description="a number in m/s2")
-    sa_period: float | None = Field(None, description="a number in s")
+    name: str | None = key("a text", None)
+    scale: float = key("a number", 1.0)
+    pga: float | None = key("a number in m/s2", None)
+    sa: float | None = key("a number in m/s2", None)
+    sa_period: float | None = key("a number in s", None)
 
     def to_spectrum(self, record: Record) -> Record:
         """Scale a record to the spectral acceleration that is given for it, if one is."""
@@ -409,11 +407,11 @@ class FoundRecord(Table):
 class PathRecord(FoundRecord):
     """A record from a file."""
 
-    path: str = Field(description="a text")
-    units: str | None = Field(None, description="a text")
-    dt: float | None = Field(None, description="a number in s")
-    column: str | int | None = Field(None, description="a text, the heading of a column, or its number from 1")
-    layout: str | None = Field(None, description='"columns" or "rows"')
+    path: str = key("a text")
+    units: str | None = key("a text", None)
+    dt: float | None = key("a number in s", None)
+    column: str | int | None = key("a text, the heading of a column, or its number from 1", None)
+    layout: str | None = key('"columns" or "rows"', None)
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
@@ -425,7 +423,7 @@ class PathRecord(FoundRecord):
 class NamedRecord(FoundRecord):
     """A record found by name, scaled or renamed."""
 
-    record: str = Field(description="a text")
+    record: str = key("a text")
 
     def read(self, _folder: Path, folders: Folders) -> Record:
         """Find the record."""
@@ -452,43 +450,43 @@ class SyntheticRecord(MadeRecord):
     """A synthetic earthquake; ``synthetic`` is the seed."""
 
     make = synthetic_record
-    synthetic: int = Field(description="a whole number, the seed")
-    duration: float = Field(20.0, description="a number in s")
-    dt: float = Field(0.01, description="a number in s")
-    pga: float = Field(3.0, description="a number in m/s2")
-    ground_frequency: float = Field(15.6, description="a number in rad/s")
-    ground_damping: float = Field(0.6, description="a number")
-    filter_frequency: float = Field(1.5, description="a number in rad/s")
-    filter_damping: float = Field(0.6, description="a number")
-    rise: float = Field(0.1, description="a number")
-    strong: float = Field(0.4, description="a number")
-    end_level: float = Field(0.05, description="a number")
-    name: str | None = Field(None, description="a text")
+    synthetic: int = key("a whole number, the seed")
+    duration: float = key("a number in s", 20.0)
+    dt: float = key("a number in s", 0.01)
+    pga: float = key("a number in m/s2", 3.0)
+    ground_frequency: float = key("a number in rad/s", 15.6)
+    ground_damping: float = key("a number", 0.6)
+    filter_frequency: float = key("a number in rad/s", 1.5)
+    filter_damping: float = key("a number", 0.6)
+    rise: float = key("a number", 0.1)
+    strong: float = key("a number", 0.4)
+    end_level: float = key("a number", 0.05)
+    name: str | None = key("a text", None)
 
 
 class PulseRecord(MadeRecord):
     """A simple pulse; ``pulse`` is its shape."""
 
     make = pulse_record
-    pulse: str = Field(description="a text")
-    amplitude: float = Field(description="a number in m/s2")
-    period: float = Field(description="a number in s")
-    dt: float = Field(description="a number in s")
-    duration: float | None = Field(None, description="a number in s")
-    name: str | None = Field(None, description="a text")
+    pulse: str = key("a text")
+    amplitude: float = key("a number in m/s2")
+    period: float = key("a number in s")
+    dt: float = key("a number in s")
+    duration: float | None = key("a number in s", None)
+    name: str | None = key("a text", None)
 
 
 class NearFaultRecord(MadeRecord):
     """A near-fault pulse; ``near_fault`` is the amplitude of its velocity."""
 
     make = near_fault_record
-    near_fault: float = Field(description="a number in m/s")
-    period: float = Field(description="a number in s")
-    cycles: float = Field(description="a number above 1")
-    dt: float = Field(description="a number in s")
-    phase: float = Field(0.0, description="a number in degrees")
-    duration: float | None = Field(None, description="a number in s")
-    name: str | None = Field(None, description="a text")
+    near_fault: float = key("a number in m/s")
+    period: float = key("a number in s")
+    cycles: float = key("a number above 1")
+    dt: float = key("a number in s")
+    phase: float = key("a number in degrees", 0.0)
+    duration: float | None = key("a number in s", None)
+    name: str | None = key("a text", None)
 
 
 RecordTable = PathRecord | NamedRecord | SyntheticRecord | PulseRecord | NearFaultRecord
