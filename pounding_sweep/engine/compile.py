@@ -115,24 +115,19 @@ def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[i
         child.stdin.close()
         children.append(child)
     try:
-        at_once = [shape for shape in wanted if theirs.isdisjoint(shape.pieces)]
-        for shape in at_once:
-            get_kernel(shape)
+        for shape in sorted(wanted, key=lambda shape: not theirs.isdisjoint(shape.pieces)):
+            if not theirs.isdisjoint(shape.pieces):
+                for piece in mine:
+                    compile_piece(piece)
+                for child in children:
+                    child.wait()
+            get_kernel(shape)  # from the disk cache; compiled here should a child have failed
             if advance:
                 advance(1)
-        for piece in mine:
-            if not any(piece in shape.pieces for shape in at_once):
-                compile_piece(piece)
-        for child in children:
-            child.wait()
     except BaseException:
         for child in children:
             child.kill()
         raise
-    for shape in (shape for shape in wanted if shape not in at_once):
-        get_kernel(shape)  # from the disk cache; compiled here should a child have failed
-        if advance:
-            advance(1)
     return len(missing)
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,19 +58,11 @@ _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "boundscheck": False, "f
 
 
 def _compiled(function: Callable[..., None]) -> Callable[..., None]:
-    """Compile a function and keep it on disk beside this module, which holds all that it depends on."""
+    """Compile a function, and keep it on disk where that is possible."""
     try:
-        kept = njit(cache=True, **_OPTIONS)(function)
-        try:
-            kept.compile(_SIGNATURE)
-        except Exception:  # whatever numba makes of damaged files
-            for file in Path(kept.stats.cache_path).glob(f"{Path(__file__).stem}.{function.__name__}-*"):
-                file.unlink()
-            kept.compile(_SIGNATURE)
-        kept.disable_compile()
-    except Exception:  # whatever it makes of a folder that holds nothing; a fault of the function shows again below
-        kept = njit(_SIGNATURE, **_OPTIONS)(function)
-    compiled: Callable[..., None] = kept
+        compiled: Callable[..., None] = njit(_SIGNATURE, cache=True, **_OPTIONS)(function)
+    except Exception:  # whatever numba makes of a folder that can't be written or of damaged files in it
+        compiled = njit(_SIGNATURE, **_OPTIONS)(function)
     return compiled
 
 
