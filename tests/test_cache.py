@@ -23,7 +23,7 @@ from numba.core import caching
 import pounding_sweep as ps
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.engine.cache import compile_piece, get_kernel, is_cached, module_text, source_digest
-from pounding_sweep.engine.compile import compiling_seconds, from_json, prepare, shares, still_to_compile, to_json
+from pounding_sweep.engine.compile import compiling_seconds, from_json, prepare, still_to_compile, to_json
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes
@@ -362,23 +362,6 @@ def test_kernels_are_compiled_side_by_side(folder, monkeypatch):
     forget()
     assert prepare(shapes, workers=2) == 0
     assert files(folder) == before
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 7])
-def test_kernels_are_shared_out_by_what_they_take(n, monkeypatch):
-    sweep = ps.Sweep("mate2015", "el_centro", ["linear", "hertz", "hertz_damped", "none"], method="rk4", gaps=[0.01])
-    shapes = sweep.plan().shapes()
-    assert len(shapes) > 2
-    assert all(sum(map(compiling_seconds, share)) > 0.5 * compile.BEGINNING for share in shares(shapes, n))
-    monkeypatch.setattr(compile, "BEGINNING", 0.01)
-    found = shares(shapes, n)
-    assert all(found)
-    assert len(found) <= n
-    assert sorted((s for share in found for s in share), key=shapes.index) == shapes
-    takes = [sum(compiling_seconds(shape) for shape in share) for share in found]
-    assert max(takes) <= sum(takes) / n + max(map(compiling_seconds, shapes))
-    assert len(shares(shapes[:1], n)) == 1
-    assert shares([], n) == []
 
 
 def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, monkeypatch):

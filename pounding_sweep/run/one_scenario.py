@@ -62,17 +62,24 @@ def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     return found
 
 
-def _with_properties(spec: SweepSpec, own: Case, given: Mapping[str, Any]) -> Case:
-    """Return a scenario with the building properties that are chosen."""
-    known = selectors(spec)
-    for name, value in given.items():
+def _chosen(spec: SweepSpec, own: Case, choice: Mapping[str, Any]) -> Case:
+    """Return a scenario with what is chosen otherwise."""
+    known, changes = selectors(spec), dict[str, Any]()
+    for name, value in choice.items():
         field, building = known[name]
         axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
         if axis is not None and axis.of_buildings:
             axis.check(value, (), "")
-            changed: Any = value if building is None else {**dict(getattr(own, field)), building: value}
-            own = replace(own, **{field: changed})
-    return own
+        changes[field] = (
+            value if building is None else {**dict(changes.get(field, getattr(own, field))), building: value}
+        )
+    for column in COLUMNS:  # one way to give a stiffness, or a scale, stands for the others
+        if len(given := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
+            msg = f"{' and '.join(given)} exclude each other; give one of them"
+            raise InputError(msg)
+        if given:
+            changes |= {dim: getattr(Case, dim) for dim in DIMENSIONS[column] if dim not in given}
+    return replace(own, **changes)
 
 
 def simulate_one(
@@ -121,38 +128,25 @@ def simulate_one(
     for name in choice:
         if name not in (known := selectors(spec)):
             raise InputError(unknown("choice", name, known))
-    given = {name: value for name, value in choice.items() if value is not None}
-    for column in COLUMNS:
-        if len(both := [dim for dim in DIMENSIONS[column] if dim in given]) > 1:
-            msg = f"{' and '.join(both)} exclude each other; give one of them"
-            raise InputError(msg)
-    own = _with_properties(spec, own, given)
+    choice = {name: value for name, value in choice.items() if value is not None}
     names = [record.name for record in spec.records]
-    record = given.get("record", own.record or names[0])
-    if record not in names:
-        raise InputError(unknown("record of this sweep", record, names))
-    scene = _varied(spec.scene, own)
-    gap = given.get("gap", own.gap)
+    chosen = _chosen(spec, own, {"record": own.record or names[0], **choice})
+    if chosen.record not in names:
+        raise InputError(unknown("record of this sweep", chosen.record, names))
+    scene, gap = _varied(spec.scene, chosen), chosen.gap
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
-    law = _law(spec, given.get("law", own.law))
-    absolute, factor = given.get("stiffness"), given.get("stiffness_factor")
-    if absolute is None and factor is None:
-        absolute, factor = own.stiffness, own.stiffness_factor
+    law = _law(spec, chosen.law)
+    if not choice.keys() & {"stiffness", "stiffness_factor"}:
         _check_unit(spec, own, law)
-    stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
-    restitution = given.get("restitution", own.restitution)
-    scales = {dim: given[dim] if dim in given else getattr(own, dim) for dim in DIMENSIONS["scale"]}
-    if given.keys() & scales.keys():
-        scales = {dim: given.get(dim, getattr(Case, dim)) for dim in scales}
-    taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, **scales)
+    stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
     parameters = SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,
-        spec.record(record).scaled(spec.case_value(replace(taken, record=record), "scale")),
+        spec.record(chosen.record).scaled(spec.case_value(chosen, "scale")),
         law=law,
         stiffness=None if law.exponent is None else stiffness,
-        restitution=restitution,
+        restitution=chosen.restitution,
         method=spec.method,
         dt=spec.dt,
         accuracy=spec.accuracy,
@@ -164,7 +158,7 @@ def simulate_one(
         precision=spec.precision,
         output_step=output_step,
     )
-    details = "; ".join(_details(spec, taken, law, given, case))
+    details = "; ".join(_details(spec, chosen, law, choice, case))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
 
 
@@ -207,33 +201,33 @@ def _check_unit(spec: SweepSpec, own: Case, law: Law) -> None:
     raise InputError(msg)
 
 
-def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], number: int | None) -> Iterator[str]:
-    """Say what tells the scenario `taken` from others of its sweep, and what was `given` in place of the sweep's."""
+def _details(spec: SweepSpec, chosen: Case, law: Law, choice: Mapping[str, Any], number: int | None) -> Iterator[str]:
+    """Say what tells a scenario from others of its sweep, and what was chosen in place of the sweep's."""
 
-    def told(name: str) -> bool:
+    def differs(name: str) -> bool:
         values = spec.axes.get(name, ()) if spec.cases is None else [getattr(case, name) for case in spec.cases]
-        return name in given or len(set(values)) > 1
+        return name in choice or len(set(values)) > 1
 
     if spec.cases is not None:
         yield f"case {number or spec.cases.index(scenario_of(spec)) + 1}"
-    if law.exponent is not None and taken.stiffness is not None and told("stiffness"):
-        yield f"stiffness {taken.stiffness:g} {_unit(law.exponent)}"
-    if law.exponent is not None and taken.stiffness_factor is not None and told("stiffness_factor"):
-        yield f"stiffness factor {taken.stiffness_factor:g}"
-    restitution = spec.scene.contact.restitution if taken.restitution is None else taken.restitution
-    if law.takes_restitution and restitution is not None and told("restitution"):
-        yield f"restitution {restitution:g}"
-    for dim in DIMENSIONS["scale"]:
-        if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
-            yield f"{dim} {found[1]:g}"
+    restitution = spec.scene.contact.restitution if chosen.restitution is None else chosen.restitution
+    scale = chosen.axis("scale")
+    for name, value, exists, unit in (
+        ("stiffness", chosen.stiffness, law.exponent is not None, f" {_unit(law.exponent or 1)}"),
+        ("stiffness_factor", chosen.stiffness_factor, law.exponent is not None, ""),
+        ("restitution", restitution, law.takes_restitution, ""),
+        *((dim, scale[1], scale[0].dimension == dim, "") for dim in DIMENSIONS["scale"] if scale),
+    ):
+        if exists and value is not None and differs(name):
+            yield f"{name.replace('_', ' ')} {value:g}{unit}"
     single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
-    chosen = {place for name, place in selectors(spec).items() if name in given}
+    asked = {place for name, place in selectors(spec).items() if name in choice}
     for plural, kind in FACTOR_KINDS.items():
-        for building, factor in dict(getattr(taken, plural)).items():
-            if (kind, building) not in single or (plural, building) in chosen:
+        for building, factor in dict(getattr(chosen, plural)).items():
+            if (kind, building) not in single or (plural, building) in asked:
                 yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
-    if taken.damping_ratio is not None and told("damping_ratio"):
-        yield f"damping ratio {taken.damping_ratio:g}"
+    if chosen.damping_ratio is not None and differs("damping_ratio"):
+        yield f"damping ratio {chosen.damping_ratio:g}"
 
 
 def _varied(scene: Scene, case: Case) -> Scene:
