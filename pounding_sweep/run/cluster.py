@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 import time
 import warnings
 from collections import Counter, deque
@@ -41,6 +42,10 @@ SETTINGS = {"distributed.deploy.lost-worker-timeout": 600.0, "distributed.schedu
 ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
+#: What ends a run in order.
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 class IgnoreSignals(WorkerPlugin):
     """Workers that are started here leave Ctrl-C and SIGHUP to their client, though all get them."""
 
@@ -70,20 +75,39 @@ def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
         return
     with ExitStack() as opened:
         opened.enter_context(dask.config.set(SETTINGS))
-        cluster = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit=None,  # else dask stops workers where the libraries alone fill their share
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
-            silence_logs=50,
-            env=ONE_THREAD,
-        )
-        opened.enter_context(cluster)
-        client = opened.enter_context(Client(cluster, set_as_default=False))
-        client.register_plugin(IgnoreSignals())
+        with _interrupts_later():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=None,  # else dask stops workers where the libraries alone fill their share
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
+                silence_logs=50,
+                env=ONE_THREAD,
+            )
+            opened.enter_context(cluster)
+            client = opened.enter_context(Client(cluster, set_as_default=False))
+            client.register_plugin(IgnoreSignals())
         yield client
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Have SIGINT, SIGTERM and SIGHUP wait for the end of the block; only a main thread can be interrupted at all."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+    own = [each for each in _INTERRUPTS if signal.getsignal(each) is not None]  # None: not set from Python
+    before = {each: signal.signal(each, lambda number, frame: waiting.append(number)) for each in own}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+        for number in waiting[:1]:
+            signal.raise_signal(number)
 
 
 def _same(thing: Any) -> Any:
