@@ -266,16 +266,12 @@ def test_an_oscillator_on_a_floor_equals_one_state_space_of_both():
 
 
 @pytest.mark.slow
-def test_floors_that_are_not_there_stay_missing(histories):
+def test_floor_spectra_need_even_histories(histories):
     cut = histories[["acceleration"]].copy(deep=True)
     cut["acceleration"].loc[{"building": "left", "storey": 3}] = np.nan
     found = floor_spectra(cut, [0.2, 0.5])["pseudo_acceleration"]
     assert np.isnan(found.sel(building="left", storey=3)).all()
     assert int(np.isfinite(found).sum()) == found.size - 2
-
-
-@pytest.mark.slow
-def test_floor_spectra_need_even_histories(histories):
     with pytest.raises(InputError, match=r"'acceleration' on 'time'.*simulate"):
         floor_spectra(histories.drop_vars("acceleration"))
     with pytest.raises(InputError, match="not evenly spaced"):
@@ -285,22 +281,6 @@ def test_floor_spectra_need_even_histories(histories):
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_spectra_are_drawn_one_line_each(histories):
-    found = floor_spectra(histories, np.linspace(0.0, 1.0, 11))
-    figure = response_spectra(found)
-    assert [ax.get_title() for ax in figure.axes[:3]] == ["left", "middle", "right"]
-    assert figure.axes[0].get_ylabel() == "pseudo-acceleration (m/s²)"
-    assert figure.axes[3].get_xlabel() == "period (s)"
-    for column, building in enumerate(("left", "middle", "right")):
-        lines = figure.axes[column].lines
-        assert [line.get_label() for line in lines] == ["storey 1", "storey 2", "storey 3"]
-        expected = found["pseudo_acceleration"].sel(building=building, storey=3).values
-        assert np.array_equal(lines[2].get_ydata(), expected)
-        assert figure.axes[column].get_ylim()[1] >= found["pseudo_acceleration"].max().item()
-    assert figure._suptitle.get_text() == "Floor spectra; el_centro_start; Linear spring; damping ratio 0.05"
 
 
 def suite(count):

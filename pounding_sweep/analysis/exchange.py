@@ -35,19 +35,6 @@ _MEASURES = {"pga": ("PGA", 1.0 / STANDARD_GRAVITY), "pgv": ("PGV", 100.0)}
 _DEMANDS = (("PID", "drift_max", "rad"), ("PFA", "acceleration_max", "g"))
 
 
-def mean_and_deviation(median: float, dispersion: float) -> tuple[float, float]:
-    """Return mean and standard deviation of a lognormal variable itself, not of its logarithm.
-
-    Examples
-    --------
-    >>> mean, deviation = mean_and_deviation(0.2, 0.5)
-    >>> round(mean, 4), round(deviation, 4)
-    (0.2266, 0.1208)
-    """
-    mean = median * math.exp(0.5 * dispersion**2)
-    return mean, mean * math.sqrt(math.expm1(dispersion**2))
-
-
 def export_nrml(
     cube: xr.Dataset,
     path: str | os.PathLike[str],
@@ -137,8 +124,9 @@ def export_nrml(
         ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
         ElementTree.SubElement(function, "imls", {"imt": measure, **ends})
         for name, cell in cells.items():
-            mean, deviation = mean_and_deviation(float(cell["median"]) * factor, float(cell["dispersion"]))
-            numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
+            beta = float(cell["dispersion"])
+            mean = float(cell["median"]) * factor * math.exp(0.5 * beta**2)
+            numbers = {"mean": f"{mean:.9g}", "stddev": f"{mean * math.sqrt(math.expm1(beta**2)):.9g}"}
             ElementTree.SubElement(function, "params", {"ls": name, **numbers})
     if model.find("fragilityFunction") is None:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])

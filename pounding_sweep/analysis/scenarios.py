@@ -163,14 +163,10 @@ def described(part: xr.DataArray, units: str, name: str, comment: str = "", *, b
     return result
 
 
-def over(value: xr.DataArray, base: xr.DataArray, least: xr.DataArray) -> xr.DataArray:
-    """Divide by a base; missing where that is no larger than `least`."""
-    return value / base.where(abs(base) > least)
-
-
-def largest_of(part: xr.DataArray, *more: str) -> xr.DataArray:
-    """Return the largest size of a variable in the row, and along `more` dimensions."""
-    return abs(part).max([dim for dim in (*INNER_DIMS, *more) if dim in part.dims])
+def ratio(value: xr.DataArray, base: xr.DataArray, of: xr.DataArray, share: float = ROUND_OFF) -> xr.DataArray:
+    """Divide by a base; missing where that is no larger than a share of the largest size of `of` in the row."""
+    largest = abs(of).max([dim for dim in INNER_DIMS if dim in of.dims])
+    return value / base.where(abs(base) > share * largest)
 
 
 def long_name(cube: xr.Dataset, name: str) -> str:
@@ -227,9 +223,3 @@ def fractiles_over(
         xr.DataArray(fractiles, coords, ("quantile", *inner.dims), attrs=part.attrs),
         xr.DataArray(count, inner.coords, inner.dims),
     )
-
-
-def with_coordinates(variables: dict[str, xr.DataArray], **attributes: Any) -> xr.Dataset:
-    """Return a dataset of variables, with the scalar coordinates of the first, and these attributes."""
-    name, first = next(iter(variables.items()))
-    return first.to_dataset(name=name).assign(variables).assign_attrs(attributes)

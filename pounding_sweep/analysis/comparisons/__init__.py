@@ -208,6 +208,7 @@ def table_rows(
                 never = part["never"].broadcast_like(cells).transpose(*cells.dims).values
             pooled = over_text({dim: size for dim, size in variable.sizes.items() if dim not in columns})
             units = str(result[name].attrs.get("units", ""))
+            names_of = {dim: cells[dim].values.tolist() for dim in columns}
             array = np.asarray(cells.values, dtype=float)
             for place in np.ndindex(array.shape[: len(columns)]):
                 values = array[place][np.isfinite(array[place])]
@@ -216,7 +217,7 @@ def table_rows(
                     spread: Row = dict.fromkeys(shares)
                     if values.size:
                         spread = dict(zip(shares, np.quantile(values, list(shares.values())).tolist(), strict=True))
-                    labels = {dim: cells[dim].values[i].item() for dim, i in zip(columns, place, strict=True)}
+                    labels = {dim: each[i] for (dim, each), i in zip(names_of.items(), place, strict=True)}
                     about = {"variable": name, "units": units, **dict.fromkeys(used), **law, **labels}
                     rows.append({**about, "values": int(values.size), **spread, **untouched, "over": pooled})
     return rows

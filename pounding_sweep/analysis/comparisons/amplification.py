@@ -8,19 +8,16 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
-    ROUND_OFF,
     TOUCH_VARIABLES,
     chosen_variables,
     described,
-    largest_of,
     long_name,
-    over,
     peak_displacement,
     pounding_only,
     present,
+    ratio,
     touched,
     values,
-    with_coordinates,
     without_pounding,
 )
 
@@ -95,15 +92,14 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     for name, part in base.items():
         response = peak_displacement(pounding) if name == PEAK else values(pounding, name)
         words = str(response.attrs["long_name"]) if name == PEAK else long_name(cube, name)
-        largest = largest_of(base.get(PEAK, part) if name in signed else part)
         comment = "value with pounding over value without; missing where either scenario is not ok"
-        ratio = over(response, part, ROUND_OFF * largest)
-        ratios[f"{name}_ratio"] = described(ratio, "1", f"amplification of the {words}", comment)
+        share = ratio(response, part, base.get(PEAK, part) if name in signed else part)
+        ratios[f"{name}_ratio"] = described(share, "1", f"amplification of the {words}", comment)
     if present(pounding, TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
         ratios["touches"] = described(any_floor, "1", "1 where floors of the row touch, 0 where none do")
-    return with_coordinates(ratios)
+    return xr.Dataset(ratios)
 
 
 def needed_for(ratios: Iterable[str]) -> list[str]:

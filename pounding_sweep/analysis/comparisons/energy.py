@@ -14,7 +14,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import check_needs, comparison
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import described, law_keys, pounding_only, present, values, with_coordinates
+from pounding_sweep.analysis.scenarios import described, law_keys, pounding_only, present, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.spec import scene_of
 
@@ -102,7 +102,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
         ("transfer_share", transfer / given.where(given != 0.0), "1", "share of the input given away"),
     ):
         result[name] = described(part, units, text)
-    return with_coordinates(result, largest_residual_relative=float(relative.max()))
+    return xr.Dataset(result, attrs={"largest_residual_relative": float(relative.max())})
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:

@@ -19,7 +19,6 @@ from pounding_sweep.analysis.scenarios import (
     interpolate,
     need_variables,
     values,
-    with_coordinates,
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
@@ -117,13 +116,12 @@ def incremental_curves(
         on_levels = xr.DataArray(rows, {**coords, "level": level}, ("curve", *inner.dims, "level"), attrs=whole.attrs)
         result[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
-    return with_coordinates(
-        result,
-        curves=len(x) * len(ways),
-        intensity=f"{strength.attrs['long_name']} ({strength.attrs['units']})",
-        over=over_text({"record": len(x), "direction": len(ways)}),
-        **why,
-    ).assign_coords(intensity=strength)
+    about = {
+        "curves": len(x) * len(ways),
+        "intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})",
+        "over": over_text({"record": len(x), "direction": len(ways)}),
+    }
+    return xr.Dataset(result, attrs={**about, **why}).assign_coords(intensity=strength)
 
 
 def _levels(

@@ -20,13 +20,11 @@ from pounding_sweep.analysis.scenarios import (
     described,
     interpolate,
     labelled,
-    largest_of,
     law_keys,
     long_name,
-    over,
     pounding_only,
+    ratio,
     values,
-    with_coordinates,
 )
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, get_law, realised_restitution
@@ -128,7 +126,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
         bases = labelled("basis", parts, "what equal restitution means")
         part = xr.concat(list(parts.values()), dim=bases, combine_attrs="override")
         base = part.sel(law=reference).reset_coords(drop=True)
-        ratio = over(part, base, _LEAST.get(name, ROUND_OFF) * largest_of(part, "law"))
+        compared = ratio(part, base, abs(part).max("law"), _LEAST.get(name, ROUND_OFF))
         result[f"{name}_compared"] = part
-        result[f"{name}_ratio"] = described(ratio, "1", f"{long_name(cube, name)} over that of {reference}")
-    return with_coordinates(result, reference_law=reference, realised_basis=how)
+        result[f"{name}_ratio"] = described(compared, "1", f"{long_name(cube, name)} over that of {reference}")
+    return xr.Dataset(result, attrs={"reference_law": reference, "realised_basis": how})
