@@ -33,8 +33,7 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeAxis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
-from pounding_sweep.outputs.declare import Reducer, Slot
-from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.declare import Reducer, Slot, scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
@@ -221,7 +220,7 @@ class TestScatter:
 
     @pytest.mark.parametrize("values", [np.zeros(5), np.float64(1), np.zeros((6, 2))])
     def test_wrong_size(self, values):
-        with pytest.raises(InputError, match="6 degrees of freedom"):
+        with pytest.raises(InputError, match="6 floors"):
             scatter_dof(values, UNEQUAL)
         with pytest.raises(InputError, match="6 contacts"):
             scatter_contact(values, UNEQUAL)

@@ -11,8 +11,8 @@ import numpy as np
 from pounding_sweep.engine.resolution import MAX_ENERGY, displacement_limit, energy_limit, resolution_status
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.readout import KernelResults
-from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, inner_shape
+from pounding_sweep.outputs.declare import KernelResults
+from pounding_sweep.outputs.variables import Status, cube_variables, get_variable
 from pounding_sweep.records import Record
 
 
@@ -26,7 +26,7 @@ def variables_of(
 ) -> dict[str, Any]:
     """Turn a kernel's outputs into the variables of the cube."""
     row = variants_of(kernel.scene) if variants is None else variants
-    raw = {name: np.asfortranarray(values) for name, values in raw.items()}  # scenarios side by side: see `readout`
+    raw = {name: np.asfortranarray(values) for name, values in raw.items()}  # scenarios side by side: see `scatter`
     step = record.dt / kernel.numerics.steps(record)
     kept = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
     result: dict[str, Any] = {}
@@ -34,10 +34,8 @@ def variables_of(
         variable = get_variable(name)
         if name == "status":
             result[name] = _status(kernel, raw, kept.steps_by_law, record, row)
-        elif variable.readout is None:
-            result[name] = np.zeros((len(kept), *inner_shape(variable, kernel.scene)))
         else:
-            values = variable.readout(kept)
+            values = variable.read(kept)
             # where velocities jump, kernels leave a mark instead of what a law without a force can't answer
             result[name] = (
                 np.where(values > 0.0, np.nan, values) if kernel.law.impulsive and variable.of_force else values

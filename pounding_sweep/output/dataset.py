@@ -18,7 +18,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.declare import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable, inner_shape, mask_invalid
 
 if TYPE_CHECKING:

@@ -11,131 +11,108 @@ from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.model.levels import column_shares
-from pounding_sweep.outputs.declare import CONTACT, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts, scatter_contact
+from pounding_sweep.outputs.declare import UNMEASURED, KernelResults, Reducer, Slot, Variable
 
 
-def _column_shear(kept: KernelResults, end: int) -> np.ndarray:
+def _column_shear(results: KernelResults, end: int) -> np.ndarray:
     """Return the largest shear at the lower (0) or upper (1) end of struck columns, missing between floors."""
-    contacts = kept.scene.contacts
-    shares = np.array([column_shares(c.xi)[end] if c.struck >= 0 else np.nan for c in contacts])
-    return scatter_contact(kept.get("fmax", len(contacts)) * shares, kept.scene)
+    shares = [column_shares(c.xi)[end] if c.struck >= 0 else np.nan for c in results.scene.contacts]
+    return results.get("fmax", "contact") * np.array(shares)
 
 
-def _first_time(kept: KernelResults) -> np.ndarray:
-    times = kept.contacts("tfirst", missing=-1.0)
+def _first_time(results: KernelResults) -> np.ndarray:
+    times = results.get("tfirst", "contact", missing=-1.0)
     return np.where(times < 0, np.nan, times)
 
 
-#: Of outputs of contacts.
+_contact = partial(Variable, per="contact", error="contacts")
 CONTACTS = (
-    Variable(
+    _contact(
         "impact_force_max",
-        CONTACT,
         "kN",
         "largest contact force",
         "Largest contact force, pressing positive, 0 where the floors never touched; where the force jumps at a "
-        "touch, the limit just after it counts. Missing where floors touched under a law without a force (velocities "
-        "jump).",
-        needs("force"),
-        contacts("fmax"),
-        error="contacts",
+        "touch, the limit just after it counts. Missing where floors touched under a law without a force "
+        "(velocities jump).",
+        "fmax",
         of_force=True,
         default=True,
     ),
-    Variable(
+    _contact(
         "impact_count",
-        CONTACT,
         "1",
         "number of impacts",
         "Number of onsets of contact, the penetration d = u_left - u_right - gap going from <= 0 to > 0.",
-        needs("count"),
-        lambda kept: kept.whole_contacts("count"),
-        error="contacts",
+        "count",
         dtype="i4",
         default=True,
     ),
-    Variable(
+    _contact(
         "penetration_max",
-        CONTACT,
         "m",
         "largest penetration",
         "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where "
         "floors touched under a law without a force (velocities jump).",
-        needs("penetration"),
-        contacts("dmax"),
-        error="contacts",
+        "dmax",
         of_force=True,
         default=True,
     ),
-    Variable(
+    _contact(
         "impulse",
-        CONTACT,
         "kN s",
         "impulse of the contact force",
         "Time integral of the contact force over the whole record.",
-        needs("impulse"),
-        contacts("impulse"),
-        error="contacts",
+        "impulse",
     ),
-    Variable(
+    _contact(
         "first_impact_time",
-        CONTACT,
         "s",
         "time of the first impact",
         "Time of the first onset of contact after the first point of the record; missing where there was none.",
-        needs("first_time"),
         _first_time,
-        error="contacts",
+        needs=frozenset({"first_time"}),
         least=0.01,
         default=True,
     ),
-    Variable(
+    _contact(
         "approach_speed_max",
-        CONTACT,
         "m s-1",
         "largest approach speed",
         "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
-        needs("approach_speed"),
-        contacts("vmax"),
-        error="contacts",
-        least=1e-4,
+        "vmax",
+        least=0.0001,
     ),
-    Variable(
+    _contact(
         "contact_time",
-        CONTACT,
         "s",
         "time in contact",
-        "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched; impulse over "
-        "it is the mean contact force. Where velocities jump, the time that floors rest on each other, which is rough "
-        "where they are hardly pressed.",
-        needs("time"),
-        contacts("tclosed"),
+        "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched; impulse "
+        "over it is the mean contact force. Where velocities jump, the time that floors rest on each other, which "
+        "is rough where they are hardly pressed.",
+        "tclosed",
         error=UNMEASURED,
     ),
-    Variable(
+    _contact(
         "column_shear_bottom_max",
-        CONTACT,
         "kN",
         "largest shear of struck columns, below",
         "Largest shear that the contact force F brings into the struck columns between their lower end and the "
         "struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. Missing where "
         "floors meet.",
-        needs("force"),
         partial(_column_shear, end=0),
+        needs=frozenset({"force"}),
         error=UNMEASURED,
         of_columns=True,
     ),
-    Variable(
+    _contact(
         "column_shear_top_max",
-        CONTACT,
         "kN",
         "largest shear of struck columns, above",
         "Largest shear that the contact force F brings into the struck columns between the struck point and their "
         "upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing where floors "
         "meet.",
-        needs("force"),
         partial(_column_shear, end=1),
+        needs=frozenset({"force"}),
         error=UNMEASURED,
         of_columns=True,
     ),

@@ -2,26 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
+
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.readout import INTEGER_FILL, Readout
+from pounding_sweep.model.variants import Variants
 
 #: Dimensions inside a scenario.
 INNER_DIMS = ("building", "pair", "storey")
-FLOOR = ("building", "storey")
-CONTACT = ("pair", "storey")
+#: What there may be several of in a scenario, and where each stands in a cube.
+DIMS = {
+    "floor": ("building", "storey"),
+    "contact": ("pair", "storey"),
+    "link": ("pair", "storey"),
+    "building": ("building",),
+    "base": ("building",),
+    "pair": ("pair",),
+    "scenario": (),
+}
 #: Classes of outputs whose errors were measured together (the largest among them): a choice of steps reads them.
 ERROR_CLASSES = ("motions", "contacts", "energies")
 #: The class of an output whose errors were not measured yet: it has no say in the choice of steps, and is compared
 #: with a run at half the step like any other.
 UNMEASURED = "unmeasured"
+#: Stored in integer variables where there is no value.
+INTEGER_FILL = -1
+
+
+def _places(scene: Scene, per: str) -> list[int]:
+    """Return where floors, contacts, ... stand among the values of their dimensions, in one row."""
+    n = scene.n_storeys
+    if per == "floor":
+        return [i * n + storey for i, building in enumerate(scene.buildings) for storey in range(building.n_storeys)]
+    if per in ("contact", "link"):
+        ends: Sequence[Any] = scene.contacts if per == "contact" else scene.linked_floors
+        return [end.place * n + end.storey - 1 for end in ends]
+    names = {"base": scene.foundations, "building": range(len(scene.buildings)), "pair": range(len(scene.pair_labels))}
+    return list(names[per])
+
+
+def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:
+    """Put a value for each floor, contact, ... where it belongs in a cube; no copy if there is one for every place."""
+    values, places = np.asarray(values), _places(scene, per)
+    if values.ndim == 0 or values.shape[-1] != len(places):
+        msg = f"the last dimension of the values must be the scene's {len(places)} {per}s, not shape {values.shape}"
+        raise InputError(msg)
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
+    inner = [sizes[dim] for dim in DIMS[per]]
+    if places == list(range(math.prod(inner))):
+        return values.reshape(*values.shape[:-1], *inner)
+    missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
+    # in memory scenarios lie side by side, so that what goes over all is fast
+    lying = np.full((math.prod(inner), *values.shape[:-1]), missing, values.dtype)
+    lying[places] = np.moveaxis(values, -1, 0)
+    return np.moveaxis(lying, 0, -1).reshape(*values.shape[:-1], *inner)
+
+
+scatter_dof, scatter_contact = partial(scatter, per="floor"), partial(scatter, per="contact")
+scatter_link, scatter_base = partial(scatter, per="link"), partial(scatter, per="base")
+
+
+@dataclass(frozen=True)
+class KernelResults:
+    """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were."""
+
+    scene: Scene
+    slots: Mapping[str, np.ndarray]
+    variants: Variants
+    step: float  # time step (s)
+    initial_velocity: Sequence[float] | None = None  # of every floor (m/s), None at rest
+
+    def __len__(self) -> int:
+        return len(self.slots["flags"])
+
+    def get(self, slot: str, per: str, missing: float = 0.0) -> np.ndarray:
+        """Return a slot's values; `missing` where the kernel did not keep them: nothing can touch."""
+        if slot in self.slots:
+            return self.slots[slot]
+        return np.full((len(self), len(_places(self.scene, per))), missing)
+
+    @cached_property
+    def steps_per_contact(self) -> np.ndarray:
+        """Time steps in the shortest contact, NaN where nothing touched."""
+        return np.asarray(np.fmin.reduce(self.steps_by_law, axis=1))
+
+    @cached_property
+    def steps_by_law(self) -> np.ndarray:
+        """Time steps in the shortest contact of each law, NaN where none touched, shape (scenarios, laws)."""
+        if "shortest" not in self.slots:
+            return np.full((len(self), 1), np.nan)
+        lasted = self.slots["shortest"] / self.step
+        return np.where(lasted < 1e30, lasted, np.nan)
 
 
 @dataclass(frozen=True)
@@ -29,12 +110,14 @@ class Variable:
     """One output of a sweep."""
 
     name: str  # name in cubes and in ``outputs``
-    dims: tuple[str, ...]  # dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario
     units: str  # in UDUNITS spelling
     long_name: str  # for axes and tables
     definition: str  # what exactly is reported, in one sentence
-    needs: frozenset[str] = frozenset()  # reducers of the compiled loop that it is made from
-    readout: Readout | None = None  # makes its values; None: they are worked out after the run, zeros until then
+    #: slot of the kernel that holds its values, or what makes them of what a kernel returned; None: they are worked out
+    #: after the run, zeros until then (of scenarios only)
+    source: str | Callable[[KernelResults], np.ndarray] | None = None
+    per: str = "scenario"  # what there is a value for, a key of `DIMS`
+    needs: frozenset[str] = frozenset()  # reducers of the compiled loop that it is made from, beside that of its slot
     #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
     error: str = ""
     #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
@@ -54,16 +137,14 @@ class Variable:
     flag_meanings: str = ""
 
     @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario."""
+        return DIMS[self.per]
+
+    @property
     def per_pair(self) -> bool:
         """Whether it describes pairs of neighbours, which a single building has none of."""
         return "pair" in self.dims
-
-    def exists_in(self, scene: Scene) -> bool:
-        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
-        struck = any(contact.struck >= 0 for contact in scene.contacts)
-        there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
-        there = there and (bool(scene.foundations) or not self.of_foundations)
-        return there and (not self.per_pair or bool(scene.pair_names))
 
     @property
     def fill(self) -> float | int | None:
@@ -72,10 +153,20 @@ class Variable:
             return None
         return float("nan") if self.dtype == "f8" else INTEGER_FILL
 
+    def exists_in(self, scene: Scene) -> bool:
+        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
+        struck = any(contact.struck >= 0 for contact in scene.contacts)
+        there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
+        there = there and (bool(scene.foundations) or not self.of_foundations)
+        return there and (not self.per_pair or bool(scene.pair_names))
 
-def needs(*names: str) -> frozenset[str]:
-    """Return the reducers of these names."""
-    return frozenset(names)
+    def read(self, results: KernelResults) -> np.ndarray:
+        """Return its values, shape (scenarios, dimensions)."""
+        if self.source is None:
+            return np.zeros(len(results))
+        values = results.get(self.source, self.per) if isinstance(self.source, str) else self.source(results)
+        values = values.astype(np.int32) if self.dtype == "i4" else values
+        return values if self.per == "scenario" else scatter(values, results.scene, self.per)
 
 
 @dataclass(frozen=True)
@@ -102,7 +193,7 @@ class Reducer:
     # energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it
 
     name: str  # by which outputs need it
-    slots: tuple[Slot, ...]  # what it leaves for the readouts
+    slots: tuple[Slot, ...]  # what it leaves for outputs
     #: "": it exists in all kernels; else where storeys yield, "yields", neighbours are linked, "linked", buildings
     #: stand on foundations, "founded", floors of neighbours stand at one height, "neighbours", or can touch, "touch"
     where: str = ""

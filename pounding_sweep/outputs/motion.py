@@ -11,176 +11,146 @@ import numpy as np
 from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
-from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_base, scatter_dof, scatter_link
+from pounding_sweep.outputs.declare import UNMEASURED, KernelResults, Reducer, Slot, Variable
 
-#: Of outputs of floors.
+
+def _shear(results: KernelResults) -> np.ndarray:
+    elastic = np.asarray(results.slots["drift"] * results.variants.elastic_stiffnesses)
+    return np.where(results.scene.yields, results.slots["shear"], elastic) if "shear" in results.slots else elastic
+
+
+def _ductility(results: KernelResults) -> np.ndarray:
+    limit = results.variants.yield_drifts
+    return np.asarray(results.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
+
+
+def _residual(results: KernelResults) -> np.ndarray:
+    """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
+    if "slip" not in results.slots:
+        return np.zeros((len(results), results.scene.n_dof))
+    p, r, limit = results.slots["slip"], results.variants.hardenings, results.variants.yield_drifts
+    p = np.where(results.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
+    back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
+    rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
+    return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
+
+
+_floor = partial(Variable, per="floor", error="motions")
+_yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
+_base = partial(Variable, per="base", error=UNMEASURED, of_foundations=True)
+#: Outputs of floors, of storeys that yield, of links, of foundations and of neighbours.
 MOTIONS = (
-    Variable(
+    _floor(
         "displacement_max",
-        FLOOR,
         "m",
         "largest floor displacement",
         "Largest signed displacement of the floor relative to the ground, positive to the right.",
-        needs("displacement"),
-        floors("umax"),
-        error="motions",
+        "umax",
         relative_to=("displacement_min",),
         default=True,
     ),
-    Variable(
+    _floor(
         "displacement_min",
-        FLOOR,
         "m",
         "smallest floor displacement",
         "Smallest signed displacement of the floor relative to the ground, negative to the left.",
-        needs("displacement"),
-        floors("umin"),
-        error="motions",
+        "umin",
         relative_to=("displacement_max",),
         default=True,
     ),
-    Variable(
+    _floor(
         "drift_max",
-        FLOOR,
         "m",
         "largest interstorey drift",
         "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on a "
         "foundation relative to it, and less what its rotation gives.",
-        needs("drift"),
-        floors("drift"),
-        error="motions",
+        "drift",
         default=True,
     ),
-    Variable(
+    _floor(
         "storey_shear_max",
-        FLOOR,
         "kN",
         "largest storey shear",
         "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its hysteresis; "
         "dampers not included; with P-Delta what the columns bear, the push of the weights included.",
-        needs("drift", "shear"),
-        lambda kept: scatter_dof(_shear(kept), kept.scene),
-        error="motions",
+        _shear,
+        needs=frozenset({"drift", "shear"}),
         default=True,
     ),
-    Variable(
+    _floor(
         "acceleration_max",
-        FLOOR,
         "m s-2",
         "largest total floor acceleration",
         "Largest absolute total acceleration of the floor (relative + ground); where the contact force jumps at a "
         "touch, the limit just after it counts; where velocities jump, the jump itself does not.",
-        needs("acceleration"),
-        floors("acc"),
+        "acc",
         error="contacts",
     ),
 )
-#: Of outputs of storeys that yield.
 YIELDS = (
-    Variable(
+    _yielding(
         "ductility_max",
-        FLOOR,
         "1",
         "largest storey ductility",
-        "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); missing where a "
-        "storey has no yield strength.",
-        needs("drift"),
-        lambda kept: scatter_dof(_ductility(kept), kept.scene),
-        error=UNMEASURED,
-        of_yielding=True,
+        "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); missing "
+        "where a storey has no yield strength.",
+        _ductility,
+        needs=frozenset({"drift"}),
     ),
-    Variable(
+    _yielding(
         "residual_drift",
-        FLOOR,
         "m",
         "residual interstorey drift",
-        "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, times "
-        "the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it falls under "
-        "the weight above it, and of storeys of Bouc and Wen.",
-        needs("residual"),
-        lambda kept: scatter_dof(_residual(kept), kept.scene),
-        error=UNMEASURED,
+        "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, "
+        "times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it "
+        "falls under the weight above it, and of storeys of Bouc and Wen.",
+        _residual,
+        needs=frozenset({"residual"}),
         relative_to=("drift_max",),
-        of_yielding=True,
     ),
 )
-#: Of outputs of links.
 LINKS = (
     Variable(
         "link_force_max",
-        CONTACT,
         "kN",
         "largest link force",
         "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
         "together; missing where there is none.",
-        needs("link_force"),
-        lambda kept: scatter_link(kept.get("link_force", len(kept.scene.linked_floors)), kept.scene),
+        "link_force",
         error=UNMEASURED,
         of_links=True,
+        per="link",
     ),
 )
-#: Of outputs of foundations.
 FOUNDATIONS = (
-    Variable(
+    _base(
         "foundation_sway_max",
-        ("building",),
         "m",
         "largest sway of the foundation",
-        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has none. "
-        "The sway spring's largest force is K_h times it.",
-        needs("foundation"),
-        lambda kept: scatter_base(kept.get("sway", len(kept.scene.foundations)), kept.scene),
-        error=UNMEASURED,
-        of_foundations=True,
+        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has "
+        "none. The sway spring's largest force is K_h times it.",
+        "sway",
     ),
-    Variable(
+    _base(
         "foundation_rotation_max",
-        ("building",),
         "rad",
         "largest rotation of the foundation",
-        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The rocking "
-        "spring's largest moment is K_theta times it.",
-        needs("foundation"),
-        lambda kept: scatter_base(kept.get("rotation", len(kept.scene.foundations)), kept.scene),
-        error=UNMEASURED,
-        of_foundations=True,
+        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The "
+        "rocking spring's largest moment is K_theta times it.",
+        "rotation",
     ),
 )
-#: Of outputs of neighbours.
 CLOSINGS = (
     Variable(
         "closing_max",
-        CONTACT,
         "m",
         "largest closing displacement",
         "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
-        needs("closing"),
-        contacts("closing"),
+        "closing",
         error="motions",
+        per="contact",
     ),
 )
-
-
-def _shear(kept: KernelResults) -> np.ndarray:
-    elastic = np.asarray(kept.slots["drift"] * kept.variants.elastic_stiffnesses)
-    return np.where(kept.scene.yields, kept.slots["shear"], elastic) if "shear" in kept.slots else elastic
-
-
-def _ductility(kept: KernelResults) -> np.ndarray:
-    limit = kept.variants.yield_drifts
-    return np.asarray(kept.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
-
-
-def _residual(kept: KernelResults) -> np.ndarray:
-    """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
-    if "slip" not in kept.slots:
-        return np.zeros((len(kept), kept.scene.n_dof))
-    p, r, limit = kept.slots["slip"], kept.variants.hardenings, kept.variants.yield_drifts
-    p = np.where(kept.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
-    back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
-    rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
-    return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
 
 
 def _displacements(group: Group, straight: bool) -> Iterator[Motion]:

@@ -6,9 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from pounding_sweep.outputs.declare import Variable, needs
+from pounding_sweep.outputs.declare import KernelResults, Variable
 from pounding_sweep.outputs.energy import hysteretic
-from pounding_sweep.outputs.readout import KernelResults
 
 #: Relative error beyond which the peaks of a scenario are wrong, where no other was asked for.
 OK_CLAIM = 0.05
@@ -95,15 +94,15 @@ class Status(IntEnum):
 STATUS: tuple[Status, ...] = tuple(Status)
 
 
-def _energy_residual(kept: KernelResults) -> np.ndarray:
+def _energy_residual(results: KernelResults) -> np.ndarray:
     """|sum of transfers - sum of works of contacts and links| over the largest energy in the balance."""
-    raw = kept.slots
+    raw = results.slots
     initial: np.ndarray | float = 0.0
-    if kept.initial_velocity is not None:
-        initial = 0.5 * (kept.variants.masses * np.square(kept.initial_velocity)).sum(axis=1)
+    if results.initial_velocity is not None:
+        initial = 0.5 * (results.variants.masses * np.square(results.initial_velocity)).sum(axis=1)
     gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
     if "travel" in raw:
-        gained = gained + hysteretic(kept)
+        gained = gained + hysteretic(results)
     left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
     work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
     if "link_held" in raw:
@@ -112,63 +111,56 @@ def _energy_residual(kept: KernelResults) -> np.ndarray:
     return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
 
 
-#: Of outputs of runs.
 RUNS = (
     Variable(
         "time_step",
-        (),
         "s",
         "time step",
         "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
-        readout=lambda kept: np.full(len(kept), kept.step),
+        lambda results: np.full(len(results), results.step),
     ),
     Variable(
         "error_estimate",
-        (),
         "1",
         "estimated relative error",
-        "Largest relative difference of an output to a run at half the time step. Where an accuracy chose the step it "
-        "is in every cube: three times what the order of the scheme makes of the difference to a run at twice the "
-        "step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
+        "Largest relative difference of an output to a run at half the time step. Where an accuracy chose the step "
+        "it is in every cube: three times what the order of the scheme makes of the difference to a run at twice "
+        "the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
     ),
     Variable(
         "amplification",
-        (),
         "1",
         "amplification of small changes",
-        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change of "
-        "1e-6 of each; the scenario is ill-conditioned where it is large.",
+        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change "
+        "of 1e-6 of each; the scenario is ill-conditioned where it is large.",
     ),
     Variable(
         "status",
-        (),
         "1",
         "status of the scenario",
         "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
         dtype="i1",
         always=True,
-        flag_values=tuple(int(s) for s in Status),
+        flag_values=tuple(map(int, Status)),
         flag_meanings=" ".join(s.label for s in Status),
     ),
     Variable(
         "energy_residual",
-        (),
         "1",
         "relative residual of the energy balance",
         "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
-        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact work); "
-        "what links hold and lose counts as work.",
-        needs("energy", "work", "hysteretic", "links"),
+        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact "
+        "work); what links hold and lose counts as work.",
         _energy_residual,
+        needs=frozenset({"energy", "hysteretic", "links", "work"}),
     ),
     Variable(
         "steps_per_contact",
-        (),
         "1",
         "time steps in the shortest contact",
-        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective mass "
-        "and approach velocity; missing where nothing touched.",
-        readout=lambda kept: kept.steps_per_contact,
+        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective "
+        "mass and approach velocity; missing where nothing touched.",
+        lambda results: results.steps_per_contact,
         always=True,
     ),
 )

@@ -7,6 +7,7 @@ read them here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,8 +16,7 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs import contact, energy, motion
-from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, Reducer, Variable
-from pounding_sweep.outputs.readout import INTEGER_FILL
+from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, INTEGER_FILL, Reducer, Variable
 from pounding_sweep.outputs.status import OK_CLAIM, RUNS, SETTLED, STATUS, Status
 
 __all__ = [
@@ -41,9 +41,14 @@ __all__ = [
     "reducers_of",
 ]
 
-#: Every output by name, in the order in which cubes and tables list them.
+#: Every reducer by name, in the order in which their slots lie.
+REDUCERS: dict[str, Reducer] = {
+    reducer.name: reducer for reducer in (*motion.REDUCERS, *contact.REDUCERS, *energy.REDUCERS)
+}
+_REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
+#: Every output by name, in the order in which cubes and tables list them, with the reducer of its slot among its needs.
 VARIABLES: dict[str, Variable] = {
-    variable.name: variable
+    variable.name: replace(variable, needs=variable.needs | {*filter(None, [_REDUCER_OF.get(str(variable.source))])})
     for variable in (
         *motion.MOTIONS,
         *motion.YIELDS,
@@ -54,11 +59,6 @@ VARIABLES: dict[str, Variable] = {
         *motion.CLOSINGS,
         *RUNS,
     )
-}
-
-#: Every reducer by name, in the order in which their slots lie.
-REDUCERS: dict[str, Reducer] = {
-    reducer.name: reducer for reducer in (*motion.REDUCERS, *contact.REDUCERS, *energy.REDUCERS)
 }
 
 #: What a sweep reports where its ``outputs`` are not given.

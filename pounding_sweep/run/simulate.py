@@ -17,8 +17,8 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
+from pounding_sweep.outputs.declare import scatter_base, scatter_contact, scatter_dof, scatter_link
 from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.readout import scatter_base, scatter_contact, scatter_dof, scatter_link
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
