@@ -15,7 +15,7 @@ from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, polynomial, rate, root
-from pounding_sweep.kernel.row import total_accelerations
+from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Mass (t) of a wall, beside which those of floors vanish.
@@ -30,24 +30,11 @@ LEAST_SHARE = 1.0e-3
 
 def alone(group: Group, ground: Any) -> None:
     """Accelerations as if nothing touched, at the present state, in rows ``alone``."""
-
-    def put(i: Any, x: Any) -> None:
-        group.state["alone", i] = x
-
     s = group.state
     for part, moving in group.each_part():
-        v, (b, floors) = [s["v", i] for i in moving], part[0]
-        if any(map(group.own_damper, floors)) or group.spec.foundations:
-            found = total_accelerations(group, part, [s["u", i] for i in moving], v)
-            for i, a in zip(moving, found, strict=True):
-                put(i, a if group.rocks(i) else a - ground)
-            continue
-        w = [s["u", i] + group.prop("beta", b) * y for i, y in zip(floors, v, strict=True)]
-        for p, i in enumerate(floors):
-            f = -group.prop("k", i) * (w[p] - w[p - 1] if p else w[p])
-            if p < len(floors) - 1:
-                f = f + group.prop("k", floors[p + 1]) * (w[p + 1] - w[p])
-            put(i, f * group.prop("im", i) - group.prop("alpha", b) * v[p] - ground)
+        x, y = ([s[name, i] for i in moving] for name in ("u", "v"))
+        for i, a in zip(moving, accelerations(group, part, x, y, ground, ()), strict=True):
+            s["alone", i] = a
     if group.spec.links:
         links.accelerate(group, "alone", "u", "v")
 

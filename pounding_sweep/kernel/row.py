@@ -70,7 +70,10 @@ def accelerations(
     push: Sequence[Sequence[tuple[str, Any]]],
     constant: bool = True,
 ) -> list[Any]:
-    """Accelerations relative to the ground, of displacements x and velocities y, under forces `push` on each floor."""
+    """Accelerations of displacements x and velocities y, under forces `push` on each floor.
+
+    They are relative to the ground, whose acceleration is `ground`; None: total ones.
+    """
     found: list[Any] = []
     f = storey_forces(group, part, x, y, constant)
     for b, floors in part:
@@ -79,10 +82,11 @@ def accelerations(
             net = -f[p] if s == len(floors) - 1 else f[p + 1] - f[p]
             for sign, force in push[p] if push else ():
                 net = net - force if sign == "-" else net + force
-            moves = group.deformation(i, y, p)
-            found.append(fma(group.prop("im", i), net, -fma(group.prop("alpha", b), moves, ground)))
+            alpha, moves = group.prop("alpha", b), group.deformation(i, y, p)
+            drag = alpha * moves if ground is None else fma(alpha, moves, ground)
+            found.append(fma(group.prop("im", i), net, -drag))
     bases = foundation.accelerations(group, f, x, y)
-    return found + [a if group.rocks(i) else a - ground for i, a in bases]
+    return found + [a if ground is None or group.rocks(i) else a - ground for i, a in bases]
 
 
 def pushes(group: Group, forces: Sequence[Any]) -> list[list[tuple[str, Any]]]:
@@ -154,29 +158,7 @@ def each_given(group: Group, j: Any, force: Any, y: Any) -> Iterator[tuple[Any, 
 
 def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], rates: bool = False) -> list[Any]:
     """-M^-1 (C y + K x): total accelerations without contact forces, or of rates x, y their rates."""
-    found: list[Any] = []
-    shears: dict[int, Any] = {}
-    for b, floors in part:
-        at = len(found)
-        if on_own_terms(group, floors):
-            forces = [
-                storey_force(group, b, i, _drift(group, i, x, p, at), _drift(group, i, y, p, at), not rates)
-                for p, i in enumerate(floors, at)
-            ]
-            for s, i in enumerate(floors):
-                net = -forces[s] if s == len(floors) - 1 else forces[s + 1] - forces[s]
-                found.append(fma(group.prop("im", i), net, -(group.prop("alpha", b) * group.deformation(i, y, at + s))))
-            shears |= dict(zip(floors, forces, strict=True)) if group.base(floors[0]) else {}
-            continue
-        w = [x[at + s] + group.prop("beta", b) * y[at + s] for s in range(len(floors))]
-        for s, i in enumerate(floors):
-            here = -(group.prop("alpha", b) * y[at + s]) - group.prop("im", i) * (
-                group.prop("k", i) * (w[s] - w[s - 1] if s else w[s])
-            )
-            if s < len(floors) - 1:
-                here = here + group.prop("im", i) * (group.prop("k", floors[s + 1]) * (w[s + 1] - w[s]))
-            found.append(here)
-    return found + [a for _, a in foundation.accelerations(group, shears, x, y)]
+    return accelerations(group, part, x, y, None, (), not rates)
 
 
 def add_forces(group: Group, name: str, forces: str) -> None:

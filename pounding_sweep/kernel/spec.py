@@ -293,21 +293,14 @@ def to_json(shape: KernelSpec) -> dict[str, Any]:
 
 def from_json(data: dict[str, Any]) -> KernelSpec:
     """Return the shape of `to_json`."""
-    own = {
-        "storeys": tuple(data["storeys"]),
-        "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
-        "law": None if data["law"] is None else LawShape(**data["law"]),
-        "bumpers": tuple(LawShape(**law) for law in data["bumpers"]),
-        "bumped": tuple(data["bumped"]),
-        "struck": tuple(data["struck"]),
-        "reducers": frozenset(data["reducers"]),
-        "yielding": tuple(data["yielding"]),
-        "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
-        "dashpots": tuple(data["dashpots"]),
-        "links": tuple((int(a), int(b)) for a, b in data["links"]),
-        "foundations": tuple(data["foundations"]),
-    }
-    return KernelSpec(**{**data, **own})
+
+    def frozen(value: Any) -> Any:
+        if isinstance(value, dict):
+            return LawShape(**value)
+        return tuple(map(frozen, value)) if isinstance(value, list) else value
+
+    values = {name: frozen(value) for name, value in data.items()}
+    return KernelSpec(**{**values, "reducers": frozenset(data["reducers"])})
 
 
 @dataclass

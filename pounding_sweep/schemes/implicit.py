@@ -17,7 +17,7 @@ from pounding_sweep.kernel.impulse import alone
 from pounding_sweep.kernel.lanes import Cell, count_to, flag, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.row import damper_stiffness
 
-#: Sweeps over the contacts before the implicit solution is given up (the lane is flag).
+#: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
 MAX_SWEEPS = 500
 #: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
 STIFF_RATE = 2.0
@@ -209,6 +209,22 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
 
         return force
 
+    def update(j: Any, here: Any) -> tuple[Any, Any]:
+        unit = _unit(group, j) * share
+        old = s["force", j]
+        d = penetration(group, j) + be * unit * old
+        v = group.between("v", j) + ga * unit * old
+        new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+        return new, new - old
+
+    _iterate(group, live, share, (be, ga), update)
+
+
+def _iterate(
+    group: Group, live: Any, share: Any, ends: tuple[Any, Any], update: Callable[[Any, Any], tuple[Any, Any]]
+) -> None:
+    """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
+    s, spec, (be, ga) = group.state, group.spec, ends
     going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
     for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
         mine = going.now
@@ -216,12 +232,8 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
         for j in group.each_contact():
             here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
             with when_any(here):
-                unit = _unit(group, j) * share
                 old = s["force", j]
-                d = penetration(group, j) + be * unit * old
-                v = group.between("v", j) + ga * unit * old
-                new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
-                change = new - old
+                new, change = update(j, here)
                 most.now = where(here, maximum(most.now, size(new)), most.now)
                 change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
                 moves = here & ~(change == 0.0)
@@ -247,24 +259,13 @@ def correct_resting(group: Group, h: Any) -> None:
                 for first, floors, _ in _sides(group, j):
                     _keep_compliance(group, first, floors, h)
             s["force", j] = where(live, 0.0, s["force", j])
-        going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
-        for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
-            mine = going.now
-            most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
-            for j in group.each_contact():
-                here = mine & (s["ke", j] > 0.0)
-                with when_any(here):
-                    change = group.between("a", j) / _unit(group, j)
-                    force = s["force", j] + change
-                    s["force", j] = where(here, force, s["force", j])
-                    most.now = where(here, maximum(most.now, size(force)), most.now)
-                    change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
-                    for first, floors, sign in _sides(group, j):
-                        _push(group, first, floors, be, ga, sign * change, here)
-            largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
-            going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
-        failed = going.now & (moved.now > group.limit.unswept * largest.now)
-        s["unsolved"] = where(failed, 1.0, s["unsolved"])
+
+        def update(j: Any, here: Any) -> tuple[Any, Any]:
+            del here
+            change = group.between("a", j) / _unit(group, j)
+            return s["force", j] + change, change
+
+        _iterate(group, live, 1.0, (be, ga), update)
 
 
 def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
