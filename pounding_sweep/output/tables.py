@@ -20,6 +20,7 @@ from pounding_sweep.output.slabs import block_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records.measures import RecordMeasures
 from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -324,7 +325,8 @@ class _AuditErrors:
             known[kind] = values
         # missing where it is the building's own
         buildings = [item for item in self._sweep["scene"]["row"] if "masses" in item]
-        hardening = xr.DataArray([item.get("hardening", np.nan) for item in buildings], dims="building")
+        scene_values = [building.uniform_hardening for building in scene_of(self._sweep["scene"]).buildings]
+        hardening = xr.DataArray(scene_values, dims="building")
         known["hardening"] = known["hardening"].where(known["hardening"] != hardening)
         known["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
         ratios = {json.dumps(item["damping_ratio"]) for item in buildings}
