@@ -368,7 +368,7 @@ class Group:
 
     def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Go through the links and the floors that they join; in a long row at run time."""
-        if not self.long:
+        if not (self.long and self.spec.links):
             yield from enumerate(self.spec.links)
             return
         for j in count_to(len(self.spec.links), self.trace):

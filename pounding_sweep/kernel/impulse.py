@@ -39,10 +39,10 @@ def alone(group: Group, ground: Any) -> None:
         links.accelerate(group, "alone", "u", "v")
 
 
-def join_rows(group: Group, name: str, keeps: str = "force") -> None:
-    """Give resting floors one rate, in rows; keep what it took."""
-    s = group.state
-    values, taken = join(group, group.floors(name), resting(group))
+def join_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
+    """Give resting floors one rate, in rows of the state or of another `memory`; keep what it took."""
+    s: Any = group.state if memory is None else memory
+    values, taken = join(group, [s[name, i] for i in range(group.spec.n_moving)], resting(group))
     touched = {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}
     for i in touched:
         s[name, i] = values[i]

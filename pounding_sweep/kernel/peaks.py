@@ -19,7 +19,6 @@ from pounding_sweep.kernel.lanes import (
     Lookup,
     any_lane,
     count_to,
-    fma,
     maximum,
     minimum,
     size,
@@ -236,14 +235,6 @@ def turning(group: Group) -> Any:
         if motion.alone:
             found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
     return found.now
-
-
-def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
-    """Add energies over a step, from sums of powers over its stages."""
-    s = group.state
-    for b, (gained, lost) in enumerate(powers):
-        s["e_in", b] = fma(h6, gained, s["e_in", b])
-        s["e_damp", b] = fma(h6, lost, s["e_damp", b])
 
 
 def largest_accelerations(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,27 +13,11 @@ from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
 from pounding_sweep.kernel.located import keep_start
-from pounding_sweep.kernel.peaks import add_powers
-from pounding_sweep.kernel.row import Part, accelerations, each_given, powers, pushes
+from pounding_sweep.kernel.row import Part, accelerations, each_given, powers
 from pounding_sweep.schemes.base import Scheme
 
-
-@dataclass
-class Step:
-    """What a step found: motion at its end, accelerations of its stages, and sums over these."""
-
-    u: list[Any]
-    v: list[Any]
-    a: list[list[Any]]
-    powers: list[tuple[Any, Any]] = field(default_factory=list)
-    work: list[Any] = field(default_factory=list)
-    given: dict[int, Any] = field(default_factory=dict)
-    impulse: list[Any] = field(default_factory=list)
-    travel: dict[int, Any] = field(default_factory=dict)
-
-
-#: Contact forces at a state, or what makes floors that rest on each other accelerate alike.
-Forces = Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]
+#: Force of a contact (number, displacements, velocities), these by floor or by the name of their rows.
+Press = Callable[[Any, Any, Any], Any]
 
 
 class Explicit(Scheme):
@@ -69,266 +53,182 @@ class Explicit(Scheme):
         return known | {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in known}
 
     def step(
-        self,
-        group: Group,
-        part: Part,
-        u: Sequence[Any],
-        v: Sequence[Any],
-        h: Any,
-        forces: Forces | None = None,
-        join: Callable[[list[Any]], tuple[list[Any], list[Any]]] | None = None,
-    ) -> Step:
-        """Return where a step of length `h` leads a part of the row."""
-        asked, every = group.asked, range(len(u))
-        grounds, found, x, y, a = self._grounds(group), Step([], [], []), list(u), list(v), []
+        self, group: Group, h: Any, part: Part | None = None, press: Press | None = None, joins: bool = False
+    ) -> Any:
+        """Step stage by stage from ``u0`` and ``v0`` to ``u`` and ``v``; returns where these lie, and sums over stages.
 
-        def total(sums: Sequence[Any], values: Sequence[Any]) -> list[Any]:
-            scaled = [weight * value for value in values]
-            return [old + new for old, new in zip(sums, scaled, strict=True)] if sums else scaled
+        Of a long row in contact (`part`: None) they lie in rows of state. Else they are values by place in the part,
+        whose ``u0`` and ``v0`` are those of the state.
+        """
+        # Sums are of powers (``din``, ``ddamp``), works, impulses and energies given (``gain``); floors that rest on
+        # each other are given one acceleration if `joins`.
+        s, asked, spec, grounds = group.state, group.asked, group.spec, self._grounds(group)
+        rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
+        floors = [] if part is None else [i for _, mine in part for i in mine]
+        if len(floors) == spec.n_dof:
+            floors = [*range(spec.n_moving)]
+        m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}
 
-        flow = bouc_wen.Flow(group) if group.spec.smooth else None
+        def every() -> Iterable[Any]:
+            return group.each(spec.n_dof) if rows else range(len(floors))
+
+        def contacts() -> Iterable[Any]:
+            return group.each_contact() if rows else range(len(group.contacts))
+
+        for i in every():
+            m["x", i], m["y", i] = m["u0", i], m["v0", i]
+        for b in group.each(spec.n_buildings) if rows and "transfer" in asked and group.touching else ():
+            s["gain", b] = 0.0
         for number, (place, weight) in enumerate(self.nodes, 1):
+            now, ground = f"s{number - 1}", grounds[place]
+            x, y = ("x", "y") if rows else ([m[name, i] for i in every()] for name in "xy")
+            pushed: dict[Any, list[tuple[str, Any]]] = {}
             if flow is not None:
                 flow.hold(x, y, weight)
-            held: Sequence[Any] = forces(x, y) if forces is not None else ()
-            push = pushes(group, held)
-            if group.spec.links:
-                push = links.pushes(group, links.forces(group, x, y), push)
-                if "links" in asked:
-                    links.add_powers(group, x, y, weight, number == 1)
-            now = accelerations(group, part, x, y, grounds[place], push)
-            if join is not None:
-                now, held = join(now)
-            a.append(now)
-            if "energy" in asked:
-                gained, lost = zip(*powers(group, part, y, grounds[place]), strict=True)
-                sums = [total([p[side] for p in found.powers], new) for side, new in enumerate((gained, lost))]
-                found.powers = list(zip(*sums, strict=True))
-            if held and "work" in asked and join is None:
-                speeds = [group.between(y, j) for j in range(len(held))]
-                weighted = [weight * force * w for force, w in zip(held, speeds, strict=True)]
-                found.work = [o + n for o, n in zip(found.work, weighted, strict=True)] if found.work else weighted
-            for j, force in enumerate(held) if "transfer" in asked else ():
-                for b, power in each_given(group, j, force, y):
-                    found.given[b] = fma(weight, power, found.given[b]) if b in found.given else weight * power
-            if held and "impulse" in asked:
-                found.impulse = total(found.impulse, held)
-            states = [self.after(number, u[i], v[i], x[i], [each[i] for each in a], h) for i in every]
-            x, y = ([state[side] for state in states] for side in (0, 1))
+
+            def add(name: str, k: Any, value: Any, number: int = number, weight: float = weight) -> None:
+                value = weight * value
+                m[name, k] = value if number == 1 else m[name, k] + value
+
+            def push(floor: Any, sign: str, force: Any, pushed: dict[Any, Any] = pushed) -> None:
+                if not rows:
+                    pushed.setdefault(floor, []).append((sign, force))
+                    return
+                before = s["push", floor]
+                s["push", floor] = before - force if sign == "-" else before + force
+
+            def count(j: Any, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
+                if "impulse" in asked:
+                    add("dimpulse", j, force)
+                for b, power in each_given(group, j, force, y) if "transfer" in asked else ():
+                    known = rows or ("gain", b) in m
+                    m["gain", b] = fma(weight, power, m["gain", b]) if known else weight * power
+
+            for i in group.each(spec.n_dof) if rows else ():
+                s["push", i] = 0.0
+            for j in contacts() if press is not None else ():
+                assert press is not None
+                force = press(j, x, y)
+                for floor, sign, share in group.ends(j):
+                    push(floor, sign, part_of(force, share))
+                if "work" in asked:
+                    add("dwork", j, force * group.between(y, j))
+                count(j, force)
+            for j, ends in group.each_link():
+                pull = links.force(group, j, ends, x, y)
+                for floor, sign in zip(ends, "-+", strict=True):
+                    push(floor, sign, pull)
+            if "links" in asked:
+                links.add_powers(group, x, y, weight, number == 1)
+            own = [(part, every())] if part is not None else (([mine], mine[1]) for mine in group.each_building())
+            for some, moving in own:
+                xs, ys = ([m[name, i] for i in moving] for name in "xy")
+                pushes = [[("+", s["push", i])] if rows else pushed.get(i, ()) for i in moving]
+                for i, a in zip(moving, accelerations(group, some, xs, ys, ground, pushes), strict=True):
+                    m[now, i] = a
+                for k, (gained, lost) in enumerate(powers(group, some, ys, ground)) if "energy" in asked else ():
+                    add("din", some[0][0] if rows else k, gained)
+                    add("ddamp", some[0][0] if rows else k, lost)
+            if joins:
+                impulse.join_rows(group, now, memory=m)
+                for j in contacts():
+                    count(j, m["force", j])
+            names = ("x", "y") if number < len(self.nodes) else ("u", "v")
+            for i in every():
+                a = [m[f"s{k}", i] for k in range(number)]
+                moved = self.after(number, m["u0", i], m["v0", i], m["x", i], a, h)
+                m[names[0], i], m[names[1], i] = moved
             if flow is not None:
                 flow.advance(self.after, number, h)
         if flow is not None:
             flow.end()
-            found.travel = flow.lost
-        found.u, found.v, found.a = x, y, a
-        return found
-
-    def step_long(
-        self, group: Group, h: Any, press: Callable[[Any], Any] | None, join: Callable[[str], None] | None
-    ) -> None:
-        """Step from ``u0`` and ``v0`` to ``u`` and ``v`` in a long row in contact, stage by stage."""
-        # `press` is a contact's force. The sums over the stages are left in `din`, `ddamp`, `dwork`, `dimpulse` and
-        # `gain`; where floors rest on each other, `join` makes their accelerations in a row alike and leaves the
-        # forces in `force`.
-        s, r, n, grounds = group.state, group.asked, group.spec.n_dof, self._grounds(group)
-        for i in group.each(n):
-            s["x", i], s["y", i] = s["u0", i], s["v0", i]
-        for b in group.each(group.spec.n_buildings) if "transfer" in r and group.touching else ():
-            s["gain", b] = 0.0
-        for number, (place, weight) in enumerate(self.nodes, 1):
-
-            def add(row: str, k: Any, value: Any, weight: float = weight, number: int = number) -> None:
-                s[row, k] = weight * value if number == 1 else s[row, k] + weight * value
-
-            def give(j: Any, force: Any, weight: float = weight) -> None:
-                for b, power in each_given(group, j, force, "y"):
-                    s["gain", b] = fma(weight, power, s["gain", b])
-
-            for i in group.each(n):
-                s["push", i] = 0.0
-            for j in group.each_contact() if press is not None else ():
-                assert press is not None
-                force = press(j)
-                for floor, sign, share in group.ends(j):
-                    before, part = s["push", floor], part_of(force, share)
-                    s["push", floor] = before - part if sign == "-" else before + part
-                if "work" in r:
-                    add("dwork", j, force * group.between("y", j))
-                if "impulse" in r:
-                    add("dimpulse", j, force)
-                if "transfer" in r:
-                    give(j, force)
-            if group.spec.links:
-                links.push_rows(group, "push", "x", "y")
-                if "links" in r:
-                    links.add_powers(group, "x", "y", weight, number == 1)
-            for b, floors in group.each_building():
-                x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
-                push = [[("+", s["push", i])] for i in floors]
-                now = accelerations(group, [(b, floors)], x, y, grounds[place], push)
-                for i, a in zip(floors, now, strict=True):
-                    s[f"s{number - 1}", i] = a
-                for gained, lost in powers(group, [(b, floors)], y, grounds[place]) if "energy" in r else ():
-                    add("din", b, gained)
-                    add("ddamp", b, lost)
-            if join is not None:
-                join(f"s{number - 1}")
-                for j in group.each_contact() if r & {"impulse", "transfer"} else ():
-                    if "impulse" in r:
-                        add("dimpulse", j, s["force", j])
-                    if "transfer" in r:
-                        give(j, s["force", j])
-            names = ("x", "y") if number < len(self.nodes) else ("u", "v")
-            for i in group.each(n):
-                a = [s[f"s{k}", i] for k in range(number)]
-                for name, value in zip(names, self.after(number, s["u0", i], s["v0", i], s["x", i], a, h), strict=True):
-                    s[name, i] = value
-        for i in group.each(n):
-            self.keep(group, i, [s[f"s{k}", i] for k in range(len(self.nodes))])
+            m |= {("travel", i): x for i, x in flow.lost.items()}
+        return m
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
+        if not group.long or group.spec.links:  # the row moves as one
+            return self._take(group, h)
         s = group.state
-        if not group.long:
-            return self._whole(group, h, None)
-        if group.spec.links:  # the row moves as one
-            keep_start(group)
-            self.step_long(group, h, None, None)
-            return lambda: _record_long(group)
         for b, floors in group.each_building():
-            u, v = [s["u", i] for i in floors], [s["v", i] for i in floors]
-            step = self.step(group, [(b, floors)], u, v, h)
+            for i in floors:
+                s["u0", i], s["v0", i] = s["u", i], s["v", i]
+            m = self.step(group, h, [(b, floors)])
             for p, i in enumerate(floors):
-                s["u0", i], s["v0", i], s["u", i], s["v", i] = u[p], v[p], step.u[p], step.v[p]
-            for gained, lost in step.powers:
-                s["din", b], s["ddamp", b] = gained, lost
-        return lambda: _record_long(group)
+                s["u", i], s["v", i] = m["u", p], m["v", p]
+            for name in ("din", "ddamp") if "energy" in group.asked else ():
+                s[name, b] = m[name, 0]
+        return partial(_add_sums, group, s, touching=False)
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
         s = group.state
-        if group.long:
-            keep_start(group)
 
-            def push(j: Any) -> Any:
-                d = group.between("x", j) - group.gap(j)
-                law = group.law_of(j)
-                return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, group.between("y", j))
+        def press(j: Any, x: Any, y: Any) -> Any:
+            d, law = group.between(x, j) - group.gap(j), group.law_of(j)
+            return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, group.between(y, j))
 
-            self.step_long(group, h, push, None)
-            return lambda: _record_contacts(group)
-        every = range(len(group.contacts))
-        k = [group.stiffness(j) for j in every] if group.spec.own_stiffness else [group.stiffness(0)] * len(every)
-        c, gaps = [s["c", j] for j in every], [group.gap(j) for j in every]
-        run = [s["vrun", j] for j in every]
+        return self._take(group, h, press)
 
-        def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-            return [
-                group.law_of(j).memoryless(ki, ci, fastest, group.between(x, j) - gap, group.between(y, j))
-                for j, (ki, ci, fastest, gap) in enumerate(zip(k, c, run, gaps, strict=True))
-            ]
-
-        return self._whole(group, h, press)
-
-    def _whole(self, group: Group, h: Any, press: Forces | None) -> Callable[[], None]:
-        u, v = group.floors("u"), group.floors("v")
-        group.put("u0", u)
-        group.put("v0", v)
-        if group.spec.smooth:
-            bouc_wen.keep(group)
-        step = self.step(group, _row(group), u, v, h, press)
-        group.put("u", step.u)
-        group.put("v", step.v)
-        return _record(group, step)
+    def _take(self, group: Group, h: Any, press: Press | None = None) -> Callable[[], None]:
+        """Take a step of the whole row."""
+        keep_start(group)
+        m = self.step(group, h, _row(group), press)
+        _put(group, m)
+        return partial(_add_sums, group, m, touching=press is not None)
 
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, modes frozen."""
         s = group.state
-        if group.long:
 
-            def push(j: Any) -> Any:
-                d = group.between("x", j) - group.gap(j)
-                return group.law_of(j).pressing(s["ke", j], s["ce", j], d, group.between("y", j))
+        def read(j: Any) -> tuple[Any, Any, Any]:
+            return s["ke", j], s["ce", j], group.gap(j)
 
-            if group.spec.impulsive:
-                self.step_long(group, s["h"], None, lambda name: impulse.join_rows(group, name))
-            else:
-                self.step_long(group, s["h"], push if group.touching else None, None)
-            return lambda: _record_contacts(group)
-        every = range(len(group.contacts))
-        u0, v0, h = group.floors("u0"), group.floors("v0"), s["h"]
-        if group.spec.impulsive:
-            rests = impulse.resting(group)
-            step = self.step(group, _row(group), u0, v0, h, join=lambda a: impulse.join(group, a, rests))
-        elif not group.touching:
-            step = self.step(group, _row(group), u0, v0, h)
-        else:
-            k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
+        # of a short row once for all stages
+        known = {} if group.long else {j: read(j) for j in range(len(group.contacts))}
+        presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in known.items()}
 
-            presses = [any_lane(~(k[j] == 0.0) | ~(c[j] == 0.0)) for j in every]
+        def press(j: Any, x: Any, y: Any) -> Any:
+            force, (k, c, gap) = Cell(group.full(0.0)), known[j] if known else read(j)
+            for _ in when(presses[j]) if known else (None,):
+                d, v = group.between(x, j) - gap, group.between(y, j)
+                force.now = group.law_of(j).pressing(k, c, d, v)
+            return force.now
 
-            def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-                found = [Cell(group.full(0.0)) for _ in every]
-                for j, force in enumerate(found):
-                    for _ in when(presses[j]):
-                        d, v = group.between(x, j) - gaps[j], group.between(y, j)
-                        force.now = group.law_of(j).pressing(k[j], c[j], d, v)
-                return [force.now for force in found]
-
-            step = self.step(group, _row(group), u0, v0, h, press)
-        for i in range(group.spec.n_moving):
-            self.keep(group, i, [each[i] for each in step.a])
-        group.put("u", step.u)
-        group.put("v", step.v)
-        return _record(group, step)
+        joins = group.spec.impulsive and group.touching
+        m = self.step(group, s["h"], _row(group), press if group.touching and not joins else None, joins)
+        for i in group.each(group.spec.n_moving):
+            self.keep(group, i, [m[f"s{k}", i] for k in range(len(self.nodes))])
+        _put(group, m)
+        return partial(_add_sums, group, m, touching=group.touching)
 
 
-def _row(group: Group) -> Part:
-    """All buildings of a short row, and their floors."""
-    return list(enumerate(group.building_floors))
+def _row(group: Group) -> Part | None:
+    """All buildings of a short row, and their floors; None of a long one."""
+    return None if group.long else list(enumerate(group.building_floors))
 
 
-def _record(group: Group, step: Step) -> Callable[[], None]:
-    """Return what adds energies, work and impulse of a step, once it is taken."""
-
-    def add() -> None:
-        s = group.state
-        h6 = s["h"] * (1.0 / 6.0)
-        if "energy" in group.asked:
-            add_powers(group, step.powers, h6)
-        for j, x in enumerate(step.work):
-            s["work", j] = fma(h6, x, s["work", j])
-        if "links" in group.asked:
-            links.record(group, h6)
-        for j, x in enumerate(step.impulse):
-            s["impulse", j] = fma(h6, x, s["impulse", j])
-        for b, x in step.given.items():
-            s["gain", b] = h6 * x
-        for i, x in step.travel.items():
-            s["travel", i] = fma(h6, x, s["travel", i])
-
-    return add
+def _put(group: Group, m: Any) -> None:
+    """Write the end of a step of a short row."""
+    for i in range(group.spec.n_moving) if m is not group.state else ():
+        group.state["u", i], group.state["v", i] = m["u", i], m["v", i]
 
 
-def _record_long(group: Group) -> None:
-    """Add energies of a step of a long row, which left its sums in rows."""
-    s = group.state
-    h6 = s["h"] * (1.0 / 6.0)
-    for b in group.each(group.spec.n_buildings) if "energy" in group.asked else ():
-        s["e_in", b] = fma(h6, s["din", b], s["e_in", b])
-        s["e_damp", b] = fma(h6, s["ddamp", b], s["e_damp", b])
-    if "links" in group.asked:
+def _add_sums(group: Group, m: Any, touching: bool) -> None:
+    """Add energies, works and impulses of a step, once it is taken, by its sums `m`."""
+    s, asked = group.state, group.asked
+    rows, h6 = m is s, s["h"] * (1.0 / 6.0)
+    sums = [("energy", "e_in", "din"), ("energy", "e_damp", "ddamp"), ("work", "work", "dwork")]
+    for wants, name, of in (*sums, ("impulse", "impulse", "dimpulse")):
+        by_building = wants == "energy"
+        if wants not in asked or not (by_building or touching) or (wants == "work" and group.spec.impulsive):
+            continue
+        for k in group.each(group.spec.n_buildings if by_building else len(group.contacts)):
+            s[name, k] = fma(h6, m[of, k], s[name, k])
+    if "links" in asked:
         links.record(group, h6)
-
-
-def _record_contacts(group: Group) -> None:
-    """Add energies, works and impulses of a step of a long row."""
-    s = group.state
-    h6 = s["h"] * (1.0 / 6.0)
-    _record_long(group)
-    for name in ("work", "impulse"):
-        if name in group.asked and not (name == "work" and group.spec.impulsive):
-            for j in group.each(len(group.contacts)):
-                s[name, j] = fma(h6, s[f"d{name}", j], s[name, j])
-    for b in group.each(group.spec.n_buildings) if "transfer" in group.asked else ():
-        s["gain", b] = h6 * s["gain", b]
+    for b in group.each(group.spec.n_buildings) if "transfer" in asked and touching else ():
+        if rows or ("gain", b) in m:
+            s["gain", b] = h6 * m["gain", b]
+    for i, _ in group.spec.smooth if "hysteretic" in asked else ():
+        s["travel", i] = fma(h6, m["travel", i], s["travel", i])
