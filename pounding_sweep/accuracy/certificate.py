@@ -107,12 +107,12 @@ def certify(
     if not nominal.size or not (np.isfinite(nominal) & (nominal >= 0.0) & (nominal <= 1.0)).all():
         msg = f"restitutions to certify are {nominal.tolist()}; give one or more in [0, 1]"
         raise InputError(msg)
-    found = [law for law in LAWS.values() if law.has_contact] if laws is None else [find_law(law) for law in laws]
-    for law in found:
+    chosen = [law for law in LAWS.values() if law.has_contact] if laws is None else [find_law(law) for law in laws]
+    for law in chosen:
         if not law.has_contact:
             msg = f"law {law.key!r} has no contact, so nothing rebounds; leave it out"
             raise LawError(msg)
-    pairs = list(product(found, RESTITUTION_BASES))
+    pairs = list(product(chosen, RESTITUTION_BASES))
     forms = np.array([_closed_form(law, nominal, basis) for law, basis in pairs])
     slowest = float(np.min(forms[:, 0], where=forms[:, 0] > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
@@ -134,14 +134,14 @@ def certify(
                 row[valid] = _rebound(kernel, record, nominal[valid])
     finally:
         progress.close()
-    shape = (len(found), len(RESTITUTION_BASES), nominal.size)
+    shape = (len(chosen), len(RESTITUTION_BASES), nominal.size)
     data = {
         "measured": (measured, "restitution measured through the kernels"),
         "analytic": (forms[:, 0], "restitution by the closed form"),
         "damping_number": (forms[:, 1], "damping number of the law"),
     }
     axes = {
-        "law": ([law.key for law in found], {"long_name": "contact law"}),
+        "law": ([law.key for law in chosen], {"long_name": "contact law"}),
         "basis": (list(RESTITUTION_BASES), {"long_name": "what the nominal restitution means"}),
         "restitution": (nominal, {"units": "1", "long_name": "nominal restitution"}),
     }
@@ -165,5 +165,4 @@ def _rebound(kernel: RowKernel, record: Record, nominal: np.ndarray) -> np.ndarr
 
 def deviation(certificate: xr.Dataset) -> xr.DataArray:
     """Return |measured - analytic| on (law, basis, restitution)."""
-    found: xr.DataArray = abs(certificate.measured - certificate.analytic)
-    return found
+    return xr.DataArray(abs(certificate.measured - certificate.analytic))

@@ -125,19 +125,19 @@ def check_law(
     >>> check_law(mine, [0.6]).faults  # doctest: +SKIP
     []
     """
-    found = find_law(law)
-    if found.exponent is None or found.yields:
-        msg = f"law {found.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
+    checked = find_law(law)
+    if checked.exponent is None or checked.yields:
+        msg = f"law {checked.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
         raise LawError(msg)
-    nominal = list(restitutions) if found.takes_restitution else [1.0]
-    certificate = certify(nominal, [found], progress=progress)
+    nominal = list(restitutions) if checked.takes_restitution else [1.0]
+    certificate = certify(nominal, [checked], progress=progress)
     solved = np.full(certificate.measured.shape[1:], np.nan)
     for j, basis in enumerate(certificate.basis.values):
         for i in np.flatnonzero(np.isfinite(certificate.damping_number.values[0, j])):
-            solved[j, i] = solved_restitution(found, nominal[i], basis=str(basis))
+            solved[j, i] = solved_restitution(checked, nominal[i], basis=str(basis))
     about = {"units": "1", "long_name": "restitution by an independent solver"}
     certificate = certificate.assign(solved=(("law", "basis", "restitution"), solved[None], about))
-    return LawCheck(found, certificate, *_twins(found))
+    return LawCheck(checked, certificate, *_twins(checked))
 
 
 def solved_restitution(
@@ -159,11 +159,11 @@ def solved_restitution(
     elastic, damper = formulas.read(law.elastic), formulas.read(law.damper) if law.damper else None
 
     def force(d: float, v: float) -> float:
-        given = {"d": d, "r": math.sqrt(max(d, 0.0)), "k": k, "c": c}
-        found = formulas.value(elastic, given, formulas.ON_ARRAYS)
+        variables = {"d": d, "r": math.sqrt(max(d, 0.0)), "k": k, "c": c}
+        elastic_force = formulas.value(elastic, variables, formulas.ON_ARRAYS)
         if damper is None or (law.approach_only and v <= 0.0) or (law.rebound_only and v >= 0.0):
-            return float(found)
-        return float(found + formulas.value(damper, given, formulas.ON_ARRAYS) * v)
+            return float(elastic_force)
+        return float(elastic_force + formulas.value(damper, variables, formulas.ON_ARRAYS) * v)
 
     def motion(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -force(y[0], y[1]) / mass]
@@ -195,8 +195,8 @@ def _twins(law: Law) -> tuple[dict[str, float], int]:
         kernel.run(record, scale=one, stiffness=stiffness * one, **values, twin=twin) for twin in (False, True)
     )
     off = {
-        name: float(np.abs(plain[name] - found).max() / max(np.abs(found).max(), 1e-300))
-        for name, found in compiled.items()
-        if found.size
+        name: float(np.abs(plain[name] - values).max() / max(np.abs(values).max(), 1e-300))
+        for name, values in compiled.items()
+        if values.size
     }
     return off, int(compiled["count"].sum())

@@ -31,8 +31,8 @@ def check_trade(dataset: xr.Dataset) -> None:
 def leading_outputs(trade: xr.Dataset) -> list[str]:
     """Return the two outputs that tables and figures show: peak force and displacement where they are there."""
     outputs = [str(name) for name in trade["output"].values]
-    found = [name for name in LEADING if name in outputs]
-    return (found + [name for name in outputs if name not in found])[: len(LEADING)]
+    leading = [name for name in LEADING if name in outputs]
+    return (leading + [name for name in outputs if name not in leading])[: len(LEADING)]
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
@@ -88,8 +88,8 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
             "-" if row["cost"] is None else f"{row['cost']:.3g}",
         ]
         for name in shown:
-            found = row["errors"][name][population]
-            cells += [_error_text(found[statistic], refused) for statistic in ("median", "worst")]
+            errors = row["errors"][name][population]
+            cells += [_error_text(errors[statistic], refused) for statistic in ("median", "worst")]
         cells += [str(ok), ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items()) or "-"]
         rows.append(cells)
     return headings, rows
@@ -107,16 +107,17 @@ def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
                 place = {"law": law, "output": output, "scheme": scheme, "precision": "float64"}
                 one = median.sel(place).isel(located=int(np.argmax(trade["located"].values)))
                 error, step = one["law_error"].values, one["step"].values
-                kept = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
-                fit = np.polyfit(np.log(step[kept]), np.log(error[kept]), 1)[0] if kept.sum() >= 3 else math.nan
+                fitted = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
+                points = np.log(step[fitted]), np.log(error[fitted])
+                fit = np.polyfit(*points, 1)[0] if fitted.sum() >= 3 else math.nan
                 cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
             rows.append(cells)
     return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows
 
 
-def _error_text(found: dict[str, Any], refused: bool) -> str:
-    value, resolution = found["value"], found["resolution"]
-    mark = "*" if found["pareto"] else " "
+def _error_text(error: dict[str, Any], refused: bool) -> str:
+    value, resolution = error["value"], error["resolution"]
+    mark = "*" if error["pareto"] else " "
     if value is None:
         return f"{'-' if refused or resolution is None else 'diverged'}{mark}"
     if resolution is not None and value < resolution:

@@ -168,9 +168,9 @@ class TradeSample:
         for group, place in zip(self.groups, places, strict=True):
             runs = ~refused[group]
             if runs.any():
-                found = self.run(group[runs], numerics, outputs, change)
+                part = self.run(group[runs], numerics, outputs, change)
                 for name, values in result.items():
-                    values[place[runs]] = found[name]
+                    values[place[runs]] = part[name]
         return result
 
 
@@ -252,18 +252,18 @@ def measure(
                 sample.run(rows, grid[i], plan.spec.outputs)
                 seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
-    shape, each = [len(values) for values in axes.values()], ("scenario", *CONFIGURATION)
+    shape, per_scenario = [len(values) for values in axes.values()], ("scenario", *CONFIGURATION)
     statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
     sensitivity = _errors(outputs, moved, checked).max(axis=1)
-    found = {
+    data = {
         "scenario_error": (("scenario", "output", *CONFIGURATION), errors.reshape(n, len(outputs), *shape)),
-        "scenario_status": (each, statuses.reshape(n, *shape)),
+        "scenario_status": (per_scenario, statuses.reshape(n, *shape)),
         "scenario_reference_error": (("scenario", "output"), reference_error),
         "sensitivity": (("scenario",), sensitivity),
         **_costs(sample, seconds.reshape(-1, *shape, repeats)),
     }
     about = _provenance(spec, sample, reference) | {"seed": seed, "repeats": repeats}
-    return xr.Dataset(found, _coordinates(spec, sample, axes, outputs), about)
+    return xr.Dataset(data, _coordinates(spec, sample, axes, outputs), about)
 
 
 def _refused(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
@@ -276,8 +276,8 @@ def _refused(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
 
 def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
     """Relative errors (n, outputs): infinite where the run diverged, NaN where it or the reference has no values."""
-    found = relative_errors(outputs, values, reference)
-    table = np.stack([found[name] for name in outputs], axis=1)
+    errors = relative_errors(outputs, values, reference)
+    table = np.stack([errors[name] for name in outputs], axis=1)
     table[values["status"] == Status.DIVERGED] = np.inf
     table[(values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)] = np.nan
     return table
@@ -287,9 +287,9 @@ def _costs(sample: TradeSample, seconds: np.ndarray) -> dict[str, Any]:
     """Time per thousand scenarios: of each law, and of the sweep's mix of laws (best and median of the passes)."""
     table, touching = sample.plan.unique, sample.touching
     durations = np.array([record.duration for record in sample.plan.spec.records])[table.record]
-    mine = [touching & (table.law == table.law[rows[0]]) for rows in sample.timed]
-    shares = np.array([rows.sum() / touching.sum() for rows in mine])
-    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(mine, sample.timed, strict=True)]
+    of_laws = [touching & (table.law == table.law[rows[0]]) for rows in sample.timed]
+    shares = np.array([rows.sum() / touching.sum() for rows in of_laws])
+    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
     best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
     per_law = ("law", *CONFIGURATION)
     return {
@@ -392,33 +392,33 @@ def statistics(errors: xr.DataArray, among: xr.DataArray | bool = True) -> xr.Da
 
 def summarise(measured: xr.Dataset) -> xr.Dataset:
     """Sum up what `measure` found, over all laws and by law."""
-    each = measured.assign(sensitive=(measured.sensitivity > OK_CLAIM).astype(np.int8))
-    sensitive, ok = each.sensitive == 1, each.scenario_status == Status.OK
-    compared = each.scenario_error.notnull().all("output")
+    runs = measured.assign(sensitive=(measured.sensitivity > OK_CLAIM).astype(np.int8))
+    sensitive, ok = runs.sensitive == 1, runs.scenario_status == Status.OK
+    compared = runs.scenario_error.notnull().all("output")
 
     def populations(ok: xr.DataArray) -> xr.DataArray:
         masks = [xr.ones_like(ok), ~sensitive, sensitive, ok, ok & ~sensitive]
         together = xr.Dataset(dict(enumerate(masks))).to_array("population")
         return together.assign_coords(population=list(POPULATIONS))
 
-    def summary(mine: xr.DataArray | bool, cost: xr.DataArray) -> xr.Dataset:
-        among = populations(ok) & mine
-        error = statistics(each.scenario_error, among).transpose(*CONFIGURATION, "output", "population", ...)
-        resolution = RESOLUTION * statistics(each.scenario_reference_error, among & compared).transpose(*error.dims)
+    def summary(selected: xr.DataArray | bool, cost: xr.DataArray) -> xr.Dataset:
+        among = populations(ok) & selected
+        error = statistics(runs.scenario_error, among).transpose(*CONFIGURATION, "output", "population", ...)
+        resolution = RESOLUTION * statistics(runs.scenario_reference_error, among & compared).transpose(*error.dims)
         reached = np.maximum(error.values, resolution.values)  # below it, two errors can't be told apart
         front = [pareto_front(cost.values.ravel(), column) for column in reached.reshape(cost.size, -1).T]
         pareto = error.copy(data=np.stack(front, axis=-1).astype(np.int8).reshape(error.shape))
         resolved = (error >= resolution).astype(np.int8)
         return xr.Dataset({"error": error, "resolution": resolution, "resolved": resolved, "pareto": pareto})
 
-    costs = [(each.scenario_law == law, each.law_cost.sel(law=law, drop=True)) for law in each.law.values]
-    by_law = xr.concat([summary(*law) for law in costs], each.law).drop_vars("resolution")
-    codes = xr.DataArray([int(status) for status in STATUS], {"status": each.status}, dims="status")
-    reference = statistics(each.scenario_reference_error, populations(xr.ones_like(sensitive)))
-    trade = each.merge(summary(True, each.cost)).merge(
+    costs = [(runs.scenario_law == law, runs.law_cost.sel(law=law, drop=True)) for law in runs.law.values]
+    by_law = xr.concat([summary(*law) for law in costs], runs.law).drop_vars("resolution")
+    codes = xr.DataArray([int(status) for status in STATUS], {"status": runs.status}, dims="status")
+    reference = statistics(runs.scenario_reference_error, populations(xr.ones_like(sensitive)))
+    trade = runs.merge(summary(True, runs.cost)).merge(
         by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
     )
-    trade["status_count"] = (each.scenario_status == codes).sum("scenario").astype(np.int32)
+    trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
         text, units, *comment = _ABOUT[str(name).removeprefix("law_")]
@@ -526,9 +526,9 @@ def warn_of_doubt(measured: xr.Dataset) -> None:
     )
 
 
-def _chosen(kind: str, given: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
+def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, in the order of `valid`."""
-    names = (given,) if isinstance(given, str) else tuple(given)
+    names = (requested,) if isinstance(requested, str) else tuple(requested)
     for name in names:
         if name not in valid:
             raise InputError(unknown(kind, name, valid))
@@ -540,14 +540,14 @@ def _chosen(kind: str, given: Iterable[str], valid: Sequence[str]) -> tuple[str,
 
 def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...]:
     """Return the steps from the largest to the smallest, one of those that cut every record alike."""
-    found: dict[tuple[int, ...], float] = {}
+    by_cut: dict[tuple[int, ...], float] = {}
     for step in sorted((float(s) for s in steps), reverse=True):
         if not (math.isfinite(step) and step > 0):
             msg = f"step {step!r} must be a positive number (s), such as 1e-3"
             raise InputError(msg)
         cut = tuple(Numerics("rk4", step).steps(record) for record in spec.records)
-        found.setdefault(cut, step)
-    if not found:
+        by_cut.setdefault(cut, step)
+    if not by_cut:
         msg = f"no steps are given; give one or more (s), such as {', '.join(f'{s:g}' for s in DEFAULT_STEPS)}"
         raise InputError(msg)
-    return tuple(found.values())
+    return tuple(by_cut.values())

@@ -105,21 +105,21 @@ def _transfer_alone(cube: xr.Dataset) -> Finding:
     table = published(6).sel(law="none")
     least = table["energy_transfer_min"]
     wrong = int(((least != 0) | (table["energy_transfer_max"] != 0)).sum())
-    own = np.abs(energy_transfer(cube.sel(law="none")))
+    transfer = np.abs(energy_transfer(cube.sel(law="none")))
     scale = float(cube["energy_input"].sel(law="none").max())
     return Finding(
         "Energy transferred without contact",
         f"Table 6, Model VII: {wrong} of {least.size} buildings receive or give energy, up to "
         f"{-float(least.min()):g} kN m.",
         "Model VII has no contact: nothing can be received from anyone.",
-        f"At most {float(own.max()):.1g} kN m remain of an input of up to {scale:.0f} kN m: the error of the time "
+        f"At most {float(transfer.max()):.1g} kN m remain of an input of up to {scale:.0f} kN m: the error of the time "
         "integration.",
     )
 
 
-def unbalanced(given: xr.DataArray, received: xr.DataArray) -> xr.DataArray:
+def unbalanced(released: xr.DataArray, received: xr.DataArray) -> xr.DataArray:
     """Where some building receives more than all others together ever give."""
-    others = given.sum("building") - given
+    others = released.sum("building") - released
     return (-received > others + 1e-6 * np.abs(received)).any("building")
 
 
@@ -127,14 +127,14 @@ def _all_receive(cube: xr.Dataset) -> Finding:
     table = published(6)
     wrong = unbalanced(table["energy_transfer_max"], table["energy_transfer_min"])
     pounding = cube.drop_sel(law="none")
-    own = unbalanced(pounding["energy_transfer_max"], pounding["energy_transfer_min"])
+    unequal = unbalanced(pounding["energy_transfer_max"], pounding["energy_transfer_min"])
     valued = pounding["energy_transfer_max"].notnull().all("building")
     return Finding(
         "All receive, none gives",
         f"Table 6: in {int(wrong.sum())} of {wrong.size} rows a building receives more than the other two ever give.",
         "The buildings' transfers sum to the work that the contacts take in, which no passive contact makes negative: "
         "what one building has received, the others have given.",
-        f"This is so in {int((~own & valued).sum())} of {int(valued.sum())} computed scenarios with pounding.",
+        f"This is so in {int((~unequal & valued).sum())} of {int(valued.sum())} computed scenarios with pounding.",
     )
 
 
@@ -145,8 +145,10 @@ def _misprint(cube: xr.Dataset) -> Finding:
     force = published(5)["impact_force_max"]
     ratio = of_models(force).stack(cell=("record", "pair", "storey")).dropna("cell")
     ratio = ratio.sortby(ratio)
-    own = of_models(cube["impact_force_max"])
-    texts = [f"{float(own.sel(reading=key).max()):.2f} ({READINGS[str(key)].label})" for key in cube["reading"].values]
+    computed = of_models(cube["impact_force_max"])
+    texts = [
+        f"{float(computed.sel(reading=key).max()):.2f} ({READINGS[str(key)].label})" for key in cube["reading"].values
+    ]
     place = dict(zip(("record", "pair", "storey"), ratio["cell"].values[-1], strict=True))
     value = float(force.sel({**place, "law": "nonlinear_viscoelastic"}))
     return Finding(

@@ -54,14 +54,14 @@ def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
     """Put a table of the paper beside the same outputs of both readings."""
     table = published(number)
     table = table.sel(record=[name for name in table["record"].values if name in cube["record"].values])
-    own = cube[list(table.data_vars)].sel(record=table["record"].values)
-    own = own.sel(law=table["law"].values) if "law" in table.dims else own.sel(law="linear", drop=True)
+    computed = cube[list(table.data_vars)].sel(record=table["record"].values)
+    computed = computed.sel(law=table["law"].values) if "law" in table.dims else computed.sel(law="linear", drop=True)
     if "program" in table.dims:
         sources, paper = table.rename(program="source"), table.sel(program="matlab", drop=True)
     else:
         sources, paper = table.expand_dims(source=["paper"]), table
-    values = xr.concat([sources, own.rename(reading="source")], "source", combine_attrs="drop_conflicts")
-    difference = own / paper.where(paper != 0) - 1.0
+    values = xr.concat([sources, computed.rename(reading="source")], "source", combine_attrs="drop_conflicts")
+    difference = computed / paper.where(paper != 0) - 1.0
     for name, off in difference.data_vars.items():
         long_name = f"{get_variable(str(name)).long_name}, over the paper's, less 1"
         values[f"{name}_difference"] = off.assign_attrs(units="1", long_name=long_name)
@@ -107,10 +107,10 @@ def agreement(compared: xr.Dataset) -> Grid:
     for name, reading, record in product(outputs_of(compared), readings, [ALL, *records]):
         one = compared if record == ALL else compared.sel(record=record)
         difference = one[f"{name}_difference"].sel(reading=reading).values
-        paper, own = (one[name].sel(source=source).values for source in (paper_source(compared), reading))
+        paper, computed = (one[name].sel(source=source).values for source in (paper_source(compared), reading))
         off = np.abs(difference[np.isfinite(difference)])
         shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
-        one_zero = int((np.isfinite(own) & ((paper == 0) != (np.abs(own) < resolution(name)))).sum())
+        one_zero = int((np.isfinite(computed) & ((paper == 0) != (np.abs(computed) < resolution(name)))).sum())
         place = [_WRITTEN[name][0], READINGS[reading].label, _label("record", record)]
         rows.append([*place, str(paper.size), f"{np.median(off):.0%}" if off.size else "-", *shares, str(one_zero)])
     return Grid(f"Agreement with {compared.attrs['title'].partition(':')[0]}", headings, rows)

@@ -313,9 +313,9 @@ def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> S
     """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
     held = cases = 0
     for name in names:
-        printed, own = (compared[name].sel(source=source).values for source in (paper_source(compared), reading))
-        cell = np.isfinite(own) & ((printed != 0.0) | (np.abs(own) >= resolution(name)))
-        near = np.abs(own - printed) <= CLOSE[-1] * np.abs(printed)
+        printed, computed = (compared[name].sel(source=source).values for source in (paper_source(compared), reading))
+        cell = np.isfinite(computed) & ((printed != 0.0) | (np.abs(computed) >= resolution(name)))
+        near = np.abs(computed - printed) <= CLOSE[-1] * np.abs(printed)
         held, cases = held + int((near & cell).sum()), cases + int(cell.sum())
     return Support(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
 
@@ -326,17 +326,17 @@ def verdict_of_all(
     """Return what the report opens with; `compared` are the tables side by side by their number."""
     parts = []
     for reading in compared[3]["reading"].values.tolist():
-        said: dict[Verdict, list[str]] = {verdict: [] for verdict in _WORDS}
+        items_by_verdict: dict[Verdict, list[str]] = {verdict: [] for verdict in _WORDS}
         for number, contents in _CONTENTS.items():
             for what, names in contents.items():
                 outcome = table_outcome(compared[number], names, reading)
-                said[outcome.verdict].append(f"{what} of Table {number} ({outcome.numbers})")
+                items_by_verdict[outcome.verdict].append(f"{what} of Table {number} ({outcome.numbers})")
         for one in judgements:
             if one.reading == reading:
-                said[one.verdict].append(f"conclusion {one.conclusion.key}: {one.conclusion.text}")
+                items_by_verdict[one.verdict].append(f"conclusion {one.conclusion.key}: {one.conclusion.text}")
         parts += [
             Reproduction(_WORDS[verdict], READINGS[reading].label, tuple(items) or ("nothing",))
-            for verdict, items in said.items()
+            for verdict, items in items_by_verdict.items()
             if items or verdict is not Verdict.UNTESTED
         ]
     return [*parts, Reproduction("Can't be", "in the paper itself", tuple(impossible))]

@@ -212,7 +212,7 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
     """Draw every figure into a folder, as ``figure_NN.png`` and ``figure_NN.svg``."""
     progress = progress or Progress()
     progress.stage("figures", len(PAPER_FIGURES))
-    found = []
+    pictures = []
     for one in PAPER_FIGURES:
         figure = one.draw(study)
         path = folder / f"figure_{one.number:02d}.png"
@@ -222,6 +222,6 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
         except OSError as error:
             msg = f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
             raise OutputError(msg) from error
-        found.append(Picture(one.number, one.title, path))
+        pictures.append(Picture(one.number, one.title, path))
         progress.advance(1)
-    return found
+    return pictures

@@ -42,13 +42,13 @@ STEP_OUTPUTS = {
 def step_errors(readings: Sequence[Reading], progress: Progress | None = None) -> xr.Dataset:
     """Measure what each scheme and step errs by."""
     choice: dict[str, Any] = {"steps": STEPS_COMPARED, "methods": ("rk4", "newmark"), "precisions": ("float64",)}
-    found = []
+    parts = []
     for reading in readings:
         sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=list(STEP_OUTPUTS))
         trade = tradeoff(sweep, scenarios=1, repeats=1, progress=progress, **choice)
         one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
-        found.append(one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True))
-    return xr.concat(found, reading_axis(readings), combine_attrs="drop_conflicts")
+        parts.append(one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True))
+    return xr.concat(parts, reading_axis(readings), combine_attrs="drop_conflicts")
 
 
 def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
@@ -78,8 +78,8 @@ def largest_steps(steps: xr.Dataset) -> xr.DataArray:
     within = (rising["error"].drop_sel(output="impact_count") <= LIMIT).all("output")
     fine = valued & within & (rising["error"].sel(output="impact_count", drop=True) == 0.0)
     still = fine.astype(int).cumprod("step") == 1
-    found = rising["step"].where(still).max("step")
-    return found.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
+    largest = rising["step"].where(still).max("step")
+    return largest.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
 
 
 def error_text(error: float) -> str:

@@ -108,7 +108,7 @@ def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, au
 
 def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]]:
     """Find the paper's four records."""
-    found, missing = [], {}
+    records, missing = [], {}
     for key in GROUND_MOTIONS:
         try:
             record = find_record(key, folders)
@@ -116,8 +116,8 @@ def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]
             missing[key] = str(error)
             continue
         pga, _ = GROUND_MOTIONS[key]
-        found.append(record.scaled_to(pga * STANDARD_GRAVITY) if key in RESCALED else record)
-    return found, missing
+        records.append(record.scaled_to(pga * STANDARD_GRAVITY) if key in RESCALED else record)
+    return records, missing
 
 
 def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
@@ -132,8 +132,8 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
         msg = f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml"
         raise InputError(msg)
     for reading in READINGS.values():
-        own = build_spec(scene=reading.preset, records="el_centro", laws="none")
-        if json.loads(to_json(own))["scene"] == scene:
+        spec = build_spec(scene=reading.preset, records="el_centro", laws="none")
+        if json.loads(to_json(spec))["scene"] == scene:
             return reading
     presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
     msg = (

@@ -127,8 +127,8 @@ def record_grid(study: Study) -> Grid:
             continue
         record = used[key]
         note = f"scaled by {record.scale:.4f} to the paper's peak" if key in RESCALED else "as recorded"
-        own = f"{record.pga / STANDARD_GRAVITY:.3f}", f"{duration:g}", f"{record.duration:.2f}"
-        rows.append([record_title(key), f"{pga:g}", *own, note])
+        used_values = f"{record.pga / STANDARD_GRAVITY:.3f}", f"{duration:g}", f"{record.duration:.2f}"
+        rows.append([record_title(key), f"{pga:g}", *used_values, note])
     groups = [("", "record"), *[(g, s) for g in ("PGA (g)", "duration (s)") for s in ("paper", "here")], ("", "")]
     return Grid("Ground motions (Table 2)", groups, rows)
 
@@ -151,12 +151,12 @@ def error_grid(study: Study) -> Grid:
 
 def largest_grid(study: Study) -> Grid:
     """Write the largest step of each scheme that an engineer may take."""
-    found = 1e3 * largest_steps(study.steps)
+    largest = 1e3 * largest_steps(study.steps)
     rows = []
-    for scheme, located in product(found["scheme"].values, found["located"].values[::-1]):
-        values = found.sel(scheme=scheme, located=located).values
+    for scheme, located in product(largest["scheme"].values, largest["located"].values[::-1]):
+        values = largest.sel(scheme=scheme, located=located).values
         rows.append([scheme, "yes" if located else "no", *(f"{v:g} ms" if np.isfinite(v) else "none" for v in values)])
-    labels = (READINGS[str(key)].label for key in found["reading"].values)
+    labels = (READINGS[str(key)].label for key in largest["reading"].values)
     title = f"Largest step with errors within {LIMIT:.0%} and the right number of impacts"
     return Grid(title, ungrouped("scheme", "contacts located", *labels), rows)
 

@@ -126,8 +126,8 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
 
     def together(parts: Iterable[xr.Dataset]) -> xr.Dataset:
         """Put datasets of the readings side by side, records in the paper's order."""
-        found = xr.concat(list(parts), reading_axis(readings), join="outer", combine_attrs="drop_conflicts")
-        return found.sel(record=[name for name in RECORDS if name in found["record"].values])
+        joined = xr.concat(list(parts), reading_axis(readings), join="outer", combine_attrs="drop_conflicts")
+        return joined.sel(record=[name for name in RECORDS if name in joined["record"].values])
 
     cube = together(_paper_slice(one) for one in by_reading.values())
     error = together(_error(READINGS[key], one, records, progress) for key, one in by_reading.items())
@@ -143,14 +143,14 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
 
 def _by_reading(cubes: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
     """Return the cubes by reading, in the order of `READINGS`."""
-    found: dict[str, xr.Dataset] = {}
+    by_reading: dict[str, xr.Dataset] = {}
     for number, cube in enumerate(cubes, start=1):
         key = reading_of(cube, f"cube {number}").key
-        if key in found:
+        if key in by_reading:
             msg = f"cube {number} is of the reading {READINGS[key].label!r}, as one before it; give one of each reading"
             raise InputError(msg)
-        found[key] = cube
-    return {key: found[key] for key in READINGS if key in found}
+        by_reading[key] = cube
+    return {key: by_reading[key] for key in READINGS if key in by_reading}
 
 
 def _at_hand(
@@ -186,12 +186,12 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
             raise InputError(msg)
         cube = cube.isel({axis: int(at[0])}, drop=True)
     for axis, names in (("law", MATE2015_MODELS), ("record", RECORDS)):
-        own = [name for name in names if name in cube[axis].values]
-        if axis == "law" and len(own) < len(names):
-            lacking = ", ".join(sorted(set(names) - set(own)))
+        present = [name for name in names if name in cube[axis].values]
+        if axis == "law" and len(present) < len(names):
+            lacking = ", ".join(sorted(set(names) - set(present)))
             msg = f"the cube lacks the laws {lacking}; run the sweep with laws 'mate2015'"
             raise InputError(msg)
-        cube = cube.sel({axis: own})
+        cube = cube.sel({axis: present})
     return cube[[*OUTPUTS, "status"]].reset_coords(drop=True).load()
 
 
