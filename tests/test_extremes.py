@@ -486,8 +486,9 @@ def test_ground_that_turns_back_within_steps_is_told():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_record_of_one_point_moves_nothing(scheme):
-    batch = batch_of(beside_wall(), ps.Record("point", 0.01, [3.0]), gaps=[0.0, 1e-3])
+@pytest.mark.parametrize("law", FAST_LAWS + MANY_LAWS[1:2])
+def test_a_record_of_one_point_moves_nothing(scheme, law):
+    batch = batch_of(beside_wall(), ps.Record("point", 0.01, [3.0]), law, gaps=[0.0, 1e-3])
     found = batch.run(scheme, 0.01)
     assert found["status"].tolist() == [Status.OK] * 2
     assert not found["displacement_min"][:, 0].any()

@@ -40,6 +40,14 @@ _OF_FORCES = ("max", "sqrt")
 _OPEN = "max(d, 0.0)"
 
 
+class _ForeignPartError(LawError):
+    """A formula holds what it may not."""
+
+    def __init__(self, part: ast.expr) -> None:
+        super().__init__(f"the formula of a contact law holds {ast.unparse(part)!r}, which it may not")
+        self.part = part
+
+
 def read(text: str) -> ast.expr:
     """Read a formula, whatever it holds."""
     try:
@@ -62,33 +70,16 @@ def _function(part: ast.Call) -> str:
 def check(text: str, names: tuple[str, ...]) -> None:
     """Raise `LawError` unless a formula holds nothing but what it may."""
     functions = _OF_FORCES if names == FORCE_NAMES else tuple(_ARGUMENTS)
-
-    def visit(part: ast.expr) -> None:
-        match part:
-            case ast.Constant(value=float() | int() as number) if math.isfinite(number):
-                return
-            case ast.Name(id=name) if name in names:
-                return
-            case ast.BinOp(left=left, op=ast.Pow(), right=right) if _number(right) is not None:
-                return visit(left)
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                visit(left)
-                return visit(right)
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return visit(operand)
-            case ast.Call(args=args, keywords=[]) if (
-                _function(part) in functions and len(args) == _ARGUMENTS[_function(part)]
-            ):
-                for each in args:
-                    visit(each)
-                return None
+    try:
+        with np.errstate(all="ignore"):
+            value(read(text), dict.fromkeys(names, np.ones(1)), {name: ON_ARRAYS[name] for name in (*functions, "pow")})
+    except _ForeignPartError as error:
+        part = error.part
         msg = (
             f"the formula {text!r} holds {ast.unparse(part)!r} at column {part.col_offset + 1}; it may hold numbers, "
             f"{', '.join(names)}, + - * /, ** with a number, {', '.join(functions)}"
         )
-        raise LawError(msg)
-
-    visit(read(text))
+        raise LawError(msg) from None
 
 
 def _number(part: ast.expr) -> float | None:
@@ -110,20 +101,21 @@ def _number(part: ast.expr) -> float | None:
 def value(part: ast.expr, given: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
     """Value of a formula that was read, of names and functions."""
     match part:
-        case ast.Constant(value=float() | int() as number):
+        case ast.Constant(value=float() | int() as number) if math.isfinite(number):
             return float(number)
         case ast.Name(id=name) if name in given:
             return given[name]
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return functions["pow"](value(left, given, functions), _number(right))
+        case ast.BinOp(left=left, op=ast.Pow(), right=right) if (power := _number(right)) is not None:
+            return functions["pow"](value(left, given, functions), power)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)](value(left, given, functions), value(right, given, functions))
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return -value(operand, given, functions)
-        case ast.Call(args=args) if _function(part) in functions:
-            return functions[_function(part)](*(value(each, given, functions) for each in args))
-    msg = f"the formula of a contact law holds {ast.unparse(part)!r}, which it may not"
-    raise LawError(msg)
+        case ast.Call(args=args, keywords=[]) if (name := _function(part)) in functions and len(args) == _ARGUMENTS.get(
+            name
+        ):
+            return functions[name](*(value(each, given, functions) for each in args))
+    raise _ForeignPartError(part)
 
 
 def on_arrays(text: str, **given: Any) -> np.ndarray:

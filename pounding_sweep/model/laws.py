@@ -453,15 +453,16 @@ def _zeta(e: np.ndarray) -> np.ndarray:
     return np.where(e > 0, -log / np.sqrt(math.pi**2 + log**2), 1.0)
 
 
+_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
+_DASHPOT: dict[str, Any] = {**_LINEAR, "damper": "c", "damping": "viscous"}
+_LINEAR_DAMPED: dict[str, Any] = {**_LINEAR, "damper": "c*max(d, 0.0)", "damper_slope": "c", "damping": "elastic"}
 _HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}
 _HERTZ_DAMPED: dict[str, Any] = {
     **_HERTZ,
-    "damper": "c*d*r",
-    "damper_slope": "1.5*c*r",
-    "damper_exponent": 1.5,
-    "damping": "elastic",
+    **{"damper": "c*d*r", "damper_slope": "1.5*c*r", "damping": "elastic"},
+    "formula": "F = max(0, k d^1.5 (1 + D v / v0))",
 }
-_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
+_ZETA: dict[str, Any] = {"number": _zeta, "number_text": "zeta = -ln e / sqrt(pi^2 + ln^2 e)", "zero_restitution": True}
 
 _ALL = [
     Law(key="none", title="No pounding", model="VII", exponent=None, formula="F = 0"),
@@ -477,13 +478,8 @@ _ALL = [
         key="kelvin_voigt",
         title="Kelvin-Voigt without tension",
         model="II",
-        **_LINEAR,
-        damper="c",
-        damping="viscous",
-        number=_zeta,
-        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
-        relation="dashpot_clipped",
-        zero_restitution=True,
+        **_DASHPOT,
+        **_ZETA,
         formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
         reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456; "
         "tension removed as in Komodromos et al. (2007), Earthquake Eng. Struct. Dyn. 36(12), 1605-1622",
@@ -492,14 +488,9 @@ _ALL = [
         key="kelvin_voigt_tension",
         title="Kelvin-Voigt, original",
         model="II (original)",
-        **_LINEAR,
-        damper="c",
-        damping="viscous",
-        number=_zeta,
-        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
-        relation="dashpot_tension",
+        **_DASHPOT,
+        **_ZETA,
         tension=True,
-        zero_restitution=True,
         formula="F = k d + c v, c = 2 zeta sqrt(k m)",
         reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456",
     ),
@@ -507,14 +498,9 @@ _ALL = [
         key="modified_kelvin_voigt",
         title="Modified Kelvin-Voigt",
         model="III",
-        **_LINEAR,
-        damper="c*max(d, 0.0)",
-        damper_slope="c",
-        damper_exponent=1.0,
-        damping="elastic",
+        **_LINEAR_DAMPED,
         number=lambda e: 3.0 * (1.0 - e * e) / (2.0 * e * e),
         number_text="xi v0 / k = 3 (1 - e^2) / (2 e^2)",
-        relation="approach",
         approach_only=True,
         formula="F = k d + xi d v on approach, k d on rebound",
         reference="Pant & Wijeyewickrema (2010), 14th European Conference on Earthquake Engineering, Ohrid",
@@ -535,9 +521,7 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: 0.75 * (1.0 - e * e),
         number_text="D = 3 (1 - e^2) / 4",
-        relation="both_phases",
         zero_restitution=True,
-        formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828; "
         "Lankarani & Nikravesh (1990), J. Mech. Des. 112(3), 369-376",
     ),
@@ -548,12 +532,9 @@ _ALL = [
         **_HERTZ,
         damper="c*math.sqrt(r)",
         damper_slope="0.25*c*math.sqrt(r)/max(d, 1e-30)",
-        damper_exponent=0.25,
         damping="viscous",
         number=lambda e: 4.5 * math.sqrt(5.0) * (1.0 - e * e) / (e * (e * (9.0 * math.pi - 16.0) + 16.0)),
         number_text="xi = 9 sqrt(5)/2 (1 - e^2) / (e (e (9 pi - 16) + 16))",
-        relation="dashpot_approach",
-        relation_factor=2.0 / math.sqrt(5.0),
         approach_only=True,
         formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
         reference="Jankowski (2005), Earthquake Eng. Struct. Dyn. 34(6), 595-611, and (2006) 35(4), 517-524",
@@ -561,12 +542,9 @@ _ALL = [
     Law(
         key="linear_viscoelastic",
         title="Linear viscoelastic",
-        **_LINEAR,
-        damper="c",
-        damping="viscous",
+        **_DASHPOT,
         number=lambda e: (1.0 - e * e) / (e * (e * (math.pi - 2.0) + 2.0)),
         number_text="xi = (1 - e^2) / (e (e (pi - 2) + 2))",
-        relation="dashpot_approach",
         approach_only=True,
         formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
         reference="Mahmoud & Jankowski (2011), Iran. J. Sci. Technol. Trans. Civil Environ. Eng. 35(C1), 51-62",
@@ -574,14 +552,9 @@ _ALL = [
     Law(
         key="modified_kelvin",
         title="Modified Kelvin",
-        **_LINEAR,
-        damper="c*max(d, 0.0)",
-        damper_slope="c",
-        damper_exponent=1.0,
-        damping="elastic",
+        **_LINEAR_DAMPED,
         number=lambda e: 3.0 * (1.0 - e) / (2.0 * e),
         number_text="xi v0 / k = 3 (1 - e) / (2 e)",
-        relation="both_phases",
         formula="F = max(0, k d + xi d v)",
         reference="Ye, Li & Zhu (2009), Earthq. Eng. Eng. Vib. 8(3), 433-446",
     ),
@@ -591,9 +564,7 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: 1.5 * (1.0 - e),
         number_text="D = 3 (1 - e) / 2",
-        relation="both_phases",
         zero_restitution=True,
-        formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2), 440-445",
     ),
     Law(
@@ -602,8 +573,6 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: 8.0 * (1.0 - e) / (5.0 * e),
         number_text="D = 8 (1 - e) / (5 e)",
-        relation="both_phases",
-        formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38, 1135-1142; "
         "Flores et al. (2011), Multibody Syst. Dyn. 25(3), 357-375",
     ),
@@ -613,8 +582,6 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: (1.0 - e * e) / e,
         number_text="D = (1 - e^2) / e",
-        relation="both_phases",
-        formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11(3), 209-233",
     ),
     Law(

@@ -230,11 +230,13 @@ class Flights:
             for _ in when(has.now):
                 flight.fly(lane, self._note_point if self.note is not None else None)
                 flight.enter(lane, flight.at.now)
-                for _ in when(flight.hits.now):
+                # a record of one point has no step
+                hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
+                for _ in when(hits):
                     course.at.put_lane(lane, flight.at.now * self.short)
                     course.left.put_lane(lane, real(self.short))
                     self.settled.now = flag(group.trace, True)
-                for _ in when(not_(flight.hits.now)):
+                for _ in when(not_(hits)):
                     conclude(group)
                     self.scenarios.take(course.scenario.lane(lane), lane)
                     has.now = flag(group.trace, False)
@@ -294,7 +296,6 @@ class Events:
                 continue
             for _ in when(more.now):
                 starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-                starts = starts & (course.at.now < self.last)  # a record of one point has no step
                 with when_any(starts):
                     at = course.at.now
                     located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
