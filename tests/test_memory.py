@@ -24,19 +24,15 @@ from pounding_sweep.base.errors import OutputError, SweepError, WriteError
 from pounding_sweep.base.memory import FreeMemory
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output import slabs as slabbing
-from pounding_sweep.output.audited import audit_sentence, audit_table
-from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
-from pounding_sweep.output.summary import Tally
-from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
+from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.axes import Case
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -185,45 +181,6 @@ def test_slabs_change_no_bit(reference, tmp_path):
         for name in cube_variables(OUTPUTS):
             assert file[name].chunking() == [1, 1, 1, 2, 2, 1, *file[name].shape[6:]], name
             assert not file[name].filters()["zlib"]
-
-
-def tally_of(cube):
-    """What is counted of a cube that comes at once."""
-    frame = cube
-    tally = Tally(frame, frame.data_vars["status"].dims)
-    whole = (slice(None),) * len(frame.data_vars["status"].dims)
-    tally.add(
-        whole, {name: as_stored(name, each.values) for name, each in frame.data_vars.items() if name in VARIABLES}
-    )
-    return tally
-
-
-LISTED = {"cases": [Case(law, gap=g, record="one") for g in (0.0005, 0.5, 0.01) for law in ("linear", "hertz")]}
-
-
-@pytest.mark.usefixtures("small_slabs")
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        pytest.param({"stiffness_factors": [1.0, 1e3]}, marks=pytest.mark.slow),
-        pytest.param({"outputs": ["impact_count"]}, marks=pytest.mark.slow),
-        pytest.param({"outputs": ["drift_max"]}, marks=pytest.mark.slow),
-        LISTED,
-    ],
-    ids=["all", "some refused", "counts", "no impacts", "listed"],
-)
-def test_what_a_run_tells_is_what_its_file_holds(changes, tmp_path):
-    """Whoever runs a sweep for its file need not read it for a summary."""
-    axes = {"dt": AXES["dt"], "outputs": OUTPUTS} if "cases" in changes else AXES
-    sweep = Sweep(**{"scene": row(), "records": motions(), **axes, **changes})
-    with sweep.run(tmp_path / "out.nc") as cube:
-        told = sweep.last_written
-        read = tally_of(cube)
-        assert told.tally.summary() == read.summary()
-        assert told.tally.statuses() == read.statuses()
-        assert audit_table(told.frame) == audit_table(cube)
-        assert audit_sentence(told.frame) == audit_sentence(cube)
 
 
 @pytest.mark.usefixtures("small_slabs")

@@ -45,34 +45,33 @@ def run_command(
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
         from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.output.summary import impacts, statuses
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         sweep = options.load()
         if not named:
             say(f"the cube is written to {out}; -o names another file")
         with closing(make_progress(quiet)) as progress:
-            sweep.run(
+            cube = sweep.run(
                 out,
                 scheduler=scheduler,
                 workers=options.workers,
                 overwrite=overwrite,
                 progress=progress,
                 extend=extend,
-            ).close()
-        outcome, cube = sweep.last_outcome, sweep.last_written
+            )
+        outcome, attributes = sweep.last_outcome, cube.attrs
         assert outcome is not None
-        assert cube is not None
-        attributes = cube.frame.attrs
         report = {
             **_description(sweep),
             **_counts(sweep.spec.n_scenarios, outcome),
             "extended_from": json.loads(attributes.get("extended_from", "null")),
             "accuracy_choice": attributes.get("accuracy_choice", ""),
             "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
-            "audit": audit_table(cube.frame),
-            "audit_sentence": audit_sentence(cube.frame),
-            "statuses": cube.tally.statuses(),
-            "summary": cube.tally.summary(),
+            "audit": audit_table(cube),
+            "audit_sentence": audit_sentence(cube),
+            "statuses": statuses(cube),
+            "summary": impacts(cube),
             "warnings": warnings,
             "cube": str(out),
         }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ from pounding_sweep.output.dataset import as_read, frame, label
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
-from pounding_sweep.output.summary import Tally
 from pounding_sweep.outputs.variables import inner_shape, mask_invalid
 
 if TYPE_CHECKING:
@@ -48,16 +46,6 @@ def cube_in_memory(
     return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
 
 
-@dataclass(frozen=True)
-class Written:
-    """What a run tells of the cube that it wrote, which need not be read for it."""
-
-    # `frame` has labels, attributes and the audit, no values of scenarios; `tally` counts impacts and statuses
-
-    frame: xr.Dataset
-    tally: Tally
-
-
 def write_cube_of(
     plan: Plan,
     outcome: Outcome,
@@ -68,7 +56,7 @@ def write_cube_of(
     *,
     overwrite: bool,
     folder: Path,
-) -> Written:
+) -> None:
     """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory."""
     from pounding_sweep.output.netcdf import write_in_slabs
 
@@ -80,17 +68,12 @@ def write_cube_of(
     largest = max(table_type([name], scene).itemsize for name in kept)
     block = block_shape(sizes, BLOCK_BYTES // largest)
     blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
-    written = Written(_with_audit(cube, plan, found), Tally(cube, [axis.name for axis in axes]))
-
-    def tallied() -> Iterator[Slab]:
-        for slab, strided in _slabs(plan, outcome, sizes, block):
-            values = {name: np.ascontiguousarray(each) for name, each in strided.items()}
-            written.tally.add(slab, values)
-            yield slab, values
-
-    slabs = _told(_ahead(tallied()), progress)
-    write_in_slabs(written.frame, path, blocks, slabs, overwrite=overwrite, folder=folder)
-    return written
+    stored = (
+        (slab, {name: np.ascontiguousarray(each) for name, each in values.items()})
+        for slab, values in _slabs(plan, outcome, sizes, block)
+    )
+    slabs = _told(_ahead(stored), progress)
+    write_in_slabs(_with_audit(cube, plan, found), path, blocks, slabs, overwrite=overwrite, folder=folder)
 
 
 def _ahead(items: Iterator[Slab]) -> Iterator[Slab]:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.resume.checkpoint import ChunkStore
     from pounding_sweep.run.audit import Audit
-    from pounding_sweep.run.cube_writer import Written
     from pounding_sweep.run.execute import Progress
 
 
@@ -77,8 +76,6 @@ class Sweep:
         self.spec: SweepSpec = build_spec(scene=scene, records=records, laws=laws, **arguments)
         self.last_outcome: Outcome | None = None
         self.last_audit: Audit | None = None
-        #: Labels, audit and a summary of the cube that was written to a file last.
-        self.last_written: Written | None = None
 
     #: Every argument by its name, for `help` and editors: those of `build_spec`, the first three by place too.
     __signature__ = inspect.Signature(
@@ -92,7 +89,7 @@ class Sweep:
     def from_spec(cls, spec: SweepSpec) -> Sweep:
         """Return the sweep of a description that is already checked."""
         sweep = cls.__new__(cls)
-        sweep.spec, sweep.last_outcome, sweep.last_audit, sweep.last_written = spec, None, None, None
+        sweep.spec, sweep.last_outcome, sweep.last_audit = spec, None, None
         return sweep
 
     def __repr__(self) -> str:
@@ -247,9 +244,7 @@ class Sweep:
                     if target is None or store is None:
                         cube = cube_in_memory(*told, progress, more)
                     else:
-                        self.last_written = write_cube_of(
-                            *told, target, progress, more, overwrite=overwrite, folder=store.folder
-                        )
+                        write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
