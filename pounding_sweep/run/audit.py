@@ -344,30 +344,23 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
     """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output."""
     import xarray as xr
 
-    table = plan.unique[found.rows]
+    table, rows = plan.unique[found.rows], ("audit",)
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
-    errors, rows = ("audit", "output"), ("audit",)
-    about_status = {key: cube["status"].attrs[key] for key in ("flag_values", "flag_meanings")}
+    laws = [plan.laws[i].key for i in table.law.tolist()]
+    records = [plan.spec.records[i].name for i in table.record.tolist()]
+    sensitive = f"whether that is more than {found.tolerance:g}, or changes a number of impacts"
     data = {
-        "audit_error": (errors, found.error, "relative error, by the difference to half the time step", "1"),
-        "audit_sensitivity": (errors, found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
-        "audit_sensitive": (
-            rows,
-            found.sensitive.astype(np.int8),
-            f"whether that is more than {found.tolerance:g}, or changes a number of impacts",
-            "1",
-        ),
+        "audit_error": ((*rows, "output"), found.error, "relative error, by the difference to half the time step", "1"),
+        "audit_sensitivity": ((*rows, "output"), found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
+        "audit_sensitive": (rows, found.sensitive.astype(np.int8), sensitive, "1"),
         "audit_undecided": (rows, found.undecided.astype(np.int8), "whether no step settles it", "1"),
         "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
     }
-    names = np.array([law.key for law in plan.laws])
-    records = np.array([record.name for record in plan.spec.records])
-    laws = np.array(names[table.law].tolist(), dtype=np.str_)  # no wider than a file gives them back
     coordinates = {
-        "audit": (rows, np.arange(1, len(found.rows) + 1, dtype=np.int32), "scenario run again", "1"),
+        "audit": (rows, np.arange(1, len(laws) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
-        "audit_law": (rows, laws, "contact law", ""),
-        "audit_record": (rows, np.array(records[table.record].tolist(), dtype=np.str_), "ground-motion record", ""),
+        "audit_law": (rows, np.array(laws), "contact law", ""),
+        "audit_record": (rows, np.array(records), "ground-motion record", ""),
         "audit_scale": (rows, table.scale, "factor on the record", "1"),
         "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
         "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),
@@ -378,24 +371,27 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
         for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
             coordinates[name] = (dims, values, about["long_name"], about["units"])
 
-    def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> xr.Variable:
+    result = cube.copy()
+    for name, (dims, values, long_name, units) in (data | coordinates).items():
         stored = xr.Variable(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
         stored.encoding = stored_as("", stored, is_coordinate=True)
-        return stored
-
-    result = cube.assign({name: array(*item) for name, item in data.items()})
-    result = result.assign_coords({name: array(*item) for name, item in coordinates.items()})
-    for name, flags in FLAGS.items():
-        result[name].attrs |= flags
-    result["audit_status"].attrs |= about_status
+        result[name] = stored
+    result = result.set_coords(coordinates)
+    flags = FLAGS | {"audit_status": {key: cube["status"].attrs[key] for key in ("flag_values", "flag_meanings")}}
+    for name, attributes in flags.items():
+        result[name].attrs |= attributes
     decided = ~found.undecided
     for i, name in enumerate(found.outputs):
         if decided.any() and name in result:
-            result[name].attrs["audit_error_max"] = float(found.error[decided, i].max())
-            result[name].attrs["audit_error_median"] = float(np.median(found.error[decided, i]))
-    result.attrs["audit_scenarios"] = len(found.rows)
-    result.attrs["audit_touching"] = found.touching
-    result.attrs["audit_share"] = found.share
-    result.attrs["audit_perturbation"] = CHANGE
-    result.attrs["audit_undecided_share"] = float(found.undecided.mean())
-    return result
+            errors = found.error[decided, i]
+            result[name].attrs |= {
+                "audit_error_max": float(errors.max()),
+                "audit_error_median": float(np.median(errors)),
+            }
+    return result.assign_attrs(
+        audit_scenarios=len(laws),
+        audit_touching=found.touching,
+        audit_share=found.share,
+        audit_perturbation=CHANGE,
+        audit_undecided_share=float(found.undecided.mean()),
+    )
