@@ -401,7 +401,7 @@ class TestAtAnIntensity:
         for wrong, said in (
             ({"probabilities": [0.0]}, "probabilities are"),
             ({"levels": [1.0]}, "not of what; add intensity='pga'"),
-            ({"intensity": "pga", "levels": [-1.0]}, r"intensities are \[-1.0\]; give one or more above 0"),
+            ({"intensity": "pga", "levels": [-1.0]}, r"levels are \[-1.0\]; give one or more intensities above 0"),
             ({"intensity": "sv"}, "unknown intensity 'sv'"),
             ({"hazard": "k0=1,kappa=1", "years": 0.0}, r"years are 0.0; give a number above 0"),
         ):

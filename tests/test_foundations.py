@@ -431,14 +431,14 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
 
     ratios = (0.02, 0.08)
     settings = {"method": "rk4", "dt": 2e-3, "outputs": [*CLOSING]}
-    runs = runs_of_cube(ps.Sweep(FOUNDED, motion(51), "none", damping_ratios=ratios, **settings).run(), [], None)
-    assert runs.periods.sel(building="a") == pytest.approx(periods(A)[0])
+    _, runs = runs_of_cube(ps.Sweep(FOUNDED, motion(51), "none", damping_ratios=ratios, **settings).run(), [], None)
+    assert runs["fundamental_period"].sel(building="a") == pytest.approx(periods(A)[0])
     for ratio in ratios:
-        found = runs.damping.sel(damping_ratio=ratio)
+        found = runs["first_damping_ratio"].sel(damping_ratio=ratio)
         assert float(found.sel(building="a")) == pytest.approx(replace(A, damping_ratio=ratio).first_damping)
         assert float(found.sel(building="b")) == pytest.approx(ratio)
-    assert runs_of_row(FOUNDED, motion(51), None).cube.attrs["method"] == "rk4"
-    assert runs_of_row(pair(), motion(51), None).cube.attrs["method"] == "exact"
+    assert runs_of_row(FOUNDED, motion(51), None)[1].attrs["method"] == "rk4"
+    assert runs_of_row(pair(), motion(51), None)[1].attrs["method"] == "exact"
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -128,35 +128,16 @@ def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[
     return "the record found by that name is another motion" if record is not None else "none of that name or motion"
 
 
-@dataclass(frozen=True)
-class UncoupledRuns:
-    """Runs without pounding."""
-
-    scene: Scene  # the row, in which floors meet columns too
-    cube: xr.Dataset  # `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``
-
-    def first_modes(self, name: str, of_scene: Sequence[float]) -> xr.DataArray:
-        """Return a coordinate of the cube, along ``building`` and what varies it; by default that of the row."""
-        names = [building.name for building in self.scene.buildings]
-        stored = self.cube.get(name, xr.DataArray(list(of_scene), {"building": names}, ("building",)))
-        return stored.reset_coords(drop=True)
-
-    @property
-    def periods(self) -> xr.DataArray:
-        """First periods (s) of the buildings."""
-        return self.first_modes("fundamental_period", [float(b.periods[0]) for b in self.scene.buildings])
-
-    @property
-    def damping(self) -> xr.DataArray:
-        """Damping ratios of their first modes."""
-        return self.first_modes("first_damping_ratio", [b.first_damping for b in self.scene.buildings])
+#: A row, in which floors meet columns too, and its runs without pounding: `OUTPUTS` on ``record``, and on ``scale``,
+#: building properties or ``case``, with first periods (s) and damping ratios as coordinates along ``building``.
+UncoupledRuns = tuple[Scene, xr.Dataset]
 
 
 def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> UncoupledRuns:
     """Run a row without pounding, once for each record."""
     spec = Sweep(scene, records, NO_POUNDING, folders=folders).spec
-    runs = _run(spec.scene, spec.records)
-    return UncoupledRuns(runs.scene, _reduced(runs.cube).isel(scale=0, drop=True))
+    scene, cube = _run(spec.scene, spec.records)
+    return scene, _reduced(scene, cube).isel(scale=0, drop=True)
 
 
 def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
@@ -171,21 +152,20 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
     stored = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         stored = stored and min(uncoupled_cases(cube)) >= 0
-    if stored and _with_columns(scene) is scene:
-        runs = UncoupledRuns(scene, cube)
-    else:
+    runs = cube
+    if not stored or _with_columns(scene) is not scene:
         try:
             motions = records_of(sweep, resolve_records(records, folders), folders)
         except InputError as error:
             msg = f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
             raise InputError(msg) from None
-        runs = _run(scene, motions, **_axes(sweep))
+        scene, runs = _run(scene, motions, **_axes(sweep))
     if sweep["cases"] is not None:
-        uncoupled = np.flatnonzero(runs.cube["law"].values.astype(str) == NO_POUNDING)
-        return replace(runs, cube=runs.cube.isel(case=uncoupled))
-    reduced = _reduced(runs.cube)  # to what belongs to a cube, which may be a selection from what its sweep has
-    at = {dim: cube[dim].values for dim in reduced.dims if dim in cube.coords and dim not in INNER_DIMS}
-    return replace(runs, cube=reduced.sel(at))
+        uncoupled = runs.isel(case=np.flatnonzero(runs["law"].values.astype(str) == NO_POUNDING))
+        return scene, uncoupled.assign_coords(_first_modes(scene, uncoupled))
+    runs = _reduced(scene, runs)  # to what belongs to a cube, which may be a selection from what its sweep has
+    at = {dim: cube[dim].values for dim in runs.dims if dim in cube.coords and dim not in INNER_DIMS}
+    return scene, runs.sel(at)
 
 
 def _with_columns(scene: Scene) -> Scene:
@@ -203,16 +183,25 @@ def _run(scene: Scene, records: Sequence[Record], **axes: Any) -> UncoupledRuns:
     method = "rk4" if any(scene.yields) or SCHEMES["exact"].refuses(scene) else "exact"
     axes = axes if "cases" in axes else {"laws": NO_POUNDING, **axes}
     sweep = Sweep(scene, records, outputs=list(OUTPUTS), method=method, dt=STEP, audit=0.0, **axes)
-    return UncoupledRuns(scene, sweep.run())
+    return scene, sweep.run()
 
 
-def _reduced(cube: xr.Dataset) -> xr.Dataset:
+def _reduced(scene: Scene, cube: xr.Dataset) -> xr.Dataset:
     """Return the runs without pounding of a product without the axes that they ignore."""
     uncoupled = without_pounding(cube, "the required gap")
     ignored = {dim: 0 for dim in IGNORED if dim in uncoupled.dims}
-    modes = ("fundamental_period", "first_damping_ratio")
-    coords = {name: cube[name].reset_coords(drop=True) for name in modes if name in cube.coords}
-    return uncoupled.isel(ignored).reset_coords(drop=True).assign_coords(coords)
+    return uncoupled.isel(ignored).reset_coords(drop=True).assign_coords(_first_modes(scene, cube))
+
+
+def _first_modes(scene: Scene, cube: xr.Dataset) -> dict[str, xr.DataArray]:
+    """Return coordinates of a cube: first periods and damping ratios of its buildings, by default those of the row."""
+    names = [building.name for building in scene.buildings]
+    of_row = {"fundamental_period": [float(b.periods[0]) for b in scene.buildings]}
+    of_row["first_damping_ratio"] = [b.first_damping for b in scene.buildings]
+    return {
+        name: cube.coords.get(name, xr.DataArray(values, {"building": names}, ("building",))).reset_coords(drop=True)
+        for name, values in of_row.items()
+    }
 
 
 def _axes(sweep: Mapping[str, Any]) -> dict[str, Any]:

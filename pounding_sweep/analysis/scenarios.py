@@ -204,6 +204,15 @@ def check_quantiles(quantiles: Sequence[float]) -> None:
         raise InputError(msg)
 
 
+def check_levels(levels: Sequence[float], units: str) -> np.ndarray:
+    """Return intensities; raises `InputError` unless there are some, each finite and above 0."""
+    at = np.asarray(levels, dtype=float)
+    if at.ndim != 1 or not at.size or not (np.isfinite(at) & (at > 0.0)).all():
+        msg = f"levels are {levels!r}; give one or more intensities above 0 ({units})"
+        raise InputError(msg)
+    return at
+
+
 def fractiles_over(
     part: xr.DataArray, over: Sequence[str], quantiles: Sequence[float]
 ) -> tuple[xr.DataArray, xr.DataArray]:

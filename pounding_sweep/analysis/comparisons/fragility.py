@@ -23,6 +23,7 @@ from pounding_sweep.analysis.lognormal import (
     probability,
 )
 from pounding_sweep.analysis.scenarios import (
+    check_levels,
     described,
     labelled,
     pounding_only,
@@ -180,7 +181,11 @@ def fragility(
     apart = [dim for dim in inner.dims if dim not in one_dispersion]
     order = (*apart, *(dim for dim in inner.dims if dim in one_dispersion))
     x = np.asarray(strength.values, dtype=float)
-    at = _levels(levels, x)
+    if levels is None and x.max() <= 0.0:
+        msg = "every ground motion of this cube has intensity 0; run the sweep with scales above zero"
+        raise InputError(msg)
+    units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
+    at = np.linspace(x.max() / LEVELS, x.max(), LEVELS) if levels is None else check_levels(levels, units)
     n_groups = int(np.prod([inner.sizes[dim] for dim in apart]))
     alike: dict[bytes, list[dict[str, Any]]] = {}  # many are: some laws ignore some axes
     cells: list[dict[str, Any]] = []
@@ -190,7 +195,6 @@ def fragility(
             alike[key] = _cells(tables, x, at, confidence)
         cells += alike[key]
 
-    units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     coords: dict[str, Any] = {str(k): c for k, c in inner.coords.items() if k in inner.dims or not c.dims}
     coords["bound"] = ("bound", list(BOUNDS), {"long_name": "end of the confidence interval"})
     coords["intensity"] = ("intensity", at, {"units": units, "long_name": name})
@@ -295,17 +299,3 @@ def crossed(dataset: xr.Dataset) -> str:
         count += int(seen.sum())
     more = f", and {count - 1} more" if count > 1 else ""
     return first and f"{first}{more}: their dispersions are fitted apart"
-
-
-def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
-    if levels is None:
-        highest = float(x.max())
-        if highest <= 0.0:
-            msg = "every ground motion of this cube has intensity 0; run the sweep with scales above zero"
-            raise InputError(msg)
-        return np.linspace(highest / LEVELS, highest, LEVELS)
-    at = np.asarray(levels, dtype=float)
-    if at.ndim != 1 or not at.size or not (np.isfinite(at) & (at > 0.0)).all():
-        msg = f"levels are {levels!r}; give one or more intensities above zero"
-        raise InputError(msg)
-    return at

@@ -19,7 +19,7 @@ from pounding_sweep.analysis.comparisons.required_gap import required_gap
 from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
 from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import COMPARISON, described, fractiles_over, labelled
+from pounding_sweep.analysis.scenarios import COMPARISON, check_levels, described, fractiles_over, labelled
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
@@ -235,10 +235,7 @@ def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[floa
     if levels is None:
         middles = np.atleast_1d(strength.median("record").values)
         return sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
-    if not len(levels) or not all(math.isfinite(x) and x > 0.0 for x in levels):
-        msg = f"intensities are {list(levels)}; give one or more above 0 ({strength.attrs['units']})"
-        raise InputError(msg)
-    return [float(x) for x in levels]
+    return [float(level) for level in check_levels(levels, strength.attrs["units"])]
 
 
 def _check_proportional(cube: xr.Dataset, gaps: xr.Dataset) -> None:

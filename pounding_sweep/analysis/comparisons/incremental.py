@@ -13,6 +13,7 @@ from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.scenarios import (
     ROUND_OFF,
+    check_levels,
     check_quantiles,
     described,
     fractiles_over,
@@ -20,7 +21,6 @@ from pounding_sweep.analysis.scenarios import (
     need_variables,
     values,
 )
-from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
 
 #: Intensities at which the fractiles of a suite are given, where none are.
@@ -131,10 +131,7 @@ def _levels(
     ends = np.array([[motion[way].min(), motion[way].max()] for motion in x for way in ways])
     low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
     if levels is not None:
-        at = np.asarray(levels, dtype=float)
-        if at.ndim != 1 or not at.size or not np.isfinite(at).all():
-            msg = f"levels are {levels!r}; give one or more intensities ({units})"
-            raise InputError(msg)
+        at = check_levels(levels, units)
     elif low > high * (1.0 + ROUND_OFF):
         at = np.linspace(float(x.min()), float(x.max()), LEVELS)
     elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):

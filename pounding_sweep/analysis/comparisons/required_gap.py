@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
-from pounding_sweep.analysis.rebuild import UncoupledRuns, runs_of_cube, runs_of_row
+from pounding_sweep.analysis.rebuild import runs_of_cube, runs_of_row
 from pounding_sweep.analysis.scenarios import ROUND_OFF, described, identity, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
 from pounding_sweep.base.errors import InputError
@@ -90,14 +90,13 @@ def required_gap(
     """
     factors = behaviour or BehaviourFactors()
     if isinstance(source, xr.Dataset):
-        runs = runs_of_cube(source, [] if records is None else records, folders)
+        scene, runs = runs_of_cube(source, [] if records is None else records, folders)
     elif records is None:
         msg = "the required gap of a row needs records: required_gap(scene, records)"
         raise InputError(msg)
     else:
-        runs = runs_of_row(source, records, folders)
-    scene, closing = runs.scene, values(runs.cube, "closing_max")
-    ends, thick = _neighbours(runs, factors)
+        scene, runs = runs_of_row(source, records, folders)
+    closing, (ends, thick) = values(runs, "closing_max"), _neighbours(scene, runs, factors)
     closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
     exact, reach = (closest + thick).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
@@ -121,16 +120,16 @@ def required_gap(
     if thick.any():
         coords["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
     used = {f"factor_{f.name}": factors.text(f.name) for f in fields(factors)}
-    about = {} if isinstance(source, xr.Dataset) else identity(runs.cube)
+    about = {} if isinstance(source, xr.Dataset) else identity(runs)
     return xr.Dataset(variables).assign_coords(coords).assign_attrs({**about, **used})
 
 
-def _neighbours(runs: UncoupledRuns, factors: BehaviourFactors) -> tuple[Neighbours, xr.DataArray]:
+def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> tuple[Neighbours, xr.DataArray]:
     """Return what rules are given, missing where no floors meet, and what bumpers take of the gap (m).
 
     Both are on pair and storey.
     """
-    scene, labels = runs.scene, list(runs.scene.pair_labels)
+    labels = list(scene.pair_labels)
     names = [building.name for building in scene.buildings]
     pair = {"pair": labels}
     floor = {**pair, "storey": np.arange(1, scene.n_storeys + 1)}
@@ -151,11 +150,11 @@ def _neighbours(runs: UncoupledRuns, factors: BehaviourFactors) -> tuple[Neighbo
         for dof, share in contact.ends:
             building = int(np.searchsorted(scene.offsets, dof, side="right")) - 1
             moves[(int(share < 0.0), *place, building, dof - scene.offsets[building])] += abs(share)
-    peaks = peak_displacement(runs.cube).reset_coords(drop=True).rename(storey="floor")
+    peaks = peak_displacement(runs).reset_coords(drop=True).rename(storey="floor")
     known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(meets > 0.0, floor, ("pair", "storey"))
     dims = ("pair", "storey", "building", "floor")
     left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
-    periods, damping = of_sides(runs.periods), of_sides(runs.damping)
+    periods, damping = of_sides(runs["fundamental_period"]), of_sides(runs["first_damping_ratio"])
     level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
     neighbours = zip(scene.row[:-1], scene.row[1:], strict=True)
     lowest = [min(item.n_storeys for item in both if isinstance(item, Building)) for both in neighbours]
