@@ -15,7 +15,7 @@ from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scena
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures.style import COLOURS, join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 from pounding_sweep.spec.axes import AXES, DIMENSIONS
@@ -77,12 +77,10 @@ def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -
     """Score places along `dims`: 2 where floors touch and there are values, 1 where there are values, else 0."""
     touch = next((dataset[name] > 0 for name in ("touches", *TOUCH_VARIABLES) if name in dataset), xr.DataArray(False))
     touch = touch.any([dim for dim in INNER_DIMS if dim in touch.dims])
-    score = xr.DataArray(0)
-    for name in names:
-        valued = dataset[name].notnull()
-        valued = valued.any([dim for dim in INNER_DIMS if dim in valued.dims]) * (1 + touch)
-        score = xr.where(score > (best := valued.max([dim for dim in valued.dims if dim not in dims])), score, best)
-    return score
+    valued = dataset[[*names]].notnull()
+    valued = valued.any([dim for dim in INNER_DIMS if dim in valued.dims])
+    score = valued.to_dataarray().any("variable") * (1 + touch)
+    return score.max([dim for dim in score.dims if dim not in dims])
 
 
 def describe(dataset: xr.Dataset, sizes: Mapping[str, int] | None = None, but: Collection[str] = ()) -> str:
@@ -140,10 +138,9 @@ def select_lines(result: xr.Dataset, axis: str) -> list[int]:
 
 def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, panels: bool = False) -> list[Any]:
     """Return the labels of an axis at which any of those variables has a value; for panels, all if none has."""
-    valued = np.zeros(dataset.sizes[axis], bool)
-    for name in names:
-        valued |= dataset[name].notnull().any([dim for dim in dataset[name].dims if dim != axis]).values
-    labels: list[Any] = dataset[axis].values[valued].tolist()
+    parts = dataset[[*names]].notnull()
+    valued = parts.any([dim for dim in parts.dims if dim != axis]).to_dataarray().any("variable")
+    labels: list[Any] = dataset[axis].values[valued.values].tolist()
     return labels or (dataset[axis].values.tolist() if panels else [])
 
 
@@ -174,17 +171,19 @@ def result_of(dataset: xr.Dataset, key: str, **drawn: Any) -> xr.Dataset:
     return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset, **drawn)
 
 
-def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:
-    """Return name, label, factor and dimension ("pair" or "building") of the first of `RESPONSES` it can draw."""
-    touching = "law" not in result.coords or bool((result["law"] != "none").any())
-    for name, words in RESPONSES.items():
-        per = VARIABLES[name].dims[0]
-        if name in result and (touching or per == "building"):
-            unit, factor = drawn_unit({"units": VARIABLES[name].units})
-            return name, f"{words} ({unit})", factor, per
-    names = ", ".join(RESPONSES)
-    msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
-    raise InputError(msg)
+def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tuple[str, str, float, str]:
+    """Return name, label, factor and dimension of a variable: the first of `RESPONSES` that the cube can draw."""
+    contact = "law" not in cube.coords or bool((cube["law"] != "none").any())
+    drawable = [name for name in RESPONSES if name in cube and (contact or "pair" not in cube[name].dims)]
+    name = value or next(iter(drawable), None)
+    if name is None:
+        names = ", ".join(RESPONSES)
+        msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
+        raise InputError(msg)
+    unit, factor = drawn_unit(cube[name].attrs)
+    words = str(cube[name].attrs.get("long_name", name.replace("_", " "))) if value else RESPONSES[name]
+    per = next((dim for dim in ("pair", "building") if dim in cube[name].dims), "scenario")
+    return name, f"{words} ({unit or '-'})", factor, per
 
 
 def over_storeys(part: xr.DataArray) -> xr.DataArray:
@@ -204,10 +203,10 @@ def law_name(cube: xr.Dataset | xr.DataArray, law: str) -> str:
     """Return what a contact law is called: by the registry, else by the cube, else its key."""
     if law in LAWS:
         return LAWS[law].title
+    titles = {law: law}
     if {"law", "law_title"} <= {*cube.coords} and cube["law_title"].dims == cube["law"].dims:
-        keys, titles = (np.atleast_1d(cube[name].values).astype(str) for name in ("law", "law_title"))
-        return next(iter(titles[keys == law].tolist()), law)
-    return law
+        titles |= dict(zip(*(np.atleast_1d(cube[name].values).tolist() for name in ("law", "law_title")), strict=True))
+    return str(titles[law])
 
 
 def record_name(key: str) -> str:

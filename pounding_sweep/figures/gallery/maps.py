@@ -15,8 +15,7 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import (
     choose_axis,
-    drawn_response,
-    drawn_unit,
+    choose_response,
     is_log,
     labels_with_values,
     law_name,
@@ -102,7 +101,14 @@ def response_map(
     upward = upward or choose_axis(cube, None, but=[across.dim] if across else [])
     assert across is not None
     assert upward is not None
-    cube, name, label, factor, per = _choose_response(cube, value)
+    value = value or (str(next(iter(cube.data_vars))) if COMPARISON in cube.attrs else None)
+    ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
+    if value in ratios and value not in cube.data_vars:
+        cube = result_of(cube, "amplification", responses=needed_for([value]))
+    numbers = [str(name) for name, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"]
+    if value not in (None, *numbers):
+        raise InputError(unknown("value to draw", value, [*numbers, *ratios]))
+    name, label, factor, per = choose_response(cube, "map", value)
     cube = with_dims(cube, "law", per, absent="")
     ratio, order = name.endswith("_ratio") and "touches" in cube, ("law", per, upward.dim, across.dim)
     over = "largest of the storeys" if "storey" in cube[name].dims else ""
@@ -135,8 +141,8 @@ def response_map(
         if contours and len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
             panel.clabel(panel.contour(*at, values, levels, colors="black", linewidths=0.7), fontsize=7, fmt="%g")
         panel.grid(visible=False)
-        for axis, numbers in zip((panel.xaxis, panel.yaxis), at, strict=True):
-            scale_axis(axis, numbers, marked=True)
+        for axis, along in zip((panel.xaxis, panel.yaxis), at, strict=True):
+            scale_axis(axis, along, marked=True)
         titles = (law_name(cube, laws[row]), f"{per} {ends[column]}" if ends[column] != "" else "")
         panel.set_title("\n".join(filter(None, titles)))
     label_edges(axes, across.label, [upward.label] * len(axes))
@@ -149,23 +155,6 @@ def response_map(
     light_text = "light grey: the share of records that touch, less than half" if bool((share > 0.0).any()) else ""
     put_title(figure, shown, cut, over, grey_text, light_text)
     return figure
-
-
-def _choose_response(cube: xr.Dataset, value: str | None) -> tuple[xr.Dataset, str, str, float, str]:
-    """Return a dataset with what is drawn, its name, label and factor, and what has a column of panels."""
-    if value is None and COMPARISON not in cube.attrs:
-        return (cube, *drawn_response(cube, "map"))
-    value = value or str(next(iter(cube.data_vars)))
-    ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
-    if value in ratios and value not in cube.data_vars:
-        cube = result_of(cube, "amplification", responses=needed_for([value]))
-    numbers = [str(name) for name, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"]
-    if value not in numbers:
-        raise InputError(unknown("value to draw", value, [*numbers, *ratios]))
-    unit, factor = drawn_unit(cube[value].attrs)
-    words = str(cube[value].attrs.get("long_name", value.replace("_", " ")))
-    per = next((dim for dim in ("pair", "building") if dim in cube[value].dims), "scenario")
-    return cube, value, f"{words} ({unit or '-'})", factor, per
 
 
 def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[Any, str]]:

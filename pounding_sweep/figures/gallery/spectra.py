@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -121,17 +120,17 @@ def _draw_both(spectra: xr.Dataset) -> Figure:
 
 def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
     """Draw one ordinate on ``period``, a line of finite numbers for each place along its other dimensions."""
-    values = values.transpose(..., "period")
+    dims = [str(dim) for dim in values.dims if dim != "period"]
+    named = [dim for dim in dims if values.sizes[dim] > 1 or len(dims) == 1]
     lines: list[tuple[str, np.ndarray]] = []
-    for place in np.ndindex(values.shape[:-1]):
+    for place in np.ndindex(*(values.sizes[dim] for dim in dims)):
+        line = values.isel(dict(zip(dims, place, strict=True)))
         parts = []  # labels of texts alone, numbers with the name of their dimension
-        for dim, index in zip_longest(values.dims[:-1], place):
-            if values.sizes[dim] > 1 or len(place) == 1:
-                text = values[dim].values[index]
-                text = record_name(text) if dim == "record" else text
-                parts.append(text if isinstance(text, str) else f"{str(dim).replace('_', ' ')} {text:g}")
-        if np.isfinite(values.values[place]).all():
-            lines.append((", ".join(parts), values.values[place]))
+        for dim in named:
+            text = line[dim].item()
+            parts.append(record_name(text) if isinstance(text, str) else f"{dim.replace('_', ' ')} {text:g}")
+        if np.isfinite(line).all():
+            lines.append((", ".join(parts), line.values))
     if not lines:
         msg = "there is no spectrum to draw: none holds finite numbers"
         raise InputError(msg)
@@ -141,14 +140,14 @@ def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
         msg = f"{len(lines)} spectra in one panel can't be told apart: select at most {MOST_LINES} of {sizes}"
         raise InputError(msg)
     if len(lines) > MOST_LINES:
-        array = np.array([line for _, line in lines])
+        array = np.array([curve for _, curve in lines])
         ax.plot(periods, array.T, color="0.75", linewidth=0.6)
         for share, dashes in ((0.84, ":"), (0.5, "-"), (0.16, "--")):
             name = "median" if share == 0.5 else f"{share:.0%} fractile"
             ax.plot(periods, np.quantile(array, share, axis=0), color=COLOURS[0], linestyle=dashes, label=name)
     else:
-        for (name, line), style in zip(lines, DASHED, strict=False):
-            ax.plot(periods, line, label=name, **style)
+        for (name, curve), style in zip(lines, DASHED, strict=False):
+            ax.plot(periods, curve, label=name, **style)
     even = periods.size < 3 or np.allclose(np.diff(periods), periods[1] - periods[0])
     if not even:
         ax.set_xscale("log")

@@ -18,8 +18,8 @@ from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.select import (
     check_drawn,
+    choose_response,
     coord_text,
-    drawn_response,
     first_varied,
     is_log,
     labels_with_values,
@@ -136,7 +136,7 @@ def _draw_fit(ax: Any, part: xr.Dataset, style: dict[str, Any], marker: str, lab
 )
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up; of one record its curve alone, without fractiles."""
-    name, label, factor, per = drawn_response(cube, "incremental")
+    name, label, factor, per = choose_response(cube, "incremental")
     touch = next((name for name in TOUCH_VARIABLES if name in cube), name)  # by which the default is selected
     result = with_dims(
         result_of(cube, "incremental", outputs=dict.fromkeys((name, touch))), "law", per, "storey", absent=""
