@@ -115,37 +115,6 @@ TEXT_FAULTS: dict[str, Callable[[bytearray, random.Random], None]] = {
 }
 
 
-def _overwrite(data: bytearray, rng: random.Random) -> None:
-    """Put an extreme number in the place of one, of any width, at one or several places."""
-    for _ in range(rng.choice((1, 1, 4))):
-        width = rng.choice((1, 2, 4, 8))
-        at = rng.randrange(max(1, len(data) - width))
-        data[at : at + width] = rng.choice((b"\x00", b"\xff", b"\x7f", b"\x01")) * width
-
-
-def _blank_block(data: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(data))
-    size = min(rng.choice((64, 512, 4096)), len(data) - at)
-    data[at : at + size] = bytes(size)
-
-
-def _copy_block(data: bytearray, rng: random.Random) -> None:
-    """Write one block of the file over another, as a disk does that mixes up sectors."""
-    size = min(rng.choice((8, 64, 512)), len(data))
-    one, other = rng.randrange(len(data) - size + 1), rng.randrange(len(data) - size + 1)
-    data[one : one + size] = data[other : other + size]
-
-
-#: Kinds of damage to binary files; all but the cut keep the length, or a reader would refuse them at once.
-BINARY_FAULTS: dict[str, Callable[[bytearray, random.Random], None]] = {
-    "bits flipped": _flip,
-    "number extreme": _overwrite,
-    "block blank": _blank_block,
-    "block misplaced": _copy_block,
-    "cut": _cut,
-}
-
-
 def damaged(
     raw: bytes, faults: dict[str, Callable[[bytearray, random.Random], None]], count: int, seed: int
 ) -> Iterator[tuple[str, bytes]]:

@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
-import dask
 import h5py
 import netCDF4
 import numpy as np
@@ -30,7 +29,7 @@ from test_cli import bad
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import OutputError, PoundingSweepError, RecordError, SweepError
+from pounding_sweep.base.errors import PoundingSweepError, RecordError, SweepError
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.export import export_cube
@@ -290,21 +289,6 @@ def test_too_large_a_sweep_is_refused_before_anything_is_made(axes, tmp_path):
             tracemalloc.stop()
 
 
-def test_long_factor_axes_and_arrays_are_refused_unexpanded():
-    given = {"gaps": np.linspace(0.001, 0.1, 20_000), "period_factors": {"left": Range(0.5, 2.0, 1_000_000)}}
-    with pytest.raises(SweepError, match=r"20000 gaps x 1000000 period_factors.left = 20000000000 scenarios"):
-        ps.Sweep("mate2015", "el_centro", "kelvin_voigt", **given)
-
-
-@pytest.mark.parametrize("command", ["plan", "run"])
-def test_the_command_line_refuses_it_too(command, tmp_path):
-    axes = "gaps = { start = 0.001, stop = 0.1, count = 1000000 }\nscales = { start = 1, stop = 2, count = 1000000 }"
-    file = _sweep_file(tmp_path, '["el_centro"]', axes)
-    said = bad(command, file, *(["-o", tmp_path / "out.nc"] if command == "run" else []))
-    assert "1000000000000 scenarios (1e+12); at most 1000000000 in one sweep: split it" in said
-    assert [path.name for path in tmp_path.iterdir()] == ["s.toml"]
-
-
 # --- netCDF ---------------------------------------------------------------------------------------------------------
 
 
@@ -341,16 +325,6 @@ def test_a_cube_in_chunks_is_written(tmp_path, ending):
         if ending == "nc":
             with open_cube(tmp_path / "again.nc") as again:
                 assert again.identical(cube)
-
-
-@pytest.mark.slow  # by day the export does, one at a time
-def test_exports_side_by_side_leave_dask_as_it_is(tmp_path):
-    """Its settings are those of the process."""
-    pytest.importorskip("zarr")
-    path, before = write_cube(small_cube(), tmp_path / "cube.nc"), dask.config.get("scheduler", None)
-    with open_cube(path) as cube, ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda i: export_cube(cube, tmp_path / f"{i}.zarr", ["impact_count"]), range(2)))
-    assert dask.config.get("scheduler", None) == before
 
 
 def test_a_closed_cube_is_closed(tmp_path):
@@ -414,24 +388,3 @@ def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
         flipped["x"].load()
     said = "values of a netCDF file can't be read (NetCDF: HDF error): it is damaged; make it again"
     assert bad("info", tmp_path / "flipped.nc") == said
-
-
-def test_a_damaged_label_is_noticed(tmp_path):
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    with h5py.File(path) as file:
-        place = file["law"].id.get_chunk_info(0)
-    data = bytearray(path.read_bytes())
-    data[place.byte_offset + place.size // 2] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(OutputError, match=r"can't be read as netCDF \(NetCDF: HDF error\): it is damaged"):
-        open_cube(path)
-
-
-def test_a_cube_may_be_open_several_times(tmp_path):
-    """Handles on one file, opened and closed in turn, crashed the library where the header had one of its own."""
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    with open_cube(path) as first:
-        for _ in range(5):
-            with open_cube(path) as second:
-                np.testing.assert_array_equal(second["impact_count"], first["impact_count"])
-        first["displacement_max"].load()

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.lock import LOCK
 from pounding_sweep.cli.app import app
 from pounding_sweep.output import merge as merging
 from pounding_sweep.output.describe import describe
@@ -167,19 +166,6 @@ def test_runs_that_several_parts_hold_count_once(runs, tmp_path):
     for cube in apart:
         cube.close()
     assert counted(*sorted(tmp_path.glob("part_*.nc")), out=out) == first
-
-
-@pytest.mark.slow
-def test_runs_that_several_parts_hold_count_once_in_any_order(runs, tmp_path):
-    """Copies, and parts that were merged with others before, too."""
-    a, b, c = sorted(runs.glob("part_?.nc"))
-    first = counted(a, b, c, out=tmp_path / "all.nc")
-    assert counted(tmp_path / "all.nc", c, b, a, out=tmp_path / "again.nc") == first
-    (tmp_path / "copy.nc").write_bytes(a.read_bytes())
-    assert counted(a, tmp_path / "copy.nc", b, c, out=tmp_path / "again.nc") == first
-    counted(a, b, out=tmp_path / "ab.nc")
-    counted(c, b, out=tmp_path / "bc.nc")
-    assert counted(tmp_path / "ab.nc", tmp_path / "bc.nc", out=tmp_path / "again.nc") == first
 
 
 @pytest.mark.parametrize("slab_bytes", [3000, pytest.param(2**25, marks=pytest.mark.slow)])
@@ -363,28 +349,6 @@ def test_cubes_of_two_makers(whole, tmp_path, key, other):
         merged(tmp_path, a, changed, mix_sources=True)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("key", "other"), [("package_sha256", "f" * 64), ("numba_version", "0.61.0")])
-def test_a_cube_of_two_makers_is_merged_again(whole, tmp_path, key, other):
-    """Only where that is asked for again; extended it can't be."""
-    a, b = part(whole, gap=GAPS[:2]), part(whole, gap=GAPS[1:]).assign_attrs({key: other})
-    _, cube = merged(tmp_path, a, b, mix_sources=True)
-    files, told = [str(tmp_path / f"{name}.nc") for name in "ab"], json.loads(cube.attrs["merged_from"])
-    with pytest.raises(InputError, match=r"can't be extended: it was merged from .* several states .*, made \(see its"):
-        sweep().run(extend=tmp_path / "all.nc")
-    mixed, again = write_cube(cube, tmp_path / "mixed.nc"), tmp_path / "again.nc"
-    for second in ("a.nc", "all.nc"):
-        with pytest.raises(InputError, match=r"mixed\.nc' was made by version \S+ \(source .*; source .*\), '.*' by"):
-            merge_cubes([mixed, tmp_path / second], again)
-    assert merge_cubes([mixed, tmp_path / "a.nc"], again, mix_sources=True).sources == 2
-    with open_cube(again) as cube:
-        first, second = json.loads(cube.attrs["merged_from"])
-        assert (first["merged_from"], second["file"], second[key]) == (told, files[0], whole.attrs[key])
-        assert key not in cube.attrs
-    with pytest.raises(InputError, match=r"by version 9 .*with one of them, such as the installed .* \(version \S+\)$"):
-        merged(tmp_path, a, b.assign_attrs(pounding_sweep_version="9"), mix_sources=True)
-
-
 def test_a_file_given_twice_is_refused(whole, tmp_path, monkeypatch):
     """By whatever path it is reached; a copy of it is another file."""
     a, b = saved(tmp_path, part(whole, gap=GAPS[:2]), part(whole, gap=GAPS[2:]))
@@ -434,24 +398,6 @@ def test_values_that_one_part_has_side_by_side_are_meant(tmp_path):
     assert again.overlapping == 2
     with pytest.raises(InputError, match=rf"gap has the values {third} and 0\.002, the same but for rounding"):
         merged(tmp_path, made(third, 0.01), cube)
-
-
-def test_what_a_killed_merge_left_is_gone_before_room_is_looked_for(whole, tmp_path, monkeypatch):
-    files = saved(tmp_path, part(whole, gap=GAPS[:2]), part(whole, gap=GAPS[2:]))
-    left = tmp_path / ".pounding_sweep-0123456789abcdef.part"
-    left.mkdir()
-    (left / "half").write_bytes(b"half")
-    (left / LOCK).touch()
-    there = []
-    monkeypatch.setattr(merging, "check_space", lambda *_: there.append(left.exists()))
-    merge_cubes(files, tmp_path / "all.nc")
-    assert there == [False]
-
-
-def test_help_tells_the_tolerance():
-    said = " ".join(CliRunner().invoke(app, ["merge", "--help"]).stdout.split())
-    default = re.search(r"relative to the variable's largest value in it, that is no conflict; (\S+) by default", said)
-    assert float(default[1]) == merging.TOLERANCE
 
 
 def test_command(whole, tmp_path):
@@ -522,45 +468,6 @@ def test_cases_that_were_run_apart_make_the_cube_of_all(cases, tmp_path):
         assert cube.sizes["audit"] == a.sizes["audit"] + b.sizes["audit"]
         assert cube.attrs["scenarios_asked"] == 6
         assert "6 scenarios asked" in describe(cube)
-
-
-@settings(max_examples=2, deadline=None)
-@given(
-    st.lists(st.lists(st.integers(0, len(CASES) - 1), min_size=1, unique=True), min_size=2, max_size=4),
-    st.sampled_from([1, 300, 500, 2**25]),
-)
-@pytest.mark.slow  # by day lists that were run apart are, and boxes
-def test_any_lists(cases, tmp_path_factory, lists, slab_bytes):
-    """Overlapping or not, in any order, in either spelling: each scenario once, as it came first."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merging, "SLAB_BYTES", slab_bytes)
-        patch.setattr(merging, "BLOCK_BYTES", min(slab_bytes, 100))
-        found, cube = merged(tmp_path_factory.mktemp("lists"), *(some(cases, chosen) for chosen in lists))
-    scenarios = [[min(i, 2 if i == 6 else i) for i in chosen] for chosen in lists]  # two spellings of one
-    every = {}
-    for chosen, known in zip(lists, scenarios, strict=True):
-        for i, scenario in zip(chosen, known, strict=True):
-            every.setdefault(scenario, i)
-    expected = some(cases, list(every.values()))
-    same(cube, expected)
-    assert (cube.attrs["sweep"], cube.attrs["sweep_sha256"]) == (expected.sweep, expected.sweep_sha256)
-    assert (found.scenarios, found.missing) == (len(every), 0)
-    assert found.overlapping == sum(len(set(known)) for known in scenarios) - len(every)
-
-
-@pytest.mark.slow
-def test_different_results_of_a_case_are_named(cases, tmp_path):
-    a, b = some(cases, [0, 1, 3]), some(cases, [2, 1]).copy(deep=True)
-    before = float(b.impact_force_max.max("storey").sel(pair="a-b")[1])
-    b["impact_force_max"][1] *= 1 + 1e-3
-    with pytest.raises(InputError) as caught:
-        merged(tmp_path, a, b)
-    text = str(caught.value)
-    assert "different results of 1 scenarios: case=2 law=kelvin_voigt record=two scale=1.0 restitution=0.3" in text
-    assert "pair_gap=0.002/0.01 period_factor=1.0 mass_factor=1.0/2.0: impact_force_max" in text
-    assert f"{before!r} in {str(tmp_path / 'a.nc')!r}" in text
-    assert not (tmp_path / "all.nc").exists()
-    same(merged(tmp_path, a, b, tolerance=1e-2)[1], some(cases, [0, 1, 3, 2]))
 
 
 def test_zero_and_missing_have_two_signs(cases, tmp_path):

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import mmap
 import os
-import subprocess
-import sys
-import tempfile
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError
@@ -49,15 +43,6 @@ def again(store):
     return ChunkStore(store.folder, store.identity, store.details).open()
 
 
-def test_a_cube_may_be_written_in_the_folder_while_it_is_made_ready(tmp_path):
-    store = ChunkStore(tmp_path / "out.chunks", "digest-1")
-    with store.lock() as begun, files.replacing(tmp_path / "out.nc", store.folder) as temporary:
-        assert not begun
-        temporary.write_text("cube")
-        store.open()
-    assert (tmp_path / "out.nc").read_text() == "cube"
-
-
 def test_round_trip(store):
     assert store.completed() == set()
     assert store.size() == 0
@@ -68,31 +53,6 @@ def test_round_trip(store):
     same(other.read("a1"), TABLE)
     same(other.read("b2"), one(1.0))
     assert other.size() == sum(p.stat().st_size for p in store.folder.glob("chunk-*.npy")) > TABLE.nbytes
-
-
-NUMBERS = st.sampled_from(["f8", "f4", "i8", "i4", "i2", "i1", "u1", "u8", ">f8", ">i4"])
-FIELDS = st.lists(
-    st.tuples(st.from_regex(r"[a-z][a-z_0-9]{0,8}", fullmatch=True), NUMBERS, hnp.array_shapes(max_dims=2, max_side=4)),
-    min_size=1,
-    max_size=4,
-    unique_by=lambda field: field[0],
-)
-
-
-@given(st.data(), FIELDS, st.booleans())
-def test_any_numbers_come_back_bit_for_bit(data, fields, align):
-    kind = np.dtype(fields, align=align)
-    n = data.draw(st.integers(1, 4))
-    table = np.frombuffer(data.draw(st.binary(min_size=n * kind.itemsize, max_size=n * kind.itemsize)), kind)
-    with tempfile.TemporaryDirectory() as folder:
-        store = ChunkStore(folder, "x").open()
-        store.write("k", table)
-        same(store.read("k"), table)
-
-
-def test_views_and_order_do_not_matter(store):
-    store.write("k", np.concatenate([TABLE, TABLE])[::-2])
-    same(store.read("k"), np.concatenate([TABLE, TABLE])[::-2].copy())
 
 
 def test_a_chunk_is_a_plain_table(store):
@@ -107,30 +67,6 @@ def test_written_again_the_last_one_counts(store):
     store.write("k", one(2.0))
     assert store.read("k")["a"].tolist() == [2.0]
     assert store.completed() == {"k"}
-
-
-@pytest.mark.parametrize("key", ["", ".", "../up", "a/b", "-x", "a b", "x" * 129, "é"])
-def test_keys_that_are_no_file_names(store, key):
-    with pytest.raises(OutputError, match="chunk key"):
-        store.write(key, TABLE)
-
-
-@pytest.mark.parametrize(
-    "table",
-    [
-        np.zeros(3),
-        np.zeros((2, 2), KIND),
-        np.zeros(0, KIND),
-        np.zeros(2, [("a", "U4")]),
-        np.zeros(2, [("a", object)]),
-        np.zeros(2, [("a", "c16")]),
-        np.zeros(2, [("a", "f8"), ("b", "?")]),
-    ],
-)
-def test_what_is_no_table_of_numbers(store, table):
-    with pytest.raises(OutputError, match="is no table; give one row per scenario"):
-        store.write("k", table)
-    assert store.completed() == set()
 
 
 @pytest.mark.parametrize("cut", [1, 10, 60])
@@ -148,26 +84,6 @@ def test_a_torn_manifest_line_is_no_completion(store, cut):
     other.write("c", TABLE)
     other.write("b", TABLE)
     assert again(store).completed() == {"a", "b", "c"}
-
-
-def test_a_line_without_its_line_break_is_whole_or_torn(store):
-    store.write("a", TABLE)
-    path = store.folder / MANIFEST
-    path.write_bytes(path.read_bytes().removesuffix(b"\n"))
-    assert store.completed() == {"a"}
-    store.write("b", TABLE)
-    assert store.completed() == {"a", "b"}
-
-
-@pytest.mark.parametrize(
-    "line", [b"\x00\xff\xfe", b"[]", b"3", b'{"key": 1, "crc32": 0}', b'{"key": "../x", "crc32": 0}']
-)
-def test_lines_that_are_no_entries(store, line):
-    store.write("a", TABLE)
-    with (store.folder / MANIFEST).open("ab") as file:
-        file.write(line + b"\n")
-    store.write("b", TABLE)
-    assert store.completed() == {"a", "b"}
 
 
 def test_a_listed_chunk_without_file_is_not_complete(store):
@@ -194,12 +110,6 @@ def test_a_chunk_may_be_written_while_others_are_listed(store, monkeypatch):
     assert store.completed() == {"a"}
     same(store.read("b"), TABLE)
     assert store.completed() == {"a", "b"}
-
-
-def test_a_file_that_the_manifest_does_not_list_is_not_complete(store):
-    store.write("a", TABLE)
-    (store.folder / MANIFEST).unlink()
-    assert again(store).completed() == set()
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "empty"])
@@ -246,13 +156,6 @@ def test_another_sweep_is_refused(store):
     assert again(store).completed() == {"a"}
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "3"])
-def test_a_damaged_identity(store, text):
-    (store.folder / IDENTITY).write_text(text)
-    with pytest.raises(OutputError, match="is damaged"):
-        again(store)
-
-
 def test_somebody_elses_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     (tmp_path / "chunk-1.npy").write_text("also mine")
@@ -263,16 +166,6 @@ def test_somebody_elses_folder_is_left_alone(tmp_path):
         ):
             attempt()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["chunk-1.npy", "thesis.txt"]
-
-
-def test_folders_that_cannot_be(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="is not a folder"):
-        ChunkStore(tmp_path / "file", "x").open()
-    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(OutputError, match="can't be made or written"):
-        ChunkStore(tmp_path / "link", "x").open()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "link"]
 
 
 def test_discard_removes_only_what_is_its_own(store):
@@ -315,23 +208,6 @@ def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
         first.open()
 
 
-def test_who_locks_removes_what_a_killed_run_was_writing(store):
-    store.write("a", TABLE)
-    with files.replacing(store.folder / "cube", store.folder) as temporary:
-        temporary.write_text("half")
-        with store.lock():
-            assert not temporary.exists()
-        temporary.write_text("")
-    (store.folder / "cube").unlink()
-    assert again(store).completed() == {"a"}
-
-
-def test_chunks_that_are_removed_while_they_are_counted(store, monkeypatch):
-    store.write("a", TABLE)
-    monkeypatch.setattr(store, "completed", lambda: {"a", "gone"})
-    assert store.size() == store.path("a").stat().st_size
-
-
 def test_a_failed_write_leaves_nothing(store, monkeypatch):
     def full(path, table):
         path.write_bytes(b"half")
@@ -341,56 +217,6 @@ def test_a_failed_write_leaves_nothing(store, monkeypatch):
     with pytest.raises(OutputError, match=r"No space left on device.*free some space"):
         store.write("a", TABLE)
     assert [p.name for p in store.folder.iterdir()] == [IDENTITY]
-
-
-KILLED = """
-import os, sys
-import numpy as np
-from pounding_sweep.output import netcdf as write
-from pounding_sweep.resume import checkpoint as storing
-
-store = storing.ChunkStore(sys.argv[1], "x").open()
-store.write("first", np.zeros(3, [("a", "f8")]))
-die = lambda *a, **k: os.kill(os.getpid(), 9)
-where = sys.argv[2]
-if where == "in the file":
-    storing._save = lambda path, table: (path.write_bytes(b"half"), die())
-elif where == "before the manifest":
-    store._append = die
-elif where == "in the manifest":
-    def append(line):
-        with open(store._manifest, "ab") as file:
-            file.write(line[:30].encode())
-        die()
-    store._append = append
-store.write("second", np.ones(4, [("a", "f8")]))
-"""
-
-
-@pytest.mark.parametrize(
-    "where",
-    [*(pytest.param(w, marks=pytest.mark.slow) for w in ("in the file", "before the manifest")), "in the manifest"],
-)
-def test_a_killed_run_continues(tmp_path, where):
-    folder = tmp_path / "chunks"
-    done = subprocess.run([sys.executable, "-c", KILLED, str(folder), where], check=False)
-    assert done.returncode == -9
-    store = ChunkStore(folder, "x").open()
-    assert store.completed() == {"first"}
-    same(store.read("first"), one(0.0, 0.0, 0.0))
-    store.write("second", np.ones(4, [("a", "f8")]))
-    assert store.completed() == {"first", "second"}
-    store.discard()
-    assert not folder.exists()
-
-
-def test_killed_before_the_identity(tmp_path):
-    folder = tmp_path / "chunks"
-    folder.mkdir()
-    name = ".pounding_sweep-0123456789abcdef.part"
-    (folder / name).write_text("{")
-    assert files.is_temporary(name)
-    assert ChunkStore(folder, "x").open().completed() == set()
 
 
 def test_the_chunk_is_on_disk_before_the_manifest_names_it(store, monkeypatch):

@@ -122,25 +122,6 @@ def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     assert process.returncode == 130
 
 
-@pytest.mark.parametrize(
-    ("terminal", "shown"), [("xterm", b"\x1b[?25h\r\n"), pytest.param("dumb", b"", marks=pytest.mark.slow)]
-)
-def test_a_second_signal_gives_the_cursor_back(tmp_path, terminal, shown):
-    """The display, which hides it, has no time to be closed."""
-    ours, theirs = os.openpty()
-    more = {"cwd": tmp_path, "env": environment(TERM=terminal), "stdout": subprocess.PIPE, "stderr": theirs}
-    with subprocess.Popen([sys.executable, "-c", SLOW], **more) as process:
-        assert process.stdout.readline() == b"begun\n"
-        process.terminate()
-        assert process.stdout.readline() == b"ending\n"
-        process.terminate()
-        assert process.wait(timeout=300) == 130
-    os.set_blocking(ours, False)
-    with os.fdopen(ours, "rb", buffering=0) as display:
-        assert (display.read(100) or b"") == shown
-    os.close(theirs)
-
-
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
