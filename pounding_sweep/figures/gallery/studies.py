@@ -119,7 +119,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     """
     check_trade(trade)
     chosen = trade.sel(population="steady", statistic="worst")
-    if not (chosen["error"] * chosen["cost"]).notnull().any():
+    if not np.isfinite(chosen["error"] * chosen["cost"]).any():
         msg = "figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps"
         raise InputError(msg)
     outputs = leading_outputs(trade)
