@@ -220,8 +220,8 @@ def test_a_sweep_file_that_is_none(tmp_path):
     with huge.open("wb") as file:
         file.truncate(MAX_FILE_BYTES + 1)
     for path, why in (
-        (tmp_path / "pipe.toml", "no regular"),
-        ("/dev/zero", "no regular"),
+        (tmp_path / "pipe.toml", "not a regular"),
+        ("/dev/zero", "not a regular"),
         (tmp_path, "Is a directory"),
     ):
         with pytest.raises(SweepError, match=why):

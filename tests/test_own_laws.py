@@ -187,7 +187,7 @@ def test_a_law_file_that_is_none_says_where(tmp_path, text, said):
 def test_a_law_file_is_looked_for_beside_the_sweep(tmp_path):
     text = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear",\n  "mylaws.py:my_law"]\n'
     (tmp_path / "one.toml").write_text(text)
-    with pytest.raises(SweepError, match=r"one\.toml:6: sweep\.laws\[1\]: law file '.*mylaws\.py' is not there"):
+    with pytest.raises(SweepError, match=r"one\.toml:6: sweep\.laws\[1\]: law file '.*mylaws\.py' does not exist"):
         ps.load_sweep(tmp_path / "one.toml")
     path = law_file(tmp_path)
     found = ps.load_sweep(tmp_path / "one.toml").spec

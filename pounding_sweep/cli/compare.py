@@ -41,16 +41,14 @@ class CompareOptions:
         ),
     ] = None
     out: Annotated[
-        Path | None,
-        Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
+        Path | None, Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures.")
     ] = None
     overwrite: Annotated[
         bool, Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
     ] = False
     reference: Annotated[str | None, Option(metavar="LAW", help="Law that the others are compared with.")] = None
     event: Annotated[
-        str | None,
-        Option(metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default."),
+        str | None, Option(metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default.")
     ] = None
     level: Annotated[float | None, Option(metavar="X", help="What the event must exceed, in its own unit.")] = None
     one_dispersion: Annotated[
@@ -62,8 +60,7 @@ class CompareOptions:
     ] = None
     at: At = None
     over: Annotated[
-        list[str] | None,
-        Option(metavar="AXIS", help="Take all values of record, scale or pga together in tables."),
+        list[str] | None, Option(metavar="AXIS", help="Take all values of record, scale or pga together in tables.")
     ] = None
     quantiles: Annotated[
         list[float] | None,

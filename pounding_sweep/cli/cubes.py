@@ -71,7 +71,7 @@ def _print_unfinished(survey: Survey) -> None:
     """Print what is done and what is missing of a sweep."""
     state = f"{survey.now} is at work on it" if survey.now else "not running; run the same command to resume"
     rows = [("unfinished", str(survey.folder)), *([("title", survey.title)] if survey.title else [])]
-    rows += [*survey.details.items(), ("now", state)]
+    rows += [*survey.details.items(), ("state", state)]
     if survey.asked is None:
         rows.append(("scenarios", "no run came as far as its first stage"))
     else:

@@ -33,8 +33,7 @@ def laws_command(
         bool, Option("--restitution", help="Measure what restitution each law really gives, by the kernels.")
     ] = False,
     nominal: Annotated[
-        str | None,
-        Option("--e", metavar="LIST", help="With --restitution or --check: nominal values, as 0.2,0.6."),
+        str | None, Option("--e", metavar="LIST", help="With --restitution or --check: nominal values, as 0.2,0.6.")
     ] = None,
     check: Annotated[
         str | None,

@@ -23,10 +23,7 @@ BETWEEN_LINES = 30.0
 #: Seconds at the beginning of a stage that say nothing about its rate: what an earlier run finished is counted in them.
 TAKING_UP = 1.0
 #: What the stages of a run are called on the display.
-STAGES = {
-    "compiling": "compiling kernels",
-    "no pounding": "runs without pounding",
-}
+STAGES = {"compiling": "compiling kernels", "no pounding": "runs without pounding"}
 
 
 class _LenientStream:

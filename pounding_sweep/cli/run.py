@@ -33,8 +33,7 @@ def run_command(
     ] = "threads",
     overwrite: Annotated[bool, Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
     extend: Annotated[
-        Path | None,
-        Option(metavar="OLD.nc", help="Reuse the results in this cube and run only the missing scenarios."),
+        Path | None, Option(metavar="OLD.nc", help="Reuse the results in this cube and run only the missing scenarios.")
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -53,12 +52,7 @@ def run_command(
             say(f"the cube is written to {out}; -o names another file")
         with closing(make_progress(quiet)) as progress:
             cube = sweep.run(
-                out,
-                scheduler=scheduler,
-                workers=options.workers,
-                overwrite=overwrite,
-                progress=progress,
-                extend=extend,
+                out, scheduler=scheduler, workers=options.workers, overwrite=overwrite, progress=progress, extend=extend
             )
         outcome, attributes = sweep.last_outcome, cube.attrs
         assert outcome is not None

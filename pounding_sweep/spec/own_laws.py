@@ -61,7 +61,7 @@ def _load(given: str, base: Path | None) -> Law:
         raise LawError(msg)
     file = expanded(path) if base is None else Path(base) / expanded(path)
     if not file.is_file():
-        msg = f"law file {str(file)!r} is not there; give its path from the folder of the sweep file, or the whole one"
+        msg = f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
         raise LawError(msg)
     try:
         found = runpy.run_path(str(file), run_name=file.stem)

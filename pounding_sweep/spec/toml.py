@@ -45,7 +45,7 @@ def read_bounded(file: Path) -> bytes:
     """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end."""
     status = file.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # a folder can't be read: said below
-        msg = "it is no regular file; save the sweep to one first"
+        msg = "not a regular file; save the sweep to a file first"
         raise ValueError(msg)
     if status.st_size > MAX_FILE_BYTES:
         msg = f"it has {status.st_size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges"
