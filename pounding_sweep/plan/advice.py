@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from pounding_sweep.spec.spec import SweepSpec
 
 
+#: Variants whose motions are estimated at a time, and points of a record times variants.
+_BLOCK = 4096
 #: Damping ratio at which a first mode is taken that its base damps beyond vibration.
 _MOST_DAMPED = 0.999
 
@@ -61,37 +63,43 @@ def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
     variants = variants_of(row)
 
     def speeds(motions: np.ndarray) -> np.ndarray:
-        factors, ratio = motions[:-1].T, np.where(motions[-1] < 0.0, np.nan, motions[-1])
-        return _pair_speeds(Variants(variants.scene, factors, np.ones_like(factors), ratio), record)
+        blocks = [motions[:, first : first + _BLOCK] for first in range(0, motions.shape[1], _BLOCK)]
+        return np.concatenate([_pair_speeds(variants.scene, block, record) for block in blocks], axis=1)
 
     # masses that vary with their stiffnesses change no motion
     motion = np.vstack([variants.period_factor.T, np.nan_to_num(variants.damping_ratio, nan=-1.0)])
     return np.asarray(distinct(motion, speeds).T)
 
 
-def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
+def _pair_speeds(scene: Scene, motions: np.ndarray, record: Record) -> np.ndarray:
     """Largest difference of the roof velocities of neighbours in their first modes (m/s), shape (pairs, n)."""
-    from scipy.signal import lfilter
-
+    factors, ratio = motions[:-1].T, np.where(motions[-1] < 0.0, np.nan, motions[-1])
+    variants = Variants(scene, factors, np.ones_like(factors), ratio)
     h, ground = record.dt, record.acceleration
-    row, buildings = variants.scene.row, variants.scene.buildings
-    moving = [place for place, item in enumerate(row) if isinstance(item, Building)]
-    frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
-    damping = np.stack([variants.modal_damping(b, 0) for b in range(len(buildings))])
+    moving = [isinstance(item, Building) for item in scene.row]
+    frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(scene.buildings))])
+    damping = np.stack([variants.modal_damping(b, 0) for b in range(len(scene.buildings))])
     damping = np.where(damping < 1.0, damping, _MOST_DAMPED)
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
     root = frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
     growth = np.exp(root * h)
     late = (growth - 1.0 - root * h) / (root**2 * h)
     early = (growth - 1.0) / root - late
-    participation = [_roof_participation(building) for building in buildings]
-    fastest = np.empty((len(row) - 1, len(variants)))
-    for i in range(len(variants)):
-        velocities = np.zeros((len(row), len(ground) - 1))  # walls stand still
-        for b, place in enumerate(moving):
-            state = lfilter([1.0], [1.0, -growth[b, i]], -(early[b, i] * ground[:-1] + late[b, i] * ground[1:]))
-            velocities[place] = (root[b, i] * state).imag * (participation[b] / root[b, i].imag)
-        fastest[:, i] = np.abs(np.diff(velocities, axis=0)).max(axis=1, initial=0.0)
+    participation = np.array([_roof_participation(building) for building in scene.buildings])[:, None] / root.imag
+    fastest = np.zeros((len(moving) - 1, len(variants)))
+    state, most = np.zeros(root.shape, complex), 1 + _BLOCK // len(variants)
+    for first in range(1, len(ground), most):
+        a = ground[first - 1 : first + most, None, None]
+        states = -(early * a[:-1] + late * a[1:])
+        states[0] += growth * state
+        reach, power = 1, growth  # each state then knows of the `reach` points up to its own
+        while reach < len(states):
+            states[reach:] += power * states[:-reach]
+            reach, power = 2 * reach, power * power
+        state = states[-1]
+        velocities = np.zeros((len(states), len(moving), len(variants)))  # walls stand still
+        velocities[:, moving] = (root * states).imag * participation
+        fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
     return fastest
 
 
