@@ -21,14 +21,12 @@ import numpy as np
 import psutil
 import pytest
 from dask_cluster import DaskCluster
-from distributed import Client
 from test_cli import HEEDING, LONG, environment, write
 from test_execute import make, same
 
 import pounding_sweep
 from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.provenance import fingerprint
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.resume.checkpoint import MANIFEST
@@ -171,36 +169,6 @@ def test_workers_that_come_later(reference, tmp_path, whole, count):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("importable")
-def test_all_workers_die_at_once(tmp_path, count):
-    """Their chunks are handed out again as all others: nothing tells that one of them killed."""
-
-    found, events = {}, []
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("a").add("b")
-
-        def take(position, result):
-            found[position] = result
-            if len(found) == 10:
-                cluster.kill("a")
-                cluster.kill("b")
-                cluster.add("c", wait=False).add("d", wait=False)
-                for name in "cd":
-                    cluster.wait_for(name)
-                with Client(cluster.address, set_as_default=False) as client:
-                    client.run(fingerprint)  # both have imported all that they need
-
-        with Dispatcher(cluster.address, 2, [None, None], where, events.append) as dispatcher:
-            dispatcher.run(30, jobs(30, SimpleNamespace(scene=None)), take)
-        with Client(cluster.address, set_as_default=False) as client:
-            there = set(client.run(os.getpid).values())
-    assert set(found) == set(range(30))
-    assert sum("has left" in note for note in events) == 2
-    assert {int(result[1]) for result in found.values() if int(result[1]) in there} == there
-    count("workers killed", 2)
-
-
-@pytest.mark.slow
 def test_the_scheduler_dies(reference, tmp_path, whole, count):
     """The run ends with an error that says so; the next one goes on from what is there."""
     out = tmp_path / "out.nc"
@@ -214,30 +182,6 @@ def test_the_scheduler_dies(reference, tmp_path, whole, count):
     with sweep.run(out) as cube:
         whole(cube, sweep, reference)
     assert sweep.last_outcome.reused > 0
-
-
-@pytest.mark.slow
-def test_the_client_is_killed(reference, tmp_path, whole):
-    """Its cluster lives on, and the next client of the same scheduler continues."""
-    code = (
-        "import os, signal, sys; sys.path.insert(0, sys.argv[3]); from test_distributed import *\n"
-        "import pounding_sweep.plan.plan as planning; planning.CHUNK_SECONDS = 0.0\n"
-        "die = Events((40, lambda: os.kill(os.getpid(), signal.SIGKILL)))\n"
-        "make().run(sys.argv[1], scheduler=sys.argv[2], progress=die)\n"
-    )
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("only")
-        arguments = [str(tmp_path / "out.nc"), cluster.address, str(Path(__file__).parent)]
-        command = [sys.executable, "-c", code, *arguments]
-        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-        manifest = (tmp_path / "out.nc.parts" / MANIFEST).read_text().splitlines()
-        sweep = make()
-        with (
-            pytest.warns(RuntimeWarning, match="was killed .* goes on"),
-            sweep.run(tmp_path / "out.nc", scheduler=cluster.address) as cube,
-        ):
-            whole(cube, sweep, reference)
-        assert sweep.last_outcome.reused == sum(json.loads(line)["rows"] for line in manifest) > 0
 
 
 # -- interrupts --------------------------------------------------------------------------------------------------------
@@ -309,22 +253,6 @@ def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path)
     assert not any(worker.is_running() for worker in workers)
 
 
-@pytest.mark.slow
-def test_an_interrupt_leaves_the_cluster_as_it_is(interrupted, tmp_path):
-    """SIGTERM, as a batch system sends it; the next run goes on with the same workers."""
-
-    def event(process):
-        wait_for_chunks(process, tmp_path)
-        process.terminate()
-
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("only")
-        found = interrupted(event=event, scheduler=cluster.address)
-    assert found["reused"] > 0
-    assert found["run"] + found["reused"] == 129
-    assert (tmp_path / "out.nc.log").read_text().count(" takes part, with 1 threads") == 2
-
-
 # -- workers that can't take part --------------------------------------------------------------------------------------
 
 
@@ -386,11 +314,6 @@ def jobs(n, kernel):
     return lambda position: ChunkTask(
         f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ()
     )
-
-
-def where(kernel, record, table, variants, outputs):
-    time.sleep(0.03)
-    return np.array([table, os.getpid()])
 
 
 def poison(kernel, record, table, variants, outputs):

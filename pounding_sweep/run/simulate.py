@@ -325,24 +325,21 @@ def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
     return np.add.reduceat(values, np.array(scene.offsets[:-1]), axis=1)
 
 
-def _below(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
+def _with_base(values: np.ndarray, base: np.ndarray, scene: Scene, shapes: str) -> np.ndarray:
+    """Add what the bases of those with foundations make of values of floors, by matrices of buildings of a name."""
+    result = values.copy()
+    for q, b in enumerate(scene.foundations):
+        start, stop = scene.offsets[b : b + 2]
+        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ getattr(scene.buildings[b], shapes)[:, -2:].T
+    return result
+
+
+def _drifts(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
     """Storey drifts of floors and of the bases of those that have foundations."""
-    result = values.copy()
+    drifts = values.copy()
     for start, stop in pairwise(scene.offsets):
-        result[:, start + 1 : stop] -= values[:, start : stop - 1]
-    for q, b in enumerate(scene.foundations):
-        drifts, (start, stop) = scene.buildings[b].drifts, scene.offsets[b : b + 2]
-        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ drifts[:, -2:].T
-    return result
-
-
-def _on_base(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
-    """Motions of floors relative to their base, of foundations."""
-    result = values.copy()
-    for q, b in enumerate(scene.foundations):
-        moved, (start, stop) = scene.buildings[b].deformations, scene.offsets[b : b + 2]
-        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ moved[:, -2:].T
-    return result
+        drifts[:, start + 1 : stop] -= values[:, start : stop - 1]
+    return _with_base(drifts, base, scene, "drifts")
 
 
 def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarray) -> dict[str, Any]:
@@ -371,8 +368,8 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
     gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - scene.thicknesses(kernel.law.thickness)
     penetration = np.zeros((len(time), n_contacts))
-    on_floor = -alpha * masses * _on_base(v, v_base, scene)
-    drift, damped, yields = _below(u, u_base, scene), stiffnesses, any(scene.yields)
+    on_floor = -alpha * masses * _with_base(v, v_base, scene, "deformations")
+    drift, damped, yields = _drifts(u, u_base, scene), stiffnesses, any(scene.yields)
     storey = stiffnesses * drift
     strains = 0.5 * stiffnesses * drift**2
     hysteretic = np.zeros_like(taken)
@@ -389,7 +386,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         damped = part("kd") if "kd" in slots.first else damped
     shear = storey + pushed * drift
     dashpots = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in buildings])
-    storey = storey + (beta * damped + dashpots) * _below(v, v_base, scene)
+    storey = storey + (beta * damped + dashpots) * _drifts(v, v_base, scene)
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
