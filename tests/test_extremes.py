@@ -561,9 +561,9 @@ def call(*arguments):
 def test_the_command_prints_a_table():
     done = call()
     assert done.exit_code == 0, done.output
-    rows = [line.split()[:3] for line in done.stdout.splitlines()[:5]]
-    assert rows[0] == ["family", "scheme", "scenarios"]
-    assert [row[:2] for row in rows[1:]] == [["gap", "rk4"], ["gap", "newmark"], ["gap", "exact"], ["random", "rk4"]]
+    rows = [line.split()[:2] for line in done.stdout.splitlines()]
+    for family in ("gap", "random"):  # in the table of statuses, and in that of what the judge found
+        assert all(rows.count([family, scheme]) == 2 for scheme in measured_schemes())
     assert "0 violations" in done.stdout
 
 

@@ -90,20 +90,17 @@ def _print(suite: Extremes) -> None:
     from pounding_sweep.outputs.variables import OK_CLAIM, STATUS
 
     labels = [s.label for s in STATUS if any(result.statuses[s.label] for result in suite.results)]
-    counts, worst = ("missed", "sensitive", "unknown"), ("worst_error", "worst_created_energy")
-    headings = ["family", "scheme", "scenarios", *(label.replace("_", " ") for label in labels), *counts]
-    rows = [
-        [
-            *(result.family, result.method, str(result.scenarios)),
-            *(str(result.statuses[label]) for label in labels),
-            *(str(getattr(result, name)) for name in counts),
-            *(f"{getattr(result, name):.1e}" for name in worst),
-            *(str(len(result.violations)), f"{result.seconds:.2f}"),
-        ]
-        for result in suite.results
-    ]
-    print_table([*headings, "worst error", "created energy", "violations", "s"], rows, right=range(2, len(rows[0])))
-    print()
+    statuses, judged = ["scenarios", *(label.replace("_", " ") for label in labels)], ["missed", "sensitive", "unknown"]
+    judged += ["worst error", "created energy", "violations", "s"]
+    rows: list[list[list[str]]] = [[], []]
+    for each in suite.results:
+        worst = f"{each.worst_error:.1e}", f"{each.worst_created_energy:.1e}"
+        counts = (each.missed, each.sensitive, each.unknown, *worst, len(each.violations), f"{each.seconds:.2f}")
+        for table, cells in zip(rows, ((each.scenarios, *(each.statuses[x] for x in labels)), counts), strict=True):
+            table.append([each.family, each.method, *map(str, cells)])
+    for headings, table in zip((statuses, judged), rows, strict=True):
+        print_table(["family", "scheme", *headings], table, right=range(2, len(headings) + 2))
+        print()
     for fault in suite.faults[:SHOWN]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
         print(
