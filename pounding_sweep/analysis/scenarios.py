@@ -88,7 +88,7 @@ def labelled(dim: str, labels: Iterable[Any], long_name: str, units: str = "") -
     """Return the coordinate of a dimension."""
     attributes = {"long_name": long_name} | ({"units": units} if units else {})
     names = list(labels)
-    return xr.DataArray(names, {dim: names}, (dim,), attrs=attributes)
+    return xr.DataArray(names, {dim: (dim, names, attributes)}, (dim,), attrs=attributes)
 
 
 def law_keys(cube: xr.Dataset) -> list[str]:

@@ -172,14 +172,9 @@ def gap_for_probability(
     elif levels is not None:
         msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         raise InputError(msg)
-    at, along = (
-        labelled(dim, shares, "probability that the pair touches", "1")
-        for dim, shares in (("probability", probabilities), ("curve", curve))
-    )
+    shares = labelled("probability", [*probabilities, *curve], "probability that the pair touches", "1")
     fit = _Lognormal(exact, confidence)
-    found = {f"gap{end}": part * level for end, part in fit.gaps(at).items()}
-    found |= {f"curve_gap{end}": part * level for end, part in fit.gaps(along).items() if end != "_observed"}
-    found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
+    whole = {f"gap{end}": part * level for end, part in fit.gaps(shares).items()}
     counts: dict[str, tuple[xr.DataArray, str, str]] = {
         "dispersion": (fit.spread, "1", "standard deviation of the logarithm of the required gap"),
         "records": (fit.count, "1", "records that count"),
@@ -191,18 +186,19 @@ def gap_for_probability(
         if site.units not in ("", units):
             msg = f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
             raise InputError(msg)
-        for name, index in (("gap_in_years", at), ("curve_gap_in_years", along)):
-            found |= {f"{name}{end}": part for end, part in fit.gaps_of_rate(site, index, years).items()}
+        whole |= {f"gap_in_years{end}": part for end, part in fit.gaps_of_rate(site, shares, years).items()}
         about |= {"hazard": site.source, "years": years}
         if "row_gap" in gaps.coords:
             for name, part in fit.rates(site, gaps["row_gap"]).items():
                 counts[name] = (part, "year-1", _text(name, confidence))
             counts["beyond"] = (counts["beyond"][0], "1", "share of the rate from intensities beyond the hazard's")
-    variables = {
-        name: described(part.transpose(part.dims[0], ...), "m", _text(name, confidence)) for name, part in found.items()
-    }
-    variables |= {name: described(*given) for name, given in counts.items()}
-    return xr.Dataset(variables, {str(index.dims[0]): index for index in (at, along, level) if index.dims}, about)
+    n = len(probabilities)
+    found = {name: part.isel(probability=slice(n)) for name, part in whole.items()}
+    curves = {name: part.isel(probability=slice(n, None)) for name, part in whole.items() if name != "gap_observed"}
+    found |= {f"curve_{name}": part.rename(probability="curve") for name, part in curves.items()}
+    found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
+    variables = {name: described(part, "m", _text(name, confidence)) for name, part in found.items()}
+    return xr.Dataset(variables | {name: described(*given) for name, given in counts.items()}, attrs=about)
 
 
 def _text(name: str, confidence: float) -> str:
@@ -296,18 +292,17 @@ class _Lognormal:
         """Return the gap for each probability, its interval, and the fractile of the records."""
         from scipy.stats import nct, norm
 
-        (dim,) = index.dims
         z = index.copy(data=norm.isf(index.values))
         found = {"": np.exp(self.middle + z * self.spread)}
         sizes, place = np.unique(self.count.values, return_inverse=True)  # quantiles take long, and sizes are few
         for name, share in zip(("_lower", "_upper"), self.ends, strict=True):
             table = nct.ppf(share, np.where(sizes > 1, sizes - 1, np.nan), z.values[:, None] * sizes**0.5)
-            t = xr.DataArray(table[:, place.reshape(self.count.shape)], dims=(dim, *self.count.dims))
+            t = xr.DataArray(table[:, place.reshape(self.count.shape)], dims=("probability", *self.count.dims))
             found[name] = np.exp(self.middle + t * self.spread / self.count**0.5)
         observed, _ = fractiles_over(self.exact, ["record"], [1.0 - p for p in index.values])
-        observed = observed.rename(quantile=str(dim)).assign_coords({dim: index})
+        observed = observed.rename(quantile="probability").assign_coords(probability=index)
         found["_observed"] = observed.where(index * self.count >= 1.0)
-        return {name: part.transpose(dim, ...) for name, part in found.items()}
+        return {name: part.transpose("probability", ...) for name, part in found.items()}
 
     def gaps_of_rate(self, site: Hazard, index: xr.DataArray, years: float) -> dict[str, xr.DataArray]:
         """Return the gap for each probability of a touch in some years, its interval, and that of the records."""
@@ -327,9 +322,8 @@ class _Lognormal:
                 found[3] = site.factor_at(rate, capacities)
             return found
 
-        (dim,) = index.dims
-        found = self._of_pairs(gaps, ["number", dim]).assign_coords({dim: index}).transpose("number", dim, ...)
-        return dict(zip(_NUMBERS, found, strict=True))
+        found = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
+        return dict(zip(_NUMBERS, found.transpose("number", "probability", ...), strict=True))
 
     def rates(self, site: Hazard, gap: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return the annual rate at which a gap touches, its interval, that of the records; and ``beyond``."""

@@ -183,7 +183,7 @@ def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tu
     points, which = np.unique(known, axis=1, return_inverse=True)  # outputs that are known at the same points
     for i, rows in enumerate(points.T):
         if rows.sum() >= LEAST:
-            columns = np.flatnonzero(which == i)
+            columns = np.flatnonzero(which.ravel() == i)
             a, b, *mixed = table[:, rows][:, :, columns].transpose(0, 2, 1)
             found[:, :, columns] = sobol_indices(a, b, np.stack(mixed))
             ends[:, :, :, columns] = bootstrap_intervals(a, b, np.stack(mixed), confidence, resamples)
