@@ -63,10 +63,11 @@ def test_a_run_that_is_killed_and_damaged_again_and_again(tmp_path):
     for kind in ("byte flipped", "file truncated", "line cut", "stale holder", "none"):
         before, limit = finished(), time.monotonic() + 300
         with subprocess.Popen([sys.executable, "-c", START, *RUN], cwd=tmp_path, env=environment()) as run:
-            while finished() < before + 2:
+            while finished() <= before:
+                assert run.poll() is None
                 assert time.monotonic() < limit
-                time.sleep(0.01)
-            time.sleep(draw.uniform(0.0, 0.1))
+                time.sleep(0.001)
+            time.sleep(draw.uniform(0.0, 0.05))
             run.kill()
         assert run.returncode == -signal.SIGKILL
         lines = manifest.read_text().splitlines()
@@ -83,9 +84,7 @@ def test_a_run_that_is_killed_and_damaged_again_and_again(tmp_path):
         elif kind == "stale holder":
             (tmp_path / PARTS / HOLDER).write_text("process 7 on a machine, since 2026")
         damaged |= {entry["key"]} if kind in ("byte flipped", "file truncated") else set()
-    left = finished()
     report = json.loads(cli(*RUN, cwd=tmp_path, start=("-c", START)).stdout)["scenarios"]
-    assert left >= 8
     assert report["reused"] > 0
     log = (tmp_path / f"{OUT}.log").read_text()
     assert set(re.findall(r"warning: chunk '(\w+)' in .* is damaged: .*; it is computed again", log)) == damaged

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.lock import HOLDER, LOCK
-from pounding_sweep.resume import checkpoint as storing
 from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
 
 KIND = np.dtype([("drift_max", "f8", (1, 2)), ("impact_count", "i4"), ("status", "i1")], align=True)
@@ -59,7 +57,7 @@ def test_a_chunk_is_a_plain_table(store):
     """Read without this package, and no more of it than is used."""
     store.write("k", TABLE)
     same(np.load(store.path("k"), allow_pickle=False), TABLE)
-    assert isinstance(store.read("k").base.obj, mmap.mmap)
+    assert isinstance(store.read("k").base, np.memmap)
 
 
 def test_written_again_the_last_one_counts(store):
@@ -118,9 +116,9 @@ def test_a_damaged_chunk_is_found(store, damage):
     path = store.path("a")
     content = bytearray(path.read_bytes())
     if damage == "flip":
-        content[len(content) // 2] ^= 1
+        content[-2] ^= 1
     path.write_bytes({"flip": bytes(content), "cut": bytes(content[:-7]), "empty": b""}[damage])
-    with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: its CRC-32 is [^;]*$"):
+    with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: [^;]*$"):
         store.read("a")
     assert issubclass(ChunkCorrupt, OutputError)
     store.forget("a")
@@ -209,11 +207,11 @@ def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
 
 
 def test_a_failed_write_leaves_nothing(store, monkeypatch):
-    def full(path, table):
-        path.write_bytes(b"half")
+    def full(file, table, **_):
+        file.write(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(storing, "_save", full)
+    monkeypatch.setattr(np, "save", full)
     with pytest.raises(OutputError, match=r"No space left on device.*free some space"):
         store.write("a", TABLE)
     assert [p.name for p in store.folder.iterdir()] == [IDENTITY]

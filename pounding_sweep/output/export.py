@@ -10,10 +10,10 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import xarray as xr
 
@@ -29,6 +29,7 @@ from pounding_sweep.output.tables import (
     ScenarioTable,
     Table,
     WideTable,
+    file_of,
     has_histories,
     long_table,
     outer_dims,
@@ -36,9 +37,6 @@ from pounding_sweep.output.tables import (
     sets_of_dimensions,
     with_histories,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.
 MANY_ROWS, CELL_BYTES = 10_000_000, 12
@@ -185,23 +183,6 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
     return table
 
 
-def _source(cube: xr.Dataset) -> str:
-    """Name the file that a cube is read from."""
-    sources = (variable.encoding.get("source") for variable in cube.variables.values())
-    return str(next(filter(None, sources), "given"))
-
-
-def _parts(cube: xr.Dataset, table: Table) -> Iterator[pd.DataFrame]:
-    """Read a table part by part; if that fails, the cube is at fault and not what is written."""
-    parts = table.parts()
-    while True:
-        with reading(_source(cube)):
-            part = next(parts, None)
-        if part is None:
-            return
-        yield part
-
-
 def _need(module: str, ending: str) -> None:
     try:
         import_module(module)
@@ -238,7 +219,7 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
             text.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
                 pd.DataFrame(columns=names).to_csv(file, index=False)
-                for part in _parts(cube, table):
+                for part in table.parts():
                     part.to_csv(file, index=False, header=False)
             written = True
     except OSError as error:
@@ -259,7 +240,7 @@ def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
         metadata={str(key): json.dumps(plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema) as file:
-        for part in _parts(cube, table):
+        for part in table.parts():
             file.write_table(pa.Table.from_pandas(part, schema, preserve_index=False).cast(schema))
 
 
@@ -282,7 +263,7 @@ def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
             writing.compute(scheduler="synchronous")  # as little in memory as can be
             _sync(unfinished)
     except RuntimeError:  # of the netCDF library: zarr's are of the system
-        with reading(_source(cube)):
+        with reading(file_of(cube)):
             raise
 
 

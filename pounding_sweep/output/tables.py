@@ -15,6 +15,7 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
+from pounding_sweep.output.netcdf import reading
 from pounding_sweep.output.scenario_key import numbered, places_of, scenario_keys
 from pounding_sweep.output.slabs import block_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
@@ -146,7 +147,8 @@ class Table:
 
         cells = max(1, len(self.columns) * sum(map(len, self._existing)))
         for slab in slabs(self._sizes, block_shape(self._sizes, max(1, CELLS_AT_A_TIME // cells))):
-            part = self.complete(self.cube.isel(dict(zip(self._outer, slab, strict=True))).load())
+            with reading(file_of(self.cube)):
+                part = self.complete(self.cube.isel(dict(zip(self._outer, slab, strict=True))).load())
             frames = [self._rows(part, kind) for kind in range(len(self._kinds))]
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
             for column in self.columns:
@@ -170,6 +172,12 @@ class Table:
                 cells = variable.set_dims(sizes).values.reshape(n, -1)[:, self._existing[kind]].ravel()
                 values[column.name] = pd.Categorical.from_codes(cells, texts.astype(object)) if is_text else cells
         return pd.DataFrame(values, index=np.repeat(np.arange(n), len(self._existing[kind])))
+
+
+def file_of(cube: xr.Dataset) -> str:
+    """Name the file that a cube is read from."""
+    files = (variable.encoding.get("source") for variable in cube.variables.values())
+    return str(next(filter(None, files), "in memory"))
 
 
 def _exists(cube: xr.Dataset, dims: Sequence[str], kind: Sequence[str]) -> np.ndarray:

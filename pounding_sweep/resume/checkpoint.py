@@ -15,9 +15,7 @@ without the others.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import mmap
 import os
 import re
 import zlib
@@ -112,33 +110,6 @@ def _own(name: str) -> bool:
     return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
 
 
-def _save(path: Path, table: np.ndarray) -> tuple[int, int]:
-    """Write a table to a file; returns its CRC-32 and where in it the rows begin."""
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(table))
-    rows = table.view(np.uint8).data
-    with path.open("wb") as file:
-        file.write(header.getvalue())
-        file.write(rows)
-    return zlib.crc32(rows, zlib.crc32(header.getvalue())), len(header.getvalue())
-
-
-def _form(content: mmap.mmap) -> tuple[np.dtype, int, int]:
-    """Return type and number of rows of a table in a file, and where they begin."""
-    version = np.lib.format.read_magic(content)
-    if version != (1, 0):
-        msg = f"it is of version {version} of its format"
-        raise ValueError(msg)
-    shape, _, kind = np.lib.format.read_array_header_1_0(content)
-    return kind, shape[0] if len(shape) == 1 else 0, content.tell()
-
-
-def _is_table(table: np.ndarray) -> bool:
-    """Whether the array is a row or more of named real numbers."""
-    fields = (table.dtype.fields or {}).values()
-    return table.ndim == 1 and len(table) > 0 and bool(fields) and all(f[0].base.kind in "iuf" for f in fields)
-
-
 def _has_fields(table: np.ndarray, expected: np.dtype | None) -> bool:
     names = (expected.names or ()) if expected is not None else ()
     return expected is None or all(
@@ -154,8 +125,6 @@ class ChunkStore:
         self.identity = identity
         self.details = {str(key): str(value) for key, value in (details or {}).items()}
         self._entries: dict[str, dict[str, Any]] = {}
-        #: Of chunks that were written or read: type and number of rows, and where they begin in their file.
-        self._forms: dict[str, tuple[np.dtype, int, int]] = {}
         self._checked: set[str] = set()
 
     @property
@@ -164,9 +133,6 @@ class ChunkStore:
 
     def path(self, key: str) -> Path:
         """Return the file of a chunk."""
-        if not _KEY.fullmatch(key):
-            msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
-            raise OutputError(msg)
         return self.folder / f"chunk-{key}.npy"
 
     @contextmanager
@@ -264,21 +230,20 @@ class ChunkStore:
 
     def write(self, key: str, table: np.ndarray, **more: Any) -> None:
         """Store a chunk; when this returns, it outlasts a power cut."""
-        path = self.path(key)
-        if not _is_table(table):
-            msg = f"chunk {key!r}: an array of shape {table.shape} and type {table.dtype} is no table; give one row "
-            msg += "per scenario, with a named field of real numbers for each variable"
-            raise OutputError(msg)
+        path, table = self.path(key), np.ascontiguousarray(table)
         try:
-            with replacing(path, self.folder) as temporary:
-                table = np.ascontiguousarray(table)
-                checksum, begin = _save(temporary, table)
-            size = begin + table.nbytes
-            line = {**more, "key": key, "file": path.name, "crc32": checksum, "bytes": size, "rows": len(table)}
+            with replacing(path, self.folder) as temporary, temporary.open("wb") as file:
+                np.save(file, table, allow_pickle=False)
+            line = {
+                **more,
+                "key": key,
+                "file": path.name,
+                "crc32": zlib.crc32(table.view(np.uint8).data),
+                "rows": len(table),
+            }
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
             raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
-        self._forms[key] = (table.dtype, len(table), begin)
         self._checked.discard(key)
         self._entries[key] = line
 
@@ -318,7 +283,7 @@ class ChunkStore:
                 key, checksum = entry["key"], entry["crc32"]
             except (ValueError, TypeError, KeyError):
                 continue
-            if isinstance(key, str) and isinstance(checksum, int) and _KEY.fullmatch(key):
+            if isinstance(key, str) and isinstance(checksum, int):
                 entries[key] = entry
         return entries
 
@@ -330,34 +295,25 @@ class ChunkStore:
 
     def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
         """Return a chunk, mapped; when it is first read, after a check that it is what was written."""
-        path = self.path(key)
         entry = self._entries.get(key)
+        if entry is None:
+            raise OutputError(f"chunk {key!r} is not complete in {str(self.folder)!r}")
         damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
         try:
-            if entry is None:
-                raise OutputError(f"chunk {key!r} is not complete in {str(self.folder)!r}")
-            with path.open("rb") as file:
-                empty = not os.fstat(file.fileno()).st_size  # can't be mapped
-                content: Any = b"" if empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            if key not in self._checked:
-                checksum = zlib.crc32(content)
-                if checksum != entry["crc32"]:
-                    msg = f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}"
-                    raise ChunkCorrupt(msg)
-            if key not in self._forms:
-                self._forms[key] = _form(content)
-            kind, n, begin = self._forms[key]
-            table = np.frombuffer(content, kind, count=n, offset=begin) if n > 0 else np.empty(0, kind)
-            if not _is_table(table) or rows not in (None, len(table)) or not _has_fields(table, expected):
-                raise ChunkCorrupt(f"{damaged}it is another table than it should be")
-            self._checked.add(key)
-            return table
+            table = np.asarray(np.load(self.path(key), mmap_mode="r", allow_pickle=False))
         except FileNotFoundError:
             raise OutputError(f"chunk {key!r} was removed from {str(self.folder)!r}") from None
-        except (OSError, ValueError) as error:
-            if isinstance(error, OutputError):
-                raise
+        except (OSError, ValueError, EOFError) as error:
             raise ChunkCorrupt(f"{damaged}{error}") from error
+        if key not in self._checked:
+            checksum = zlib.crc32(np.ascontiguousarray(table).view(np.uint8).data)
+            if checksum != entry["crc32"]:
+                msg = f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}"
+                raise ChunkCorrupt(msg)
+        if rows not in (None, len(table)) or not _has_fields(table, expected):
+            raise ChunkCorrupt(f"{damaged}it is another table than it should be")
+        self._checked.add(key)
+        return table
 
     def manifest_entry(self, key: str) -> Mapping[str, Any]:
         """Return the line of a chunk in the manifest."""
