@@ -28,13 +28,11 @@ from pounding_sweep.kernel.lanes import (
     fma,
     maximum,
     minimum,
-    real,
     roughly_power,
     size,
     sqrt,
     when_any,
     where,
-    while_any,
 )
 from pounding_sweep.kernel.roots import (
     Powers,
@@ -210,40 +208,14 @@ def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
-    s, law = group.state, group.laws[0]
-    first, cap = Cell(group.full(1.0)), Cell(group.full(1.0))
-
-    def keep(j: Any, lanes: Any, when: Any, target: Any) -> None:
-        s["event", j], s["next", j] = where(lanes, when, s["event", j]), where(lanes, target, s["next", j])
-
+    s, first, cap = group.state, Cell(group.full(1.0)), Cell(group.full(1.0))
     for j in group.each_contact():
         s["event", j] = where(asks, NEVER, s["event", j])
-    if len(group.laws) > 1 or law.shape.yields:
-        for j in group.each_contact():
-            with when_any(busy := asks & (s["asks", j] > 0.0)):
-                found = _event(group, j, group.law_of(j), busy, _trial(group, j), cap)
-                first.now = minimum(first.now, found[0])
-                keep(j, busy, *found)
-        return minimum(first.now, cap.now)
-    # a lane seldom asks for more than one contact: one of each lane is gone through at a time, whichever it is
-    left, number, picked = Cell(asks), Cell(group.full(0.0)), {k: Cell(0.0 * x) for k, x in _trial(group, 0).items()}
-    for _ in while_any(lambda: left.now, group.trace):
-        busy, more = Cell(asks & ~asks), Cell(asks & ~asks)
-        for j in group.each_contact():
-            with when_any(wants := left.now & (s["asks", j] > 0.0)):
-                mine, more.now = wants & ~busy.now, more.now | (wants & busy.now)
-                number.now = where(mine, real(j), number.now)
-                for name, x in _trial(group, j).items():
-                    picked[name].now = where(mine, x, picked[name].now)
-                busy.now, s["asks", j] = busy.now | mine, where(mine, 0.0, s["asks", j])
-        left.now = more.now
-        with when_any(busy.now):
-            at = {name: cell.now for name, cell in picked.items()}
-            when, target = _event(group, None, law, busy.now, at, cap)
-            first.now = minimum(first.now, when)
-            for j in group.each_contact():
-                with when_any(mine := busy.now & (number.now == real(j))):
-                    keep(j, mine, when, target)
+        with when_any(busy := asks & (s["asks", j] > 0.0)):
+            event, target = _event(group, j, group.law_of(j), busy, _trial(group, j), cap)
+            first.now = minimum(first.now, event)
+            s["event", j] = where(busy, event, s["event", j])
+            s["next", j] = where(busy, target, s["next", j])
     return minimum(first.now, cap.now)
 
 

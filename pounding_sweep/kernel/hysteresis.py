@@ -19,7 +19,7 @@ from typing import Any
 
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Lookup, any_lane, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import coefficients, polynomial, rate, root
 
 
@@ -186,11 +186,6 @@ def is_yielding(group: Group) -> Any:
     for i, _ in each_storey(group, straight=True):
         found.now = found.now | ~(group.state["phase", i] == 0.0)
     return found.now
-
-
-def is_any_yielding(group: Group) -> Any:
-    """Whether any storey of any lane yields."""
-    return any_lane(is_yielding(group))
 
 
 def strain(group: Group, i: Any, drifted: Any) -> Any:

@@ -31,29 +31,6 @@ def force(group: Group, j: Any, ends: tuple[Any, Any], x: Any, y: Any) -> Any:
     return fma(group.prop("link_c", j), _across(group, ends, y), group.prop("link_k", j) * _across(group, ends, x))
 
 
-def forces(group: Group, x: Any, y: Any) -> list[Any]:
-    """Return the forces of all links of a short row."""
-    return [force(group, j, ends, x, y) for j, ends in group.each_link()]
-
-
-def pushes(group: Group, found: Sequence[Any], push: list[list[tuple[str, Any]]]) -> list[list[tuple[str, Any]]]:
-    """Add the forces of all links to those on each floor, of which there may be none."""
-    push = push or [[] for _ in range(group.spec.n_dof)]
-    for (left, right), pull in zip(group.spec.links, found, strict=True):
-        push[left].append(("-", pull))
-        push[right].append(("+", pull))
-    return push
-
-
-def push_rows(group: Group, name: str, x: Any, y: Any) -> None:
-    """Add the forces of links on each floor to rows."""
-    s = group.state
-    for j, (left, right) in group.each_link():
-        pull = force(group, j, (left, right), x, y)
-        s[name, left] = s[name, left] - pull
-        s[name, right] = s[name, right] + pull
-
-
 def accelerate(group: Group, name: str, x: Any, y: Any) -> None:
     """Add what links do to accelerations, or to their rates where x and y are rates."""
     s = group.state

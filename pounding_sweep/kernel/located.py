@@ -7,7 +7,7 @@ from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse, transfers
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 
 #: Landings on the same touch that Newton improves, and those in all.
@@ -210,11 +210,6 @@ def clear_forces(group: Group, lanes: Any) -> None:
 def needs_ends(group: Group) -> bool:
     """Whether contact forces at the ends of a sub-step are asked for."""
     return group.touching and not group.spec.series and group.looks("ends")
-
-
-def is_any_closed(group: Group) -> Any:
-    """Whether any contact of any lane is closed."""
-    return any_lane(forces.is_closed(group))
 
 
 def may_change(group: Group, h: Any) -> Any:

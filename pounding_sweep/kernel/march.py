@@ -202,9 +202,9 @@ class FixedSteps:
             located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 located.substep(group, h)
-            closed.now = located.is_any_closed(group)
+            closed.now = any_lane(forces.is_closed(group))
             if flowing is not None:
-                flowing.now = hysteresis.is_any_yielding(group)
+                flowing.now = any_lane(hysteresis.is_yielding(group))
             if located.needs_ends(group):
                 for _ in when(not_(closed.now)):
                     located.clear_forces(group, s["scale"] == s["scale"])

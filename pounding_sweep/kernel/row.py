@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from pounding_sweep.kernel import foundation, hysteresis
+from pounding_sweep.kernel import foundation, hysteresis, links
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 
@@ -89,13 +89,40 @@ def accelerations(
     return found + [a if ground is None or group.rocks(i) else a - ground for i, a in bases]
 
 
-def pushes(group: Group, forces: Sequence[Any]) -> list[list[tuple[str, Any]]]:
-    """Contact forces on each floor, with their signs."""
-    found: list[list[tuple[str, Any]]] = [[] for _ in range(group.spec.n_dof)] if forces else []
-    for j, force in enumerate(forces):
-        for floor, sign, share in group.ends(j):
-            found[floor].append((sign, part_of(force, share)))
-    return found
+class Pushes:
+    """Forces of contacts and links on floors: of a long row summed up in rows of its state, else one by one."""
+
+    def __init__(self, group: Group, rows: bool | None = None) -> None:
+        self._group, self._rows = group, group.long if rows is None else rows
+        self._signed: dict[Any, list[tuple[str, Any]]] = {}
+        for i in group.each(group.spec.n_dof) if self._rows else ():
+            group.state["push", i] = 0.0
+
+    def add(self, floor: Any, sign: str, force: Any) -> None:
+        """Add a force on a floor, to the right if positive."""
+        if not self._rows:
+            self._signed.setdefault(floor, []).append((sign, force))
+            return
+        before = self._group.state["push", floor]
+        self._group.state["push", floor] = before - force if sign == "-" else before + force
+
+    def add_contact(self, j: Any, force: Any) -> None:
+        """Add the force of a contact on its floors."""
+        for floor, sign, share in self._group.ends(j):
+            self.add(floor, sign, part_of(force, share))
+
+    def add_links(self, x: Any, y: Any) -> None:
+        """Add the forces of all links, of displacements and velocities by floor or by name."""
+        for j, ends in self._group.each_link():
+            force = links.force(self._group, j, ends, x, y)
+            for floor, sign in zip(ends, "-+", strict=True):
+                self.add(floor, sign, force)
+
+    def on(self, floors: Iterable[Any]) -> Sequence[Sequence[tuple[str, Any]]]:
+        """Return the signed forces on each of some floors; none at all where there is no force."""
+        if self._rows:
+            return [[("+", self._group.state["push", i])] for i in floors]
+        return [self._signed.get(i, ()) for i in floors] if self._signed else ()
 
 
 def _sum(terms: Sequence[Any]) -> Any:

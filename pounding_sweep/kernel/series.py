@@ -20,7 +20,7 @@ import numpy as np
 
 from pounding_sweep.kernel import forces, links, located, series_transfers, series_yielding
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
@@ -40,7 +40,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
 from pounding_sweep.kernel.roots import Series, newton, tangents, turn
-from pounding_sweep.kernel.row import accelerations, powers, pushes
+from pounding_sweep.kernel.row import Pushes, accelerations, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
@@ -100,39 +100,23 @@ def _expand(group: Group) -> None:
 
 def _expand_row(group: Group, contacts: int) -> None:
     """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
-    s, expand = group.state, _expand_in_rounds if group.long else _expand_by_one
+    s = group.state
     inverse = Lookup(group.trace, [1.0 / (k + 1.0) for k in range(group.spec.series)])
     ground = Cell(s["g1"] - s["g0"])
-    expand(group, contacts, 0, s["g0"], inverse)
+    _expand_term(group, contacts, 0, s["g0"], inverse)
     for q in count_to(group.spec.series - 1, group.trace):  # written out for each, it would not fit into caches
-        expand(group, contacts, q + 1, ground.now, inverse)
+        _expand_term(group, contacts, q + 1, ground.now, inverse)
         ground.now = group.full(0.0)
 
 
-def _expand_by_one(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
+def _expand_term(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
-    x = _Term(group, k)
-    push = pushes(group, [_press(group, j, k, x) for j in range(contacts)])
-    if group.spec.links:
-        push = links.pushes(group, links.forces(group, x, x.rates), push)
-    for b, floors in enumerate(group.building_floors):
-        _move_on(group, b, floors, k, x, ground, [push[i] for i in floors] if push else (), inverse)
-
-
-def _expand_in_rounds(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
-    """Do the same, buildings and contacts of a long row at run time."""
-    s, x = group.state, _Term(group, k)
-    for i in group.each(group.spec.n_dof):
-        s["push", i] = 0.0
-    for j in group.each_contact() if contacts else ():
-        force = _press(group, j, k, x)
-        for floor, sign, share in group.ends(j):
-            before, part = s["push", floor], part_of(force, share)
-            s["push", floor] = before - part if sign == "-" else before + part
-    if group.spec.links:
-        links.push_rows(group, "push", x, x.rates)
+    x, push = _Term(group, k), Pushes(group)
+    for j in range(contacts) if not group.long else group.each_contact() if contacts else ():
+        push.add_contact(j, _press(group, j, k, x))
+    push.add_links(x, x.rates)
     for b, floors in group.each_building():
-        _move_on(group, b, floors, k, x, ground, [[("+", s["push", i])] for i in floors], inverse)
+        _move_on(group, b, floors, k, x, ground, push.on(floors), inverse)
 
 
 def _move_on(group: Group, b: Any, floors: Any, k: Any, x: _Term, ground: Any, pushed: Any, inverse: Lookup) -> None:

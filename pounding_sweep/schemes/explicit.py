@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, impulse, links
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
 from pounding_sweep.kernel.located import keep_start
-from pounding_sweep.kernel.row import Part, accelerations, each_given, powers
+from pounding_sweep.kernel.row import Part, Pushes, accelerations, each_given, powers
 from pounding_sweep.schemes.base import Scheme
 
 #: Force of a contact (number, displacements, velocities), these by floor or by the name of their rows.
@@ -82,20 +82,13 @@ class Explicit(Scheme):
         for number, (place, weight) in enumerate(self.nodes, 1):
             now, ground = f"s{number - 1}", grounds[place]
             x, y = ("x", "y") if rows else ([m[name, i] for i in every()] for name in "xy")
-            pushed: dict[Any, list[tuple[str, Any]]] = {}
+            push = Pushes(group, rows)
             if flow is not None:
                 flow.hold(x, y, weight)
 
             def add(name: str, k: Any, value: Any, number: int = number, weight: float = weight) -> None:
                 value = weight * value
                 m[name, k] = value if number == 1 else m[name, k] + value
-
-            def push(floor: Any, sign: str, force: Any, pushed: dict[Any, Any] = pushed) -> None:
-                if not rows:
-                    pushed.setdefault(floor, []).append((sign, force))
-                    return
-                before = s["push", floor]
-                s["push", floor] = before - force if sign == "-" else before + force
 
             def count(j: Any, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
                 if "impulse" in asked:
@@ -104,27 +97,20 @@ class Explicit(Scheme):
                     known = rows or ("gain", b) in m
                     m["gain", b] = fma(weight, power, m["gain", b]) if known else weight * power
 
-            for i in group.each(spec.n_dof) if rows else ():
-                s["push", i] = 0.0
             for j in contacts() if press is not None else ():
                 assert press is not None
                 force = press(j, x, y)
-                for floor, sign, share in group.ends(j):
-                    push(floor, sign, part_of(force, share))
+                push.add_contact(j, force)
                 if "work" in asked:
                     add("dwork", j, force * group.between(y, j))
                 count(j, force)
-            for j, ends in group.each_link():
-                pull = links.force(group, j, ends, x, y)
-                for floor, sign in zip(ends, "-+", strict=True):
-                    push(floor, sign, pull)
+            push.add_links(x, y)
             if "links" in asked:
                 links.add_powers(group, x, y, weight, number == 1)
             own = [(part, every())] if part is not None else (([mine], mine[1]) for mine in group.each_building())
             for some, moving in own:
                 xs, ys = ([m[name, i] for i in moving] for name in "xy")
-                pushes = [[("+", s["push", i])] if rows else pushed.get(i, ()) for i in moving]
-                for i, a in zip(moving, accelerations(group, some, xs, ys, ground, pushes), strict=True):
+                for i, a in zip(moving, accelerations(group, some, xs, ys, ground, push.on(moving)), strict=True):
                     m[now, i] = a
                 for k, (gained, lost) in enumerate(powers(group, some, ys, ground)) if "energy" in asked else ():
                     add("din", some[0][0] if rows else k, gained)

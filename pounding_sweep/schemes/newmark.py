@@ -19,7 +19,7 @@ from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, where
 from pounding_sweep.kernel.located import keep_start
-from pounding_sweep.kernel.row import accelerations, powers, storey_force
+from pounding_sweep.kernel.row import Pushes, accelerations, powers, storey_force
 from pounding_sweep.schemes import implicit
 from pounding_sweep.schemes.base import Scheme
 
@@ -186,10 +186,10 @@ def whole_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
     x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in every]
     y = [fma(pv, a[i], v[i]) for i in every]
     row = list(enumerate(group.building_floors))
-    pulls = [links.force(group, j, ends, x, y) for j, ends in enumerate(group.spec.links)]
-    push = links.pushes(group, pulls, []) if pulls else []
+    push = Pushes(group)
+    push.add_links(x, y)
     own = [implicit.storey_stiffness(group, b, i, be, gg) for b, floors in row for i in floors]
-    load = accelerations(group, row, x, y, group.state["g1"], push)
+    load = accelerations(group, row, x, y, group.state["g1"], push.on(every))
     right = [group.prop("m", i) * each for i, each in enumerate(load)]
     ends = links.solve(group, be, gg, own, right)
     return [fma(be, ends[i], x[i]) for i in every], [fma(gg, ends[i], y[i]) for i in every], ends
