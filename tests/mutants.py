@@ -72,6 +72,7 @@ def caught_by(name: str, text: str, fault: str, tests: str) -> str:
         path.write_text(content.replace(text, fault), encoding="utf-8")
         known = [folder, *filter(None, [os.environ.get("PYTHONPATH")])]
         settings = ["-c", TESTS.parent / "pyproject.toml", "--rootdir", TESTS.parent, "-p", "no:cacheprovider"]
+        settings += ["-o", f"pythonpath={folder} {TESTS} {TESTS.parent}"]  # the copy before the package itself
         run = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "--tb=no", *settings, TESTS / tests]
         done = subprocess.run(
             run,

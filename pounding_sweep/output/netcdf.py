@@ -154,7 +154,7 @@ def check_space(folder: Path, needed: int, what: str) -> None:
         raise OutputError(msg)
 
 
-def _access_fault(path: Path) -> str | None:
+def _access_fault(path: Path, remedy: str = "copy the cube to another drive") -> str | None:
     """Say why a file can't be opened, if its content is not to blame: permissions, the drive, or another program."""
     try:
         with path.open("rb") as file:
@@ -165,7 +165,7 @@ def _access_fault(path: Path) -> str | None:
         if error.errno in (errno.EAGAIN, errno.EACCES) and error.filename is None:
             return "another program has it open for writing; wait until that is done, or close it there"
         if error.errno in (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP):
-            return "its drive grants no locks: set HDF5_USE_FILE_LOCKING=FALSE or copy the cube to another drive"
+            return f"its drive grants no locks: set HDF5_USE_FILE_LOCKING=FALSE or {remedy}"
         return f"{error.strerror or error}; check the permissions of the file, and its drive"
     return None
 
@@ -252,7 +252,7 @@ def write_in_slabs(
             try:
                 file = netCDF4.Dataset(temporary, "w")
             except OSError as error:
-                if temporary.exists() and (fault := _access_fault(temporary)):
+                if temporary.exists() and (fault := _access_fault(temporary, "give a path on another drive")):
                     msg = f"{str(path)!r} can't be written: {fault}"
                     raise WriteError(msg) from error
                 raise
