@@ -346,21 +346,6 @@ class TestAssemble:
     def test_units_that_udunits_spells(self, text):
         assert unit_attributes(text) == {"units": text}
 
-    def test_faults(self):
-        arrays = results(SCENE, AXES)
-        with pytest.raises(InputError, match=r"'drift_max' has shape \(2, 3\); it must be \(2, 3, 2, 2, 3\)"):
-            assemble(SCENE, AXES, arrays | {"drift_max": np.zeros((2, 3))})
-        with pytest.raises(InputError, match="unknown output 'drift'"):
-            assemble(SCENE, AXES, arrays | {"drift": np.zeros(3)})
-        with pytest.raises(InputError, match=r"status \[9\] has no meaning"):
-            assemble(SCENE, AXES, arrays | {"status": np.full((2, 3, 2), 9)})
-        with pytest.raises(InputError, match="no 'status'"):
-            assemble(SCENE, AXES, {k: v for k, v in arrays.items() if k != "status"})
-        with pytest.raises(InputError, match="'storey' is taken"):
-            assemble(SCENE, [CubeAxis("storey", [1])], arrays)
-        with pytest.raises(InputError, match="'gap' is taken"):
-            assemble(SCENE, [AXES[1], AXES[1]], arrays)
-
 
 class TestFile:
     def test_round_trip_through_xarray(self, cube, tmp_path):

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.declare import scatter_contact, scatter_dof
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable, inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import VARIABLES, Variable, inner_shape, mask_invalid
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -215,29 +214,6 @@ def assemble(
     extra_coords: Coordinates | None = None,
 ) -> xr.Dataset:
     """Make a labelled dataset of results."""
-    names = [axis.name for axis in axes]
-    reserved = set(INNER_DIMS) | set(VARIABLES)
-    for name in (*names, *(extra_coords or {})):
-        if name in reserved or names.count(name) > 1:
-            msg = (
-                f"axis name {name!r} is taken; give each axis a name of its own, none of {', '.join(sorted(reserved))}"
-            )
-            raise InputError(msg)
-    lengths = tuple(axis.size for axis in axes)
-    for variable in VARIABLES.values():
-        if variable.always and variable.name not in arrays:
-            msg = f"the results have no {variable.name!r}, which is in every cube"
-            raise InputError(msg)
-    for name, values in arrays.items():
-        expected = (*lengths, *inner_shape(name, scene))
-        if np.shape(values) != expected:
-            dims = (*names, *VARIABLES[name].dims)
-            msg = f"{name!r} has shape {np.shape(values)}; it must be {expected}, ({', '.join(dims)})"
-            raise InputError(msg)
-    strange = np.setdiff1d(arrays["status"], [int(s) for s in STATUS])
-    if strange.size:
-        msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
-        raise InputError(msg)
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
     return label(scene, axes, data, attributes, extra_coords)
 

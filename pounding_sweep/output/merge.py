@@ -396,15 +396,13 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
     n = len(chosen)
     found = {}
     for name in names:
-        dims = first[name].dims
-        values = first[name].values
+        dims, values = first[name].dims, first[name].values
         if AUDIT_DIMS[0] in dims:
             along = dims.index(AUDIT_DIMS[0])
             values = np.concatenate([audit[name].values for audit in audits], axis=along).take(chosen, axis=along)
-        found[name] = xr.Variable(dims, values, first[name].attrs)
-        found[name].encoding = {"_FillValue": None}
-    found["audit"] = xr.Variable(("audit",), np.arange(1, n + 1, dtype=np.int32), first["audit"].attrs)
-    found["audit"].encoding = {"_FillValue": None}
+        if name == AUDIT_DIMS[0]:
+            values = np.arange(1, n + 1, dtype=np.int32)
+        found[name] = xr.Variable(dims, values, first[name].attrs, {"_FillValue": None})
     labels = {name: variable for name, variable in found.items() if name in first.coords}
     result = cube.assign({name: v for name, v in found.items() if name not in labels}).assign_coords(labels)
     decided = found["audit_undecided"].values == 0
