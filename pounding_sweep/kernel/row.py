@@ -113,7 +113,7 @@ class Pushes:
 
     def add_links(self, x: Any, y: Any) -> None:
         """Add the forces of all links, of displacements and velocities by floor or by name."""
-        for j, ends in self._group.each_link():
+        for j, ends in self._group.each_link() if self._rows else enumerate(self._group.spec.links):
             force = links.force(self._group, j, ends, x, y)
             for floor, sign in zip(ends, "-+", strict=True):
                 self.add(floor, sign, force)

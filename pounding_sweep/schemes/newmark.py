@@ -186,7 +186,7 @@ def whole_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
     x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in every]
     y = [fma(pv, a[i], v[i]) for i in every]
     row = list(enumerate(group.building_floors))
-    push = Pushes(group)
+    push = Pushes(group, rows=False)
     push.add_links(x, y)
     own = [implicit.storey_stiffness(group, b, i, be, gg) for b, floors in row for i in floors]
     load = accelerations(group, row, x, y, group.state["g1"], push.on(every))
