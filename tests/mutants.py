@@ -52,8 +52,8 @@ MUTANTS = (
     # shears are of the neighbour's stiffness
     (
         "outputs/motion.py",
-        'kept.slots["drift"] * kept.variants.elastic_stiffnesses',
-        'kept.slots["drift"] * kept.variants.elastic_stiffnesses[:, ::-1]',
+        'results.slots["drift"] * results.variants.elastic_stiffnesses',
+        'results.slots["drift"] * results.variants.elastic_stiffnesses[:, ::-1]',
         "test_kernels.py",
     ),
 )

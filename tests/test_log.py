@@ -48,7 +48,8 @@ def test_a_log_of_the_command_line(tmp_path):
     assert told[5].startswith("machine: ")
     assert told[5].endswith(f"scheduler threads, {len(os.sched_getaffinity(0))} workers")
     stages = [line.split()[1] for line in told if re.match(r"stage .* ends: ", line)]
-    assert stages == ["kernels", "no", "scenarios", "audit", "cube"]
+    assert stages[0] in ("kernels", "compiling")
+    assert stages[1:] == ["no", "scenarios", "audit", "cube"]
     assert re.search(r"stage cube ends: 12 done in \d+\.\d{3} s", "\n".join(told))
     size = (tmp_path / "out.nc").stat().st_size
     assert told[-2].startswith(

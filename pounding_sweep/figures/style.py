@@ -8,7 +8,7 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-from cycler import cycler
+from matplotlib import cycler
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
