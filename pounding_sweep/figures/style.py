@@ -8,8 +8,8 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-from matplotlib import cycler
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 from matplotlib.style import context
 
 from pounding_sweep.base.errors import InputError
