@@ -139,6 +139,7 @@ STAGGERED = ps.Scene(
         ps.Wall(),
     ],
     gaps=[0.003, 0.004],
+    contact=pair().contact,
     contacts="floors and columns",
     storeys={"b-wall": [1]},
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import lru_cache
 
@@ -13,13 +12,12 @@ from kernels_used import SMOOTH, SMOOTHING
 from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import BoucWen
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
-from pounding_sweep.spec.spec import scene_data, scene_of
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
@@ -215,19 +213,6 @@ def test_a_bilinear_neighbour_moves_as_without_it():
 
 
 @each_scheme
-def test_the_other_way_is_the_mirror_image_to_the_last_bit(method):
-    far = ps.Scene(SMOOTH.row, [1e3], SMOOTH.contact)
-    _, both = lanes(far, [1.5, -1.5], "linear", method=method)
-    for name, other, sign in (
-        ("displacement_max", "displacement_min", -1.0),
-        ("drift_max", "drift_max", 1.0),
-        ("storey_shear_max", "storey_shear_max", 1.0),
-        ("hysteretic_energy", "hysteretic_energy", 1.0),
-    ):
-        assert np.array_equal(both[name][1], sign * both[other][0]), name
-
-
-@each_scheme
 def test_a_lane_does_not_know_its_neighbours(method):
     """Others ask for more rounds, or shorter steps."""
     together = lanes(SMOOTH, [1.5, 0.1, 3.0], "linear", method=method)[0]
@@ -305,68 +290,8 @@ def test_newmark_has_its_order_whatever_stands_beside(kind):
 # -- what is compiled, stored and refused ------------------------------------------------------------------------------
 
 
-def test_only_rows_with_it_have_it():
-    numerics, plain = Numerics("rk4", 1e-3), [replace(b, bouc_wen=None) for b in SMOOTH.row]
-    other = ps.Scene(plain, SMOOTH.gaps, SMOOTH.contact)
-    mine, own = (kernel_shape(s, LAWS["none"], numerics, reducers_for(OUTPUTS)) for s in (SMOOTH, other))
-    assert mine.smooth == ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0))
-    assert own.smooth == ()
-    assert mine == replace(own, smooth=mine.smooth)
-    assert mine.bilinear == ()
-
-
-def test_a_row_comes_back_from_its_json():
-    again = scene_of(json.loads(json.dumps(scene_data(SMOOTH))))
-    assert again == SMOOTH
-    assert again.buildings[0].bouc_wen == BoucWen(1.0, 0.6, 0.3)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"bouc_wen": BoucWen(0.5)}, r"building 'a': n of bouc_wen is 0.5; it must be in \[1, 100\]"),
-        ({"bouc_wen": {"gamma": 0.7}}, r"gamma of bouc_wen is 0.7 beside beta 0.5; it must be above -beta"),
-        ({"bouc_wen": {"beta": 0.3, "gamma": -0.3}}, r"gamma of bouc_wen is -0.3 beside beta 0.3"),
-        ({"bouc_wen": {"alpha": 1.0}}, r"bouc_wen is {'alpha': 1.0}; give n, beta and gamma, each a number"),
-        ({"bouc_wen": [1.0, "x", 0.5]}, r"beta of bouc_wen is 'x'; it must be a number"),
-        ({"bouc_wen": 3}, r"bouc_wen is 3; give n, beta and gamma"),
-        ({"bouc_wen": BoucWen(), "yield_strengths": None}, r"bouc_wen is that of storeys that yield"),
-        ({"bouc_wen": BoucWen(), "damping_stiffness": "tangent"}, r"bouc_wen has no tangent stiffness that is one"),
-    ],
-)
-def test_bad_buildings_are_refused(given, message):
-    with pytest.raises(SceneError, match=message):
-        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5], **({"yield_strengths": [10.0, 10.0]} | given))
-
-
 @pytest.mark.parametrize("method", ["exact", "central_difference"])
 def test_other_schemes_are_refused(method):
     with pytest.raises(SweepError, match=rf"method: '{method}' does not follow (storeys of Bouc and Wen|storeys that)"):
         ps.Sweep(SMOOTH, motion(11), "linear", method=method)
     assert ps.Sweep(SMOOTH, motion(11), "linear", accuracy=1e-2).plan().numerics.method == "rk4"
-
-
-def test_a_file_gives_it(tmp_path):
-    path = tmp_path / "sweep.toml"
-    text = """
-[scene]
-[[scene.row]]
-name = "a"
-masses = [120.0]
-stiffnesses = [1e4]
-yield_strengths = [100.0]
-bouc_wen = { n = 3, gamma = 0.1 }
-[sweep]
-records = ["el_centro"]
-laws = ["none"]
-"""
-    path.write_text(text)
-    assert ps.load_sweep(path).spec.scene.buildings[0].bouc_wen == BoucWen(3.0, 0.5, 0.1)
-    for bad, message in (
-        ("n = 0.1", r"scene.row\[0\].bouc_wen: n of bouc_wen is 0.1"),
-        ("m = 3", r"scene.row\[0\].bouc_wen.m: unknown key 'm'"),
-        ("n = 'x'", r"scene.row\[0\].bouc_wen.n"),
-    ):
-        path.write_text(text.replace("n = 3", bad))
-        with pytest.raises(SweepError, match=message):
-            ps.load_sweep(path)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import errors, motion, simulate, truth, twins
+from against_twin import errors, motion, simulate, truth
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LEANING_YIELDS, LINKED
-from naive import run
+from kinds import DASHED, TIED, TOWER, YIELDING_LINKED
 from scenes import EVERY, pair
 from scipy.linalg import expm
-from test_links import TOWER, TOWER_ABOVE, exact, matrices
+from test_links import exact, matrices
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
@@ -28,21 +28,6 @@ from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
 
 A, B = LINKED.buildings
-#: Rows of which only the dashpot, or only the link, couples modes.
-DASHED, TIED = replace(LINKED, links=()), replace(LINKED, row=[replace(A, dashpots=None), B])
-#: Storeys that yield in a row with dashpots and a link, at a wall.
-YIELDING = ps.Scene(
-    [
-        replace(A, yield_strengths=[220.0, np.inf], hardening=0.05, dashpots=[200.0, 0.0]),
-        replace(B, yield_strengths=[180.0, 200.0], dashpots=[0.0, 90.0]),
-        ps.Wall(),
-    ],
-    [0.003, 0.004],
-    LINKED.contact,
-    links=[ps.Link("a-b", [2], 2e4, 150.0)],
-)
-#: More floors than one straight line of code holds, all elastic.
-HIGH = replace(TOWER, row=[replace(b, yield_strengths=None, hardening=0.0) for b in TOWER.row])
 
 
 def state_matrix(scene):
@@ -200,34 +185,6 @@ def test_flight_without_pounding_is_the_exponential():
             assert np.abs(mine - part).max() < 1e-12 * np.abs(part).max()
 
 
-def test_every_variable_equals_the_twins():
-    got, want = simulate(LINKED, "kelvin_voigt", method="exact"), truth(LINKED, "kelvin_voigt")
-    assert int(got.status) == Status.OK
-    assert float(got.energy_residual) < 1e-12
-    found = errors(got, want, LINKED)
-    assert sum(int(count) for each in want["impact_count"] for count in each) > 10
-    assert max(found.values()) < 1e-9, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["none", "linear", "modified_kelvin", "hertz_damped", "hysteretic", "stereomechanical"])
-@pytest.mark.parametrize("scene", [DASHED, TIED, LINKED], ids=["dashpot", "link", "both"])
-def test_other_laws_equal_the_twin(scene, law):
-    got, want = simulate(scene, law, 101, 1.5, method="exact", dt=5e-4), truth(scene, law, 101, 1.5)
-    found = errors(got, want, scene)
-    assert max(found.values()) < 1e-5, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["none", "kelvin_voigt"])
-@pytest.mark.parametrize("scene", [HIGH, TOWER, YIELDING], ids=["high", "tower", "yielding"])
-def test_long_and_yielding_rows_equal_the_twin(scene, law):
-    got, want = simulate(scene, law, 51, 3.0, method="exact", dt=5e-4), truth(scene, law, 51, 3.0)
-    found = errors(got, want, scene)
-    assert max(found.values()) < 1e-5, found
-    assert float(got.energy_residual) < 1e-6
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.5, 1.5])
 def test_storeys_that_yield_under_their_weights_equal_the_twin(scale):
@@ -250,27 +207,6 @@ def test_a_falling_storey_has_fallen_in_flight_too():
         cube = ps.Sweep(weak, motion(501, 4.0), "none", method=method, dt=1e-3, outputs=["drift_max"], audit=0.0).run()
         assert (cube.status == Status.DIVERGED).all()
         assert np.isnan(cube.drift_max).all()
-
-
-@pytest.mark.slow
-def test_an_isolated_building_in_its_moat_flies():
-    """The isolators yield and have a dashpot; between onsets and impacts the building flies."""
-    made = ps.base_isolated(TOWER_ABOVE, 150.0, 2.5, 0.05, 250.0, 0.01)
-    scene = ps.Scene([made, ps.Wall()], [0.03], storeys={"tower-wall": [1]})
-    record = motion(201, 2.0)
-    given = {"law": "kelvin_voigt", "stiffness": 5e5, "restitution": 0.6}
-    one = ps.simulate(scene, record, method="exact", dt=5e-4, **given)
-    want = run(
-        twins(scene), [0.03], record.acceleration, record.dt, "kelvin_voigt", 5e5, 0.6, only={0: [1]}, rtol=1e-11
-    )
-    assert int(want["impact_count"][0][0]) == int(one.impact_count.sum()) >= 2
-    assert float(one.energy_residual) < 1e-6
-    for name in ("acceleration_max", "drift_max", "displacement_max", "storey_shear_max"):
-        np.testing.assert_allclose(one[name].values[0], want[name][0], rtol=1e-6, err_msg=name)
-    for name in ("energy_damping", "energy_input", "hysteretic_energy"):
-        theirs = {"hysteretic_energy": "energy_hysteretic"}.get(name, name)
-        np.testing.assert_allclose(one[name].values, want[theirs][:1], rtol=1e-6, err_msg=name)
-    np.testing.assert_allclose(one.impact_force_max.values[0, 0], want["impact_force_max"][0][0], rtol=1e-6)
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------
@@ -355,7 +291,7 @@ def test_rows_without_them_ask_for_the_kernel_that_they_had():
 
 
 def test_all_schemes_take_dashpots_links_and_weights_on_yielding_storeys():
-    for scene in (DASHED, TIED, YIELDING, LEANING_YIELDS):
+    for scene in (DASHED, TIED, YIELDING_LINKED, LEANING_YIELDS):
         assert {name: scheme.refuses(scene) for name, scheme in SCHEMES.items()} == dict.fromkeys(SCHEMES)
 
 

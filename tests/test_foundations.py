@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
+from against_twin import motion, simulate, truth, twins
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels_used import FOUNDED, FOUNDING, LEANING, SMOOTH
+from kernels_used import FOUNDED, LEANING, SMOOTH
+from kinds import BOTH
 from naive import run
-from scenes import EVERY, pair
+from scenes import pair
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh, expm
 from test_links import radius
@@ -21,39 +20,17 @@ from test_links import radius
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
-from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.run.one_scenario import _varied
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.overview import overview
-from pounding_sweep.spec.spec import scene_data, scene_of
 
 A, B = FOUNDED.buildings
 SOFT = A.foundation
-#: Both on foundations: storeys that yield with dashpots, unequal heights, linked roofs.
-BOTH = ps.Scene(
-    [
-        replace(
-            A,
-            storey_heights=[4.0, 2.0],
-            yield_strengths=[220.0, np.inf],
-            hardening=0.05,
-            dashpots=[200.0, 0.0],
-            damping_stiffness="tangent",
-        ),
-        replace(B, storey_heights=[4.0, 2.0], foundation=ps.Foundation(40.0, 90.0, 4e5, 3e6, 300.0)),
-        ps.Wall(),
-    ],
-    [0.003, 0.004],
-    FOUNDED.contact,
-    links=[ps.Link("a-b", [2], 1e4, 150.0)],
-)
 OUTPUTS = ("foundation_sway_max", "foundation_rotation_max")
-ROOT = Path(__file__).parents[1]
 
 
 def classical(building):
@@ -152,66 +129,6 @@ def test_the_twin_is_exact_without_pounding():
     assert np.abs(found - want).max() < 1e-9 * np.abs(want).max()
 
 
-@pytest.mark.parametrize(("method", "bound"), [("rk4", 2e-7), ("newmark", 2e-3)])
-def test_every_variable_equals_the_twins(method, bound):
-    dt = {"rk4": 5e-4, "newmark": 1e-3}[method]
-    got = simulate(FOUNDED, "kelvin_voigt", method=method, dt=dt)
-    want = truth(FOUNDED, "kelvin_voigt")
-    assert int(got.status) == Status.OK
-    assert sum(int(count) for each in want["impact_count"] for count in each) > 10
-    found = errors(got, want, FOUNDED)
-    assert max(found.values()) < 4.0 * bound, found
-    moved = got.displacement.values[:: round(0.02 / dt)]
-    for b in range(2):
-        assert np.abs(moved[:, b] - want["displacement"][b]).max() < bound * np.abs(want["displacement"][b]).max()
-    for name, history in (
-        ("acceleration_max", "acceleration"),
-        *((name, name[:-4]) for name in OUTPUTS),
-    ):
-        shown = np.abs(got[history]).max("time")
-        assert np.nanmax(np.abs(shown / got[name] - 1.0)) < 2e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["none", "hertz_damped", "hysteretic", "stereomechanical"])
-@pytest.mark.parametrize(
-    ("method", "dt", "bound"), [("rk4", 5e-4, 4e-6), ("newmark", 2e-4, 4e-3), ("central_difference", 1e-4, 4e-3)]
-)
-def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
-    found = errors(simulate(FOUNDED, law, 101, 1.5, method=method, dt=dt), truth(FOUNDED, law, 101, 1.5), FOUNDED)
-    if law == "stereomechanical":  # floors that rest part where the force that follows is zero, to a chord
-        assert found.pop("contact_time") < max(50.0 * bound, 1e-4)
-    assert max(found.values()) < bound, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
-def test_yielding_storeys_dashpots_links_and_a_wall_beside_them_equal_the_twin(method):
-    dt = {"rk4": 5e-4}.get(method, 1e-4)
-    got, want = simulate(BOTH, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(BOTH, "kelvin_voigt", 101, 1.5)
-    assert float(got.ductility_max.max()) > 1.5
-    assert float(got.energy_residual) < 1e-3
-    found = errors(got, want, BOTH)
-    assert max(found.values()) < {"rk4": 1e-5}.get(method, 2e-3), found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "bound"), [("rk4", 1e-5), ("newmark", 2e-3)])
-def test_a_row_of_more_floors_than_one_straight_line_holds_equals_the_twin(method, bound):
-    tall = ps.Scene(
-        [
-            ps.Building("a", [100.0] * 12, [3e5] * 12, foundation=replace(SOFT, mass=200.0, inertia=8e3)),
-            ps.Building("b", [90.0] * 10, [3.5e5] * 10, foundation=replace(SOFT, rocking_stiffness=6e7)),
-        ],
-        [0.01],
-        pair().contact,
-    )
-    got, want = simulate(tall, "kelvin_voigt", 101, 2.0, method=method, dt=1e-3), truth(tall, "kelvin_voigt", 101, 2.0)
-    assert int(got.impact_count.sum()) > 10
-    found = errors(got, want, tall)
-    assert max(found.values()) < bound, found
-
-
 @pytest.mark.slow
 def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     smooth = replace(SMOOTH.buildings[0], p_delta=False, foundation=SOFT)
@@ -245,48 +162,7 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     assert float(one.energy_residual) < 1e-7
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
-def test_order_of_convergence(method):
-    check_order(FOUNDED, method, ("displacement_max", *OUTPUTS, "energy_damping", "energy_strain", "impact_force_max"))
-
-
-@pytest.mark.parametrize("method", FOUNDING)
-def test_energy_closes(method):
-    """Springs, dashpots and masses of the base are in the balance: without them it would be far from closed."""
-    for one in check_energy(FOUNDED, method):
-        assert np.allclose(one.strain.values[-1], one.energy_strain.values)
-        assert np.allclose(one.kinetic.values[-1], one.energy_kinetic.values)
-    held = (
-        0.5 * SOFT.sway_stiffness * one.foundation_sway**2 + 0.5 * SOFT.rocking_stiffness * one.foundation_rotation**2
-    )
-    assert float(held.sel(building="a").max()) > 0.05 * float(one.strain.sel(building="a").max())
-
-
 # -- invariants --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("method", FOUNDING)
-def test_a_ground_that_moves_the_other_way_mirrors_the_motion_to_the_last_bit(method):
-    far = replace(FOUNDED, gaps=[1e3])
-    one, other = (simulate(far, "kelvin_voigt", 101, scale, method=method, dt=1e-3) for scale in (1.5, -1.5))
-    assert np.array_equal(one.displacement, -other.displacement)
-    for name in (*OUTPUTS, "energy_damping", "storey_shear_max", "drift_max"):
-        assert np.array_equal(one[name], other[name], equal_nan=True), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "newmark"])
-def test_a_mirrored_row_moves_as_its_image(method):
-    image = replace(FOUNDED, row=FOUNDED.row[::-1])
-    one, other = (
-        simulate(s, "kelvin_voigt", 101, x, method=method, dt=1e-3) for s, x in ((FOUNDED, 1.5), (image, -1.5))
-    )
-    assert int(one.impact_count.sum()) == int(other.impact_count.sum()) > 0
-    np.testing.assert_allclose(other.impact_force_max.values, one.impact_force_max.values, rtol=1e-7)
-    for name in (*OUTPUTS, "energy_damping", "storey_shear_max", "displacement_max"):
-        twin, sign = ("displacement_min", -1.0) if name == "displacement_max" else (name, 1.0)
-        np.testing.assert_allclose(other[name].values[::-1], sign * one[twin].values, rtol=1e-7, err_msg=name)
 
 
 def test_a_stiff_foundation_leaves_the_building_as_it_is_on_a_fixed_base():
@@ -355,23 +231,6 @@ def test_the_limit_with_contacts_closed():
 # -- what is compiled, described and planned ---------------------------------------------------------------------------
 
 
-def test_a_scene_without_them_asks_for_the_kernel_that_it_had():
-    plain, mine = (
-        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERY)) for scene in (pair(), FOUNDED)
-    )
-    assert plain.foundations == ()
-    assert plain.n_moving == plain.n_dof == 4
-    assert "foundation" not in plain.reducers
-    assert (mine.foundations, mine.n_moving, mine.below(0), mine.below(2)) == ((0,), 6, 4, None)
-    assert "foundation" in mine.reducers
-    assert "foundation" not in json.dumps(scene_data(pair()))
-
-
-def test_a_row_comes_back_from_its_json():
-    for scene in (FOUNDED, BOTH):
-        assert scene_of(json.loads(json.dumps(scene_data(scene)))) == scene
-
-
 def test_what_is_told_of_the_row_is_of_the_whole():
     told = dict(overview(FOUNDED))["a"]
     long, short = (", ".join(f"{t:.3g}" for t in each.periods[:2]) for each in (A, pair().buildings[0]))
@@ -379,41 +238,6 @@ def test_what_is_told_of_the_row_is_of_the_whole():
     assert f"on a foundation (on a fixed base {short} s)" in told
     plan = ps.Sweep(FOUNDED, motion(51), "kelvin_voigt", accuracy=1e-3).plan()
     assert SCHEMES[plan.numerics.method].refuses(FOUNDED) is None
-
-
-def test_a_file_describes_them(tmp_path):
-    path = tmp_path / "sweep.toml"
-    path.write_text(
-        """
-[[scene.row]]
-name = "a"
-masses = [120.0, 90.0]
-stiffnesses = [1.5e5, 1.2e5]
-[scene.row.foundation]
-mass = 70.0
-inertia = 500.0
-sway_stiffness = 2.5e5
-rocking_stiffness = 6e6
-sway_damping = 900.0
-rocking_damping = 8e3
-[[scene.row]]
-name = "b"
-masses = [80.0, 110.0]
-stiffnesses = [2.4e5, 2e5]
-[scene]
-gaps = [0.003]
-[scene.contact]
-linear_stiffness = 8e5
-[sweep]
-records = ["el_centro"]
-laws = ["linear"]
-[solver]
-method = "rk4"
-[output]
-variables = ["foundation_sway_max", "foundation_rotation_max"]
-"""
-    )
-    assert ps.load_sweep(path).spec.scene.buildings == FOUNDED.buildings
 
 
 def test_outputs_of_foundations_are_of_rows_on_them_only(stub_engine):
@@ -444,32 +268,6 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"mass": 0.0}, r"mass is 0.0 t; it must be a positive number, as the base has its own equation of motion"),
-        ({"inertia": 0}, r"inertia is 0 t m2; it must be a positive number, as the base has its own"),
-        ({"sway_stiffness": 0.0}, r"sway_stiffness is 0.0 kN/m; .* number, as nothing else holds the base"),
-        ({"rocking_stiffness": np.inf}, r"rocking_stiffness is inf .* number; leave the foundation out where"),
-        ({"mass": -3.0}, r"mass is -3.0 t; it must be a positive number$"),
-        ({"sway_damping": -1.0}, r"sway_damping is -1.0 kN s/m; it must be zero or a positive number"),
-        ({"rocking_damping": "x"}, r"rocking_damping is 'x' kN m s/rad"),
-        ({"inertia": True}, r"inertia is True t m2"),
-    ],
-)
-def test_bad_foundations_are_refused(changed, message):
-    with pytest.raises(SceneError, match=f"foundation: {message}"):
-        replace(SOFT, **changed)
-    with pytest.raises(SceneError, match=f"building 'a': foundation: {message}"):
-        replace(A, foundation=vars(SOFT) | changed)
-
-
-@pytest.mark.parametrize("given", [3.0, "soft", {"mass": 1.0}, {**vars(SOFT), "colour": 1.0}])
-def test_what_is_no_foundation_is_refused(given):
-    with pytest.raises(SceneError, match=r"building 'a': foundation is .*; give a Foundation of mass, inertia, "):
-        replace(A, foundation=given)
-
-
 def test_what_does_not_go_with_a_foundation_is_refused():
     with pytest.raises(SceneError, match="building 'a': p_delta and a foundation do not go together"):
         replace(LEANING.buildings[0], foundation=SOFT)
@@ -496,39 +294,6 @@ def test_one_scenario_of_a_sweep_has_its_foundation():
         np.testing.assert_allclose(getattr(base, name), getattr(row, f"base_{name}")[0], rtol=1e-12)
     assert one.buildings[0].periods[0] == pytest.approx(1.3 * A.periods[0])
     assert one.buildings[0].rayleigh == pytest.approx([float(x[0]) for x in row.rayleigh(0)])
-
-
-@pytest.mark.slow
-def test_a_sweep_is_its_scenarios_one_by_one():
-    """Factors on periods and masses are those of the building with its foundation."""
-    given = {"period_factors": {"a": [1.0, 1.3]}, "mass_factors": {"a": [0.5, 1.0]}, "damping_ratios": [0.02, 0.06]}
-    outputs = ["displacement_max", "drift_max", *OUTPUTS, "energy_damping", "energy_residual", "impact_count"]
-    sweep = ps.Sweep(
-        FOUNDED, motion(101), ["none", "kelvin_voigt"], gaps=[0.002, 0.006], method="rk4", dt=1e-3, outputs=outputs,
-        **given,
-    )  # fmt: skip
-    cube = sweep.run()
-    assert (cube.status == Status.OK).all()
-    for f, m, ratio, gap in [(1.0, 1.0, 0.02, 0.002), (1.3, 0.5, 0.06, 0.002), (1.3, 1.0, 0.02, 0.006)]:
-        base = ps.Foundation(m * 70.0, m * 500.0, m * 2.5e5 / f**2, m * 6e6 / f**2, m * 900.0 / f, m * 8e3 / f)
-        row = [
-            replace(
-                A,
-                masses=[m * x for x in A.masses],
-                stiffnesses=[m * x / f**2 for x in A.stiffnesses],
-                damping_ratio=ratio,
-                foundation=base,
-            ),
-            replace(B, damping_ratio=ratio),
-        ]
-        for law in ("none", "kelvin_voigt"):
-            one = simulate(replace(FOUNDED, row=row, gaps=[gap]), law, 101, 1.0, method="rk4", dt=1e-3)
-            mine = cube.sel(period_factor_a=f, mass_factor_a=m, damping_ratio=ratio, gap=gap, law=law).squeeze()
-            for name in ("displacement_max", "drift_max", *OUTPUTS, "energy_damping"):
-                want = one[name].values
-                np.testing.assert_allclose(mine[name].values.reshape(want.shape), want, rtol=1e-8, err_msg=name)
-    assert cube.impact_count.sum() > 10
-    assert float(cube.energy_residual.max()) < 1e-5
 
 
 @pytest.mark.slow
