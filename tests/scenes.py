@@ -8,6 +8,7 @@ import numpy as np
 
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import Record
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
@@ -77,3 +78,9 @@ def run_in_any_company(kernel, record, given):
         for name, values in found.items():
             np.testing.assert_array_equal(again[name], values[some], err_msg=name)
     return found
+
+
+def scene_of_case(scene, case):
+    """The scene with the building properties of a case."""
+    variants, index = case_variants(scene, [case])
+    return variants.scene_of(index[0])

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FRAMED, STAGGERED
 from kinds import mirrored
+from scenes import scene_of_case
 from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
@@ -23,7 +24,6 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.levels import column_shares, column_softness
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import reducers_for
-from pounding_sweep.run import one_scenario
 from pounding_sweep.spec.axes import Case
 
 #: Names, masses, stiffnesses and by how much the first floor is higher, of two buildings all but level with each other.
@@ -270,7 +270,7 @@ def test_building_factors_act_on_columns():
     )
     case = Case("linear", period_factors=tuple((n, f[0]) for n, f in factors.items()),
                 mass_factors=tuple((n, f[1]) for n, f in factors.items()))  # fmt: skip
-    made = one_scenario._varied(STAGGERED, case)
+    made = scene_of_case(STAGGERED, case)
     np.testing.assert_allclose(table.contact_masses[0], [c.mass for c in made.contacts], rtol=1e-12)
     stiffness = np.array([8e5])
     np.testing.assert_allclose(

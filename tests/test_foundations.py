@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from kernels_used import FOUNDED, LEANING, SMOOTH
 from kinds import BOTH
 from naive import run
-from scenes import pair
+from scenes import pair, scene_of_case
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh, expm
 from test_links import radius
@@ -22,7 +22,6 @@ from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.run.one_scenario import _varied
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.axes import Case
@@ -287,7 +286,7 @@ def test_what_does_not_go_with_a_foundation_is_refused():
 def test_one_scenario_of_a_sweep_has_its_foundation():
     """Its masses, stiffnesses and dashpots follow the factors of the building, as those of the kernel do."""
     case = Case(law="linear", period_factors={"a": 1.3}, mass_factors={"a": 0.5}, damping_ratio=0.06)
-    one = _varied(FOUNDED, case)
+    one = scene_of_case(FOUNDED, case)
     row = Variants(FOUNDED, np.array([[1.3, 1.0]]), np.array([[0.5, 1.0]]), np.array([0.06]))
     base = one.buildings[0].foundation
     for name in ("masses", "stiffnesses", "dashpots"):

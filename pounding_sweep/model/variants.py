@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.model.levels import column_softness
-from pounding_sweep.model.scene import Scene, rayleigh_factors
+from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096
@@ -63,6 +63,31 @@ class Variants:
     def columns(self) -> tuple[np.ndarray, ...]:
         """All properties, in the order of the arguments."""
         return self.period_factor, self.mass_factor, self.damping_ratio, self.strength_factor, self.hardening
+
+    def scene_of(self, row: int) -> Scene:
+        """Return the scene whose buildings have the properties of a row themselves."""
+
+        def scaled(b: int, item: Building) -> Building:
+            floors = slice(*self.scene.offsets[b : b + 2])
+            ratio, hardening, changed = self.damping_ratio[row], self.hardening[row, b], dict[str, Any]()
+            values = {"masses": self.masses, "stiffnesses": self.elastic_stiffnesses, "dashpots": self.dashpots}
+            for name, table in {**values, "yield_strengths": self.yield_strengths}.items():
+                if getattr(item, name) is not None:
+                    changed[name] = table[row, floors].tolist()
+            if item.column_stiffnesses is not None:
+                factor = float(self.stiffness_factor[row, b])
+                changed["column_stiffnesses"] = [factor * k for k in item.column_stiffnesses]
+            if item.foundation is not None:
+                factors = float(self.mass_factor[row, b]), float(self.period_factor[row, b])
+                changed["foundation"] = item.foundation.scaled(*factors)
+            changed |= {} if np.isnan(ratio) else {"damping_ratio": float(ratio)}
+            changed |= {} if np.isnan(hardening) else {"hardening": float(hardening)}
+            return replace(item, **changed)
+
+        buildings = iter([scaled(b, item) for b, item in enumerate(self.scene.buildings)])
+        return replace(
+            self.scene, row=[next(buildings) if isinstance(item, Building) else item for item in self.scene.row]
+        )
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""

@@ -47,8 +47,8 @@ def _places(scene: Scene, per: str) -> list[int]:
     if per in ("contact", "link"):
         ends: Sequence[Any] = scene.contacts if per == "contact" else scene.linked_floors
         return [end.place * n + end.storey - 1 for end in ends]
-    names = {"base": scene.foundations, "building": range(len(scene.buildings)), "pair": range(len(scene.pair_labels))}
-    return list(names[per])
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "scenario": 1}
+    return list(scene.foundations if per == "base" else range(sizes[per]))
 
 
 def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:

@@ -33,7 +33,7 @@ from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
 from pounding_sweep.plan.scenarios import BLOCK, changed, joined
 from pounding_sweep.run.pool import Dispatcher
-from pounding_sweep.run.refinement import SINGLE_HALVINGS, halved
+from pounding_sweep.run.refinement import ended, halved
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -304,11 +304,9 @@ def _batches(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[R
 
 def _kernel_of(plan: Plan, sample: Rerun) -> RowKernel:
     """Return the kernel of a sample at half the step that it ended with, in the number format that it ended in."""
-    halvings = round(math.log2(sample.steps / sample.begun))
+    record = plan.spec.records[sample.record]
     kernel = plan.kernel(sample.law, record=sample.record, steps=sample.begun)
-    for _ in range(halvings + 1):
-        kernel = halved(kernel, plan.spec.records[sample.record])
-    return kernel.in_double if halvings > SINGLE_HALVINGS else kernel
+    return halved(ended(kernel, record, sample.steps), record)
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:

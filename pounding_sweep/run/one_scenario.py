@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
 from pounding_sweep.spec.own_laws import find_law
@@ -133,7 +133,8 @@ def simulate_one(
     chosen = _chosen(spec, own, {"record": own.record or names[0], **choice})
     if chosen.record not in names:
         raise InputError(unknown("record of this sweep", chosen.record, names))
-    scene, gap = _varied(spec.scene, chosen), chosen.gap
+    variants, index = case_variants(spec.scene, [chosen])
+    scene, gap = variants.scene_of(index[0]), chosen.gap
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
     law = _law(spec, chosen.law)
@@ -228,36 +229,3 @@ def _details(spec: SweepSpec, chosen: Case, law: Law, choice: Mapping[str, Any],
                 yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
     if chosen.damping_ratio is not None and differs("damping_ratio"):
         yield f"damping ratio {chosen.damping_ratio:g}"
-
-
-def _varied(scene: Scene, case: Case) -> Scene:
-    """Return a scene with the building properties of a scenario (see `pounding_sweep.model.variants`)."""
-    periods: Mapping[str, float] = dict(case.period_factors)
-    masses: Mapping[str, float] = dict(case.mass_factors)
-    strengths: Mapping[str, float] = dict(case.strength_factors)
-    hardenings: Mapping[str, float] = dict(case.hardenings)
-
-    def varied(item: Building | Wall) -> Building | Wall:
-        if isinstance(item, Wall):
-            return item
-        mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
-        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
-        strength, own = mass * strengths.get(item.name, 1.0), item.yield_strengths
-        changed: dict[str, Any] = {
-            name: [mass / period**2 * k for k in getattr(item, name)]
-            for name in ("stiffnesses", "column_stiffnesses")
-            if getattr(item, name) is not None
-        }
-        if item.p_delta:  # the period is that under the weights
-            pairs = zip(item.lateral_stiffnesses, item.geometric_stiffnesses, strict=True)
-            changed["stiffnesses"] = [mass * (left / period**2 + taken) for left, taken in pairs]
-        if item.dashpots is not None:
-            changed["dashpots"] = [mass / period * c for c in item.dashpots]
-        if item.foundation is not None:
-            changed["foundation"] = item.foundation.scaled(mass, period)
-        if own is not None:
-            changed["yield_strengths"] = [strength * each for each in own]
-        changed["hardening"] = hardenings.get(item.name, item.hardening)
-        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **changed)
-
-    return replace(scene, row=[varied(item) for item in scene.row])

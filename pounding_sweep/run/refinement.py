@@ -19,6 +19,7 @@ on the chunk that it is in.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ import numpy as np
 
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
@@ -47,6 +49,8 @@ GRAZES = 16.0
 ROUNDS = 0.5
 
 Values = dict[str, np.ndarray]
+#: Name of the states of a scenario beside its variables, shape (1, instants, slots).
+STATES = "states"
 
 
 def halved(kernel: RowKernel, record: Record) -> RowKernel:
@@ -54,6 +58,13 @@ def halved(kernel: RowKernel, record: Record) -> RowKernel:
     numerics = kernel.numerics
     half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), refinement=2.0 * numerics.refinement)
     return replace(kernel, numerics=half)
+
+
+def ended(kernel: RowKernel, record: Record, steps: int) -> RowKernel:
+    """Return the kernel with which a scenario ended that began with this one and was refined to so many steps."""
+    for halving in range(round(math.log2(steps / kernel.numerics.steps(record)))):
+        kernel = halved(kernel if halving < SINGLE_HALVINGS else kernel.in_double, record)
+    return kernel
 
 
 def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarray:
@@ -78,7 +89,11 @@ def apart(kernel: RowKernel, table: Scenarios, found: Values) -> Scenarios:
 
 
 def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
-    """Run scenarios at the kernel's step; returns variables of shape (n, *inner)."""
+    """Run scenarios at the kernel's step; returns variables of shape (n, *inner), of one its states, too, if kept."""
+    states = None
+    if kernel.history:
+        instants = (record.n_points - 1) * kernel.numerics.steps(record) + 1
+        states = np.zeros((instants, max(1, history_slots(kernel.shape).size)))
     raw = kernel.run(
         record,
         scale=table.scale,
@@ -86,8 +101,10 @@ def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Vari
         stiffness=table.stiffness,
         restitution=table.restitution,
         variants=variants,
+        history=states,
     )
-    return variables_of(kernel, raw, outputs, record, variants)
+    found = variables_of(kernel, raw, outputs, record, variants)
+    return found if states is None else {**found, STATES: states[None]}
 
 
 def _run_alike(
@@ -147,7 +164,7 @@ def run_refined(
         allowed = accuracy / strictness(fine)
         estimate[rows] = differences(judged, coarse, fine, leeway(kernel, accuracy, allowed))
         rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
-        if halvings == 1:
+        if len(rows) == len(table):
             result = fine
         else:
             for name, values in fine.items():

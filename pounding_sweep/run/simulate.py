@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +14,12 @@ from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
-from pounding_sweep.outputs.declare import scatter_base, scatter_contact, scatter_dof, scatter_link
-from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.run.histories import histories
+from pounding_sweep.run.refinement import STATES, ended, run_once, run_refined
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.own_laws import find_law
@@ -28,8 +27,6 @@ from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from pounding_sweep.engine.row_kernel import RowKernel
 
 
 #: Outputs that no history is told with.
@@ -124,12 +121,6 @@ def simulate(
     >>> round(float(one.impact_force_max.max()) / 1e3, 1)
     3.7
     """
-    from pounding_sweep.engine.postprocess import variables_of
-    from pounding_sweep.engine.row_kernel import RowKernel
-    from pounding_sweep.kernel.spec import history_slots
-    from pounding_sweep.outputs.variables import VARIABLES, reducers_for
-    from pounding_sweep.plan.plan import make_plan
-
     motion = resolve_record(record)
     row = get_preset(scene) if isinstance(scene, str) else scene
     if isinstance(row, Scene):
@@ -138,14 +129,14 @@ def simulate(
         if law is None and row.gaps:
             msg = f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
             raise InputError(msg)
-    found = find_law(law or "none")
+    contact = find_law(law or "none")
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=row,
         records=motion,
-        laws=found,
-        stiffnesses=stiffness if found.has_contact else None,
-        restitutions=restitution if found.takes_restitution else None,
+        laws=contact,
+        stiffnesses=stiffness if contact.has_contact else None,
+        restitutions=restitution if contact.takes_restitution else None,
         method=method,
         dt=dt,
         locate=locate,
@@ -160,70 +151,49 @@ def simulate(
     row = spec.scene
     outputs = tuple(name for name in outputs if any(row.yields) or not VARIABLES[name].of_yielding)
     velocities = _velocities(row, initial_velocity)
-    k = contact_stiffness(row, found, stiffness=stiffness)
-    e = spec.restitutions[0]
     plan = make_plan(spec, initial_speed=_approach(row, velocities))
     steps = int(plan.steps[0])
     if output_step is not None:
         steps = max(steps, math.ceil(motion.dt / _checked_step(output_step) * (1.0 - 1e-9)))
-    numerics = replace(plan.numerics, dt=motion.dt / steps)
     limit = float(plan.limit[0])
-    step = motion.dt / numerics.steps(motion)
-    if step > limit and not force_unstable:
+    if motion.dt / steps > limit and not force_unstable:
         msg = (
-            f"the step {step:.6g} s is beyond the stability limit of {numerics.method} for this scene and contact "
-            f"stiffness; give dt <= {limit:.6g} s, {numerics.scheme.without_limit} or force_unstable=True"
+            f"the step {motion.dt / steps:.6g} s is beyond the stability limit of {plan.numerics.method} for this "
+            f"scene and contact stiffness; give dt <= {limit:.6g} s, {plan.numerics.scheme.without_limit} or "
+            "force_unstable=True"
         )
         raise StabilityError(msg)
-    kernel = RowKernel(
-        row,
-        found,
-        numerics,
-        reducers_for(outputs),
-        history=True,
-        initial_velocity=velocities,
-        basis=restitution_basis,
-    )
-
-    def run(kernel: RowKernel) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        n_steps = (motion.n_points - 1) * kernel.numerics.steps(motion)
-        history = np.zeros((n_steps + 1, max(1, history_slots(kernel.shape).size)))
-        gaps = np.array([row.gaps], dtype=float).reshape(1, -1)
-        alone = np.ones(1)
-        raw = kernel.run(motion, scale=alone, gaps=gaps, stiffness=k * alone, restitution=e * alone, history=history)
-        return variables_of(kernel, raw, outputs, motion), history
-
-    variables, history = run(kernel)
-    if spec.accuracy is not None:
-        kernel, variables, history = _refined(kernel, motion, run, variables, spec.accuracy)
-    numerics, n_steps = kernel.numerics, len(history) - 1
-    step = motion.dt / numerics.steps(motion)
-    values = {name: v[0] for name, v in variables.items()}
-    realised = realised_restitution(found, e, restitution_basis)
+    kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
+    scenario = motion, plan.unique, plan.variants, (*outputs, "time_step")
+    values = run_once(kernel, *scenario) if accuracy is None else run_refined(kernel, *scenario, accuracy)
+    states, step = values.pop(STATES)[0], float(values.pop("time_step")[0])
+    kernel = ended(kernel, motion, round(motion.dt / step))
+    e, has = spec.restitutions[0], contact.has_contact
     attributes = {
-        "title": spec.title or f"{motion.name}: {found.title}",
-        "law": found.key,
-        "stiffness": k,
-        "restitution": e if found.takes_restitution else "none",
-        "restitution_realised": float(realised) if found.has_contact else "none",
+        "title": spec.title or f"{motion.name}: {contact.title}",
+        "law": contact.key,
+        "stiffness": contact_stiffness(row, contact, stiffness=stiffness),
+        "restitution": e if contact.takes_restitution else "none",
+        "restitution_realised": float(realised_restitution(contact, e, restitution_basis)) if has else "none",
         "restitution_basis": restitution_basis,
         "record": motion.name,
-        "method": numerics.method,
-        "precision": numerics.precision,
+        "method": kernel.numerics.method,
+        "precision": kernel.numerics.precision,
         "time_step": step,
         "located": spec.locate,
         "unit_system": "kN, t, m, s",
         "scene": json.dumps(scene_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
     }
-    if spec.accuracy is not None:
-        attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    own = [row.gaps[pair] for pair in row.pair_of_label]
-    extra = {"pair_gap": (("pair",), own, {"units": "m", "long_name": "gap of the pair"})} if own else None
-    dataset = assemble(row, [], values, attributes, extra)
-    if int(values["status"]) != Status.DIVERGED:
-        time = np.linspace(0.0, motion.duration, n_steps + 1)
+    if accuracy is not None:
+        attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}
+    pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]
+    extra = {"pair_gap": (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})} if pair_gaps else None
+    variables = {name: v[0] for name, v in values.items() if name not in NOT_OF_ONE}
+    dataset = assemble(row, [], variables, attributes, extra)
+    if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
-        dataset = dataset.assign(_histories(kernel, history[::every], motion, time[::every]))
+        time = np.linspace(0.0, motion.duration, len(states))
+        dataset = dataset.assign(histories(kernel, states[::every], motion, time[::every]))
     return dataset
 
 
@@ -250,46 +220,12 @@ def peaks_shown(one: xr.Dataset) -> float:
     return min(shares)
 
 
-#: Histories of foundations: name, unit, what it is.
-_OF_BASES = (("foundation_sway", "m", "displacement"), ("foundation_rotation", "rad", "rotation"))
-
-
 def _checked_step(output_step: float) -> float:
     """Return an output step that is a positive number."""
     if not (math.isfinite(output_step) and output_step > 0.0):
         msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
         raise InputError(msg)
     return output_step
-
-
-def _refined(
-    kernel: RowKernel,
-    motion: Record,
-    run: Callable[[RowKernel], tuple[dict[str, np.ndarray], np.ndarray]],
-    coarse: dict[str, np.ndarray],
-    accuracy: float,
-) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
-    """Halve the step until no output errs by more than `accuracy`; see `pounding_sweep.run.refinement`."""
-    from pounding_sweep.run.refinement import (
-        MOST_HALVINGS,
-        SINGLE_HALVINGS,
-        differences,
-        halved,
-        leeway,
-        strictness,
-    )
-
-    for halving in range(MOST_HALVINGS):
-        kernel = halved(kernel if halving < SINGLE_HALVINGS else kernel.in_double, motion)
-        fine, history = run(kernel)
-        allowed = accuracy / strictness(fine)
-        estimate = differences(comparable(fine), coarse, fine, leeway(kernel, accuracy, allowed))
-        if estimate[0] <= allowed[0] and fine["status"][0] == Status.OK:
-            return kernel, fine, history
-        coarse = fine
-    settled = (estimate <= accuracy) | (fine["status"] != Status.OK)
-    fine["status"] = np.where(settled, fine["status"], Status.UNSETTLED)
-    return kernel, fine, history
 
 
 def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] | None:
@@ -319,140 +255,3 @@ def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
     if velocities is None:
         return 0.0
     return max([0.0, *(sum(share * velocities[i] for i, share in contact.ends) for contact in scene.contacts)])
-
-
-def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
-    return np.add.reduceat(values, np.array(scene.offsets[:-1]), axis=1)
-
-
-def _with_base(values: np.ndarray, base: np.ndarray, scene: Scene, shapes: str) -> np.ndarray:
-    """Add what the bases of those with foundations make of values of floors, by matrices of buildings of a name."""
-    result = values.copy()
-    for q, b in enumerate(scene.foundations):
-        start, stop = scene.offsets[b : b + 2]
-        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ getattr(scene.buildings[b], shapes)[:, -2:].T
-    return result
-
-
-def _drifts(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
-    """Storey drifts of floors and of the bases of those that have foundations."""
-    drifts = values.copy()
-    for start, stop in pairwise(scene.offsets):
-        drifts[:, start + 1 : stop] -= values[:, start : stop - 1]
-    return _with_base(drifts, base, scene, "drifts")
-
-
-def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarray) -> dict[str, Any]:
-    import xarray as xr
-
-    from pounding_sweep.kernel.spec import history_slots
-
-    scene = kernel.scene
-    slots = history_slots(kernel.shape)
-
-    def part(name: str) -> np.ndarray:
-        return history[:, slots.first[name] : slots.first[name] + slots.count[name]]
-
-    ground = np.interp(time, motion.time, motion.acceleration)
-    buildings = scene.buildings
-    masses = np.concatenate([b.masses for b in buildings])
-    row = variants_of(scene)
-    stiffnesses, pushed = row.stiffnesses[0], row.geometric_stiffnesses[0]
-    storeys = [b.n_storeys for b in buildings]
-    owner = np.repeat(np.arange(len(buildings)), storeys)
-    alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
-    beta = np.array([b.rayleigh[1] for b in buildings])[owner]
-    (u, u_base), (v, v_base) = (np.split(part(name), [scene.n_dof], axis=1) for name in "uv")
-    taken = part("e_in")
-    n_contacts = len(scene.contacts)
-    force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
-    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - scene.thicknesses(kernel.law.thickness)
-    penetration = np.zeros((len(time), n_contacts))
-    on_floor = -alpha * masses * _with_base(v, v_base, scene, "deformations")
-    drift, damped, yields = _drifts(u, u_base, scene), stiffnesses, any(scene.yields)
-    storey = stiffnesses * drift
-    strains = 0.5 * stiffnesses * drift**2
-    hysteretic = np.zeros_like(taken)
-    if yields:
-        soft = 1.0 - row.hardenings[0]
-        plastic, strengths = (
-            part("slip"),
-            np.concatenate([b.yield_strengths or (0.0,) * b.n_storeys for b in buildings]),
-        )
-        storey = stiffnesses * (drift - soft * plastic)
-        strains = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-        lost = (1.0 - row.elastic_hardenings[0]) * np.where(scene.yields, strengths, 0.0) * part("travel")
-        hysteretic = _building_sum(lost, scene)
-        damped = part("kd") if "kd" in slots.first else damped
-    shear = storey + pushed * drift
-    dashpots = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in buildings])
-    storey = storey + (beta * damped + dashpots) * _drifts(v, v_base, scene)
-    on_floor -= storey
-    for b, first in zip(buildings, scene.offsets[:-1], strict=True):
-        on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
-    for j, c in enumerate(scene.contacts):
-        closing = np.zeros(len(time))
-        for floor, share in c.ends:
-            closing += share * u[:, floor]
-            on_floor[:, floor] -= share * force[:, j]
-        penetration[:, j] = np.maximum(closing - gap[j], 0.0)
-    pulls = np.zeros((len(time), len(scene.linked_floors)))
-    for j, link in enumerate(scene.linked_floors):
-        d, rate = (x[:, link.left] - x[:, link.right] for x in (u, v))
-        pulls[:, j] = link.stiffness * d + link.damping * rate
-        on_floor[:, link.left] -= pulls[:, j]
-        on_floor[:, link.right] += pulls[:, j]
-    given = part("e_link") if scene.links else np.zeros_like(taken)
-    kinetic = _building_sum(0.5 * masses * v**2, scene)
-    strain = _building_sum(strains, scene)
-    for q, b in enumerate(scene.foundations):
-        mine = slice(2 * q, 2 * q + 2)
-        kinetic[:, b] += v_base[:, mine] ** 2 @ (0.5 * row.base_masses[0, mine])
-        strain[:, b] += u_base[:, mine] ** 2 @ (0.5 * row.base_stiffnesses[0, mine])
-    damping = part("e_damp")
-    axis = ("time",)
-    floors, pairs = (*axis, "building", "storey"), (*axis, "pair", "storey")
-    variables: dict[str, Any] = {
-        "displacement": (floors, scatter_dof(u, scene), "m", "floor displacement relative to the ground"),
-        "velocity": (floors, scatter_dof(v, scene), "m s-1", "floor velocity relative to the ground"),
-        "acceleration": (floors, scatter_dof(on_floor / masses, scene), "m s-2", "total floor acceleration"),
-        "ground_acceleration": (axis, ground, "m s-2", "ground acceleration"),
-        "input": ((*axis, "building"), taken, "kN m", "input energy"),
-        "damping": ((*axis, "building"), damping, "kN m", "energy dissipated by structural damping"),
-        "kinetic": ((*axis, "building"), kinetic, "kN m", "kinetic energy"),
-        "strain": ((*axis, "building"), strain, "kN m", "strain energy"),
-        "transfer": (
-            (*axis, "building"),
-            taken - damping - strain - (kinetic - kinetic[0]) - hysteretic - given,
-            "kN m",
-            "transferred energy: input - kinetic - damping - strain - yielding - given to links since the start",
-        ),
-    }
-    if yields:
-        variables |= {
-            "storey_drift": (floors, scatter_dof(drift, scene), "m", "interstorey displacement"),
-            "plastic_drift": (floors, scatter_dof(plastic, scene), "m", "plastic part of the interstorey displacement"),
-            "storey_shear": (floors, scatter_dof(shear, scene), "kN", "storey shear, dampers not included"),
-            "hysteretic": ((*axis, "building"), hysteretic, "kN m", "energy lost in yielding"),
-        }
-    if scene.links:
-        about = "force of the link, positive where it draws the floors together"
-        variables["link_force"] = (pairs, scatter_link(pulls, scene), "kN", about)
-        variables["given_to_links"] = ((*axis, "building"), given, "kN m", "energy given to links")
-    for side, (name, unit, what) in enumerate(_OF_BASES) if scene.foundations else ():
-        moved = scatter_base(u_base[:, side::2], scene)
-        variables[name] = ((*axis, "building"), moved, unit, f"{what} of the foundation relative to the ground")
-    if scene.pair_names:
-        variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
-        variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
-        work = np.zeros((len(time), len(scene.pair_labels)))
-        if "work" in slots.first:
-            for j, c in enumerate(scene.contacts):
-                work[:, c.place] += part("work")[:, j]
-        variables["work"] = ((*axis, "pair"), work, "kN m", "work of the contacts: what they took in")
-    result: dict[str, Any] = {
-        "time": xr.DataArray(time, dims=axis, attrs={"units": "s", "long_name": "time", "axis": "T"})
-    }
-    for name, (dims, values, units, long_name) in variables.items():
-        result[name] = xr.DataArray(values, dims=dims, attrs={"units": units, "long_name": long_name})
-    return result
