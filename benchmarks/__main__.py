@@ -15,6 +15,7 @@ from benchmarks.report import Report
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure the engine beside other tools.")
     parser.add_argument("--short", action="store_true", help="a few settings on the first seconds of the record")
+    parser.add_argument("--tools", action="store_true", help="compare the tools, and measure nothing else")
     parser.add_argument("--peers", metavar="LIST", help="names with commas between, 'none', or 'all' (default)")
     parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="write speed.md, .json and .png there")
     parser.add_argument("--json", action="store_true", help="print JSON in place of markdown")
@@ -46,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         if points:
             speed(points, suite.CAPTION).savefig(given.output / "speed.png")
 
-    report = suite.run([known[name] for name in names], short=given.short, notify=notify, save=save)
+    report = suite.run([known[name] for name in names], short=given.short, notify=notify, save=save, tools=given.tools)
     print(report.to_json_text() if given.json else report.to_markdown(), end="")
     return 0
 

@@ -18,7 +18,7 @@ from benchmarks.sizes import Start
 from benchmarks.throughput import Throughput
 
 #: Errors at which tools are compared.
-EQUAL_ERRORS = (1e-3, 1e-4)
+EQUAL_ERRORS = (1e-3, 1e-4, 1e-6, 1e-9)
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,10 @@ SHORT_SIZES = ((3, 3), (2, 1), (3, 6))
 Notify = Callable[[str], None]
 
 
-def run(peers: Sequence[Peer], *, short: bool, notify: Notify, save: Callable[[Report], None]) -> Report:
-    """Measure everything; `save` takes what is there after each part, so that no part is lost with the last."""
+def run(
+    peers: Sequence[Peer], *, short: bool, notify: Notify, save: Callable[[Report], None], tools: bool = False
+) -> Report:
+    """Measure everything, or the `tools` alone; `save` takes what is there after each part, so that none is lost."""
     work = make_work(short=short)
     missing = {peer.key: reason for peer in peers if (reason := peer.missing())}
     able = [peer for peer in peers if peer.key not in missing]
@@ -51,6 +53,12 @@ def run(peers: Sequence[Peer], *, short: bool, notify: Notify, save: Callable[[R
     parts = _Parts(report, work, able, short, notify)
     laws = LAWS[:1] if short else LAWS
     comparisons = [partial(parts.compare, law) for law in laws]
+    if tools:
+        for comparison in comparisons:
+            with one_core():
+                comparison()
+            save(report)
+        return report
     single: list[Callable[[], None]] = [parts.arithmetic, *comparisons, parts.axes]
     # what takes longest comes last: the report is saved after each part
     groups: list[tuple[bool, list[Callable[[], None]]]] = [(True, single), (False, [parts.engine])]
