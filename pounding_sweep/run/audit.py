@@ -15,7 +15,6 @@ answer is it set apart, as undecided.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,14 +22,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import stored_as
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import STATUS, Status
-from pounding_sweep.plan.chunks import ChunkTask
-from pounding_sweep.plan.plan import REFINED
+from pounding_sweep.plan.chunks import ChunkTask, cut
+from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import BLOCK, changed, joined
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import ended, halved
@@ -53,31 +51,13 @@ ENDS = 2
 TOLERANCE = 0.05
 #: Share of the tolerance within which the runs agree that tell the error of a scenario beyond it.
 CONVERGED = 0.25
-#: Tasks that the sample is cut into, and most lane groups of one.
-BATCHES, LARGEST_BATCH = 8, 64
-#: Estimated duration (s) of a task below which it is not worth one of its own.
-BATCH_SECONDS = 0.1
+#: Estimated duration (s) of the longest chunk of the sample; the last ones are a quarter of it.
+LONGEST_CHUNK = 0.4
 #: How the flags are spelt in a cube.
 FLAGS = {
     "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
     "audit_undecided": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "decided undecided"},
 }
-
-
-@dataclass(frozen=True)
-class Rerun:
-    """Scenarios of one law, record and step that are run again together."""
-
-    rows: np.ndarray  # rows of the plan's unique scenarios; int
-    law: int  # index of the law
-    record: int  # and of the record
-    steps: int  # per record interval, with which the scenarios ended in the sweep
-    begun: int  # with which they began
-
-    def cost(self, plan: Plan) -> int:
-        """Lane-steps of a lane group of it, filled or not."""
-        times = FINER if plan.spec.accuracy is None else FINER * ENDS
-        return LANES * times * self.steps * (plan.spec.records[self.record].n_points - 1)
 
 
 @dataclass(frozen=True)
@@ -127,15 +107,10 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
     if outcome.left_out is None:
         return np.zeros(0, dtype=int)
-    # nothing here takes more than a byte for each of what may be many millions
-    found = outcome.results.touched & ~outcome.left_out
-    for index, law in enumerate(plan.laws):
-        if law.impulsive:
-            found |= (plan.unique.law == index) & ~outcome.left_out
-    for status in STATUS:
-        if not status.has_values:
-            found &= outcome.results.status != int(status)
-    return np.flatnonzero(found).astype(np.int32)
+    jumps = [index for index, law in enumerate(plan.laws) if law.impulsive]
+    valued = [int(status) for status in STATUS if status.has_values]
+    found = outcome.results.touched | np.isin(plan.unique.law, jumps)
+    return np.flatnonzero(found & ~outcome.left_out & np.isin(outcome.results.status, valued)).astype(np.int32)
 
 
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
@@ -146,45 +121,37 @@ def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     return times * sum(int((plan.steps[some] * points[plan.unique.record[some]]).sum()) for some in blocks)
 
 
-def draw(plan: Plan, rows: np.ndarray) -> list[Rerun]:
-    """Draw the groups of an audit."""
+def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, int]:
+    """Draw the scenarios of an audit from `rows`; returns them, rising, and what they cost in lane-steps."""
     if not len(rows) or plan.spec.audit <= 0.0:
-        return []
+        return rows[:0], 0
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     table = plan.unique
     kinds = np.zeros(1, np.int64)
     for column in (table.record, table.law, plan.steps):
         if column.strides[0]:  # else one value for all
-            own = column[rows]
-            kinds = kinds * (int(own.max()) + 1) + own
-    alike, weights = [], []
+            kinds = kinds * (int(column[rows].max()) + 1) + column[rows]
+    groups: list[np.ndarray] = []  # lane groups of one kind
+    weights, costs = [], []
     for kind in np.unique(kinds):
-        own = rows if len(kinds) == 1 else rows[kinds == kind]
-        mine = random.permutation(own)[:MOST]
-        steps = int(plan.steps[mine[0]])
-        alike.append(Rerun(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
-        each = np.full(-(-len(mine) // GROUP), GROUP)  # groups by their sizes, each for its share of the kind
-        each[-1] = (len(mine) - 1) % GROUP + 1
-        weights.append(each * (len(own) / len(mine)))
-    first = np.cumsum([0, *map(len, weights)])
-    costs = np.repeat([part.cost(plan) for part in alike], np.diff(first))
-    sizes = np.concatenate(weights)
-    order = random.choice(len(sizes), size=len(sizes), replace=False, p=sizes / sizes.sum())
-    left, budget = min(MOST, max(1, len(rows) // 2)), plan.spec.audit * sweep_cost(plan, rows)
-    cheapest = costs.min()
-    affordable = order[costs[order] <= budget] if cheapest <= budget else order[:1]
-    chosen: list[Rerun] = []
-    for index in affordable:
-        if chosen and (not left or budget < cheapest):
-            break
-        if not chosen or costs[index] <= budget:
-            kind = int(np.searchsorted(first, index, "right")) - 1
-            begin = GROUP * int(index - first[kind])
-            group = alike[kind].rows[begin : begin + GROUP]
-            chosen.append(replace(alike[kind], rows=np.sort(group[:left])))
-            left -= len(chosen[-1].rows)
-            budget -= costs[index]
-    return chosen
+        alike = rows if len(kinds) == 1 else rows[kinds == kind]
+        drawn = random.permutation(alike)[:MOST]
+        points = plan.spec.records[int(table.record[drawn[0]])].n_points
+        cost = LANES * FINER * int(plan.steps[drawn[0]]) * (points - 1) * (1 if plan.spec.accuracy is None else ENDS)
+        for first in range(0, len(drawn), GROUP):
+            groups.append(drawn[first : first + GROUP])
+            weights.append(len(groups[-1]) * (len(alike) / len(drawn)))
+            costs.append(cost)
+    sizes = np.array(weights)
+    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
+    most, budget = min(MOST, max(1, len(rows) // 2)), plan.spec.audit * sweep_cost(plan, rows)
+    chosen = order[:1] if min(costs) > budget else []
+    left, spent = most, sum(costs[index] for index in chosen)
+    for index in order:
+        if left > 0 and spent + costs[index] <= budget:
+            chosen.append(index)
+            left, spent = left - len(groups[index]), spent + costs[index]
+    return np.sort(np.concatenate([groups[index] for index in chosen])[:most]), spent
 
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
@@ -211,12 +178,11 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """
     outputs = comparable(plan.spec.outputs)
     rows = candidates(plan, outcome)
-    samples = draw(plan, rows) if outputs else []
-    if not samples:
+    where, cost = draw(plan, rows) if outputs else (rows[:0], 0)
+    if not len(where):
         return None
     tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
-    share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
-    where = np.sort(np.concatenate([sample.rows for sample in samples]))
+    share = cost / sweep_cost(plan, rows)
     own = outcome.results.gather(where)
     pair = _run(plan, dispatcher, outputs, where, own)
     if pair is None:
@@ -251,28 +217,45 @@ def _run(
 
     Returns the results in the order of their rows; None, with a warning, if some could not be run.
     """
-    batches = _batches(plan, rows, own)
+    table, begun, records = plan.unique[rows], plan.steps[rows], plan.spec.records
+    steps = begun
+    if plan.spec.accuracy is not None:
+        intervals = np.array([record.dt for record in records])[table.record]
+        steps = np.rint(intervals / own["time_step"]).astype(int)
+    chunks = cut(
+        table,
+        np.arange(len(rows)),
+        steps,
+        begun,
+        name=f"audit:{plan.digest}:{accuracy}",
+        longest=LONGEST_CHUNK,
+        most=CHUNK_BYTES // plan.bytes_per_scenario,
+        seconds=lambda record, count: float(plan.scenario_seconds(record, FINER * count)),
+    )
     measured: list[tuple[np.ndarray, np.ndarray]] = []
     failures: list[str] = []
 
     def task_of(position: int) -> ChunkTask:
-        batch = batches[position]
-        kernel, table = replace(_kernel_of(plan, batch), accuracy=None), plan.unique[batch.rows]
+        chunk = chunks[position]
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=int(begun[chunk.rows[0]]))
+        kernel = halved(ended(kernel, records[chunk.record], chunk.steps), records[chunk.record])
+        scenarios = table[chunk.rows]
         if accuracy is None:
-            table = joined([table, changed(table)])
+            scenarios = joined([scenarios, changed(scenarios)])
         else:
-            kernel = replace(kernel.in_double, accuracy=accuracy)
-        key = f"audit-{plan.digest[:32]}-{'halved' if accuracy is None else 'settled'}-{position}"
-        return ChunkTask(key, kernel, batch.record, table, plan.variants[table.variant], tuple(outputs))
+            kernel = kernel.in_double
+        kernel = replace(kernel, accuracy=accuracy)
+        variants = plan.variants[scenarios.variant]
+        return ChunkTask(chunk.key, kernel, chunk.record, scenarios, variants, tuple(outputs))
 
     def receive(position: int, found: np.ndarray | str) -> None:
         if isinstance(found, str):
             failures.append(found)
         else:
-            mine = batches[position].rows
-            measured.append((mine, found.reshape(-1, len(mine))))
+            part = chunks[position].rows
+            measured.append((part, found.reshape(-1, len(part))))
 
-    dispatcher.run(len(batches), task_of, receive)
+    dispatcher.run(len(chunks), task_of, receive)
     if failures:
         warnings.warn(
             f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
@@ -283,30 +266,6 @@ def _run(
         return None
     which, tables = (np.concatenate(part, axis=-1) for part in zip(*measured, strict=True))
     return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(which)]]
-
-
-def _batches(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Rerun]:
-    """Put scenarios together that are of one law and record, and began and ended with the same step."""
-    table, steps = plan.unique[rows], plan.steps[rows]
-    if plan.spec.accuracy is not None:
-        interval = np.array([record.dt for record in plan.spec.records])[table.record]
-        steps = np.rint(interval / own["time_step"]).astype(int)
-    kinds, which = np.unique(np.stack([table.law, table.record, steps, plan.steps[rows]]), axis=1, return_inverse=True)
-    alike = [rows[which.ravel() == number] for number in range(kinds.shape[1])]
-    groups = sum(-(-len(mine) // LANES) for mine in alike)
-    batches = []
-    for mine, kind in zip(alike, kinds.T.tolist(), strict=True):
-        worth = int(BATCH_SECONDS / (LANES * plan.scenario_seconds(kind[1], FINER * kind[2])))
-        most = LANES * max(min(LARGEST_BATCH, math.ceil(groups / BATCHES)), worth)
-        batches += [Rerun(mine[i : i + most], *kind) for i in range(0, len(mine), most)]
-    return batches
-
-
-def _kernel_of(plan: Plan, sample: Rerun) -> RowKernel:
-    """Return the kernel of a sample at half the step that it ended with, in the number format that it ended in."""
-    record = plan.spec.records[sample.record]
-    kernel = plan.kernel(sample.law, record=sample.record, steps=sample.begun)
-    return halved(ended(kernel, record, sample.steps), record)
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
