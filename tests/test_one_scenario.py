@@ -51,7 +51,10 @@ def test_the_scenario_in_the_middle(asked):
         beta=0.35,
     )
     case = Case("kelvin_voigt", 0.02, None, 2.0, 0.4, "two", 1.0, {"b": 1.5}, {"a": 3.0}, 0.02)
-    assert scenario_of(spec) == case
+    assert scenario_of(spec) == {
+        "law": "kelvin_voigt", "gap": 0.02, "stiffness_factor": 2.0, "restitution": 0.4, "record": "two", "scale": 1.0,
+        "period_factor_b": 1.5, "mass_factor_a": 3.0, "damping_ratio": 0.02,
+    }  # fmt: skip
     properties = "period factor of b 1.5; damping ratio 0.02"
     one = simulate_one(spec)
     assert one.attrs["scenario"] == f"stiffness factor 2; restitution 0.4; scale 1; {properties}"

@@ -32,7 +32,7 @@ def test_every_record_has_every_peak():
     peaks = table.scale * np.array([record.pga for record in spec.records])[table.record]
     shape = [len(values) for values in spec.axes.values()]
     np.testing.assert_allclose(peaks.reshape(shape), np.broadcast_to(PGAS, shape), rtol=1e-15)
-    assert scenario_of(spec).axis("scale")[1] == 1.5
+    assert scenario_of(spec)["pga"] == 1.5
 
 
 def test_a_sweep_without_it_is_silent_of_it():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, unknown
@@ -23,35 +22,29 @@ SELECTORS = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[
 SCENARIO_ATTRIBUTE = "scenario"
 
 
-def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
-    """Return the scenario in the middle of a sweep, or one of its listed cases."""
-    if spec.cases is not None:
-        if case is None:
-            return next((c for c in spec.cases if spec.law(c.law).has_contact), spec.cases[0])
-        if not 1 <= case <= len(spec.cases):
-            msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
+def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
+    """Return the scenario in the middle of a sweep, or a listed case and its number: values by `selectors`."""
+    if spec.cases is None:
+        if case is not None:
+            msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
             raise InputError(msg)
-        return spec.cases[case - 1]
-    if case is not None:
-        msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
+        law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
+        return {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values} | {"law": law}
+    if case is not None and not 1 <= case <= len(spec.cases):
+        msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
         raise InputError(msg)
-    middle = {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values}
-    law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
-    values = {dim: middle[dim] for column in COLUMNS for dim in DIMENSIONS[column] if dim in middle}
-    factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
-    for argument, kind in FACTOR_KINDS.items():
-        for axis in spec.property_axes:
-            if axis.kind == kind and axis.building is not None:
-                factors[argument][axis.building] = middle[axis.dimension]
-    ratio = middle.get("damping_ratio")
-    given = {argument: each for argument, each in factors.items() if each}
-    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **given})
+    case = case or next((i for i, item in enumerate(spec.cases, 1) if spec.law(item.law).has_contact), 1)
+    listed = spec.cases[case - 1]
+    values = {name: _value(listed, *field) for name, field in selectors(spec).items()}
+    axes = [pair[0].dimension for column in COLUMNS if (pair := listed.axis(column))]  # not the scale where a PGA is
+    ignored = {dim for column in COLUMNS for dim in DIMENSIONS[column]} - {*axes}
+    return {"case": case} | {name: v for name, v in values.items() if v is not None and name not in ignored}
 
 
 def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
     found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in SELECTORS}
-    for argument, axis in AXES.items():
+    for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by_building):
         if axis.by_building:
             mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
             for building in spec.scene.buildings:
@@ -62,24 +55,27 @@ def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     return found
 
 
-def _chosen(spec: SweepSpec, own: Case, choice: Mapping[str, Any]) -> Case:
-    """Return a scenario with what is chosen otherwise."""
-    known, changes = selectors(spec), dict[str, Any]()
+def _value(case: Case, field: str, building: str | None) -> Any:
+    """Return a field of a case, or of a building's property in it; None where it has none."""
+    return getattr(case, field) if building is None else dict(getattr(case, field)).get(building)
+
+
+def _checked(spec: SweepSpec, choice: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is chosen, without None, if it is known and valid, and nothing is chosen in two ways."""
+    fields = selectors(spec)
+    for name in choice:
+        if name not in fields:
+            raise InputError(unknown("choice", name, fields))
+    choice = {name: value for name, value in choice.items() if value is not None}
     for name, value in choice.items():
-        field, building = known[name]
-        axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
+        axis = next((axis for argument, axis in AXES.items() if fields[name][0] in (argument, axis.dimension)), None)
         if axis is not None and axis.of_buildings:
             axis.check(value, (), "")
-        changes[field] = (
-            value if building is None else {**dict(changes.get(field, getattr(own, field))), building: value}
-        )
-    for column in COLUMNS:  # one way to give a stiffness, or a scale, stands for the others
-        if len(given := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
-            msg = f"{' and '.join(given)} exclude each other; give one of them"
+    for column in COLUMNS:
+        if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
+            msg = f"{' and '.join(ways)} exclude each other; give one of them"
             raise InputError(msg)
-        if given:
-            changes |= {dim: getattr(Case, dim) for dim in DIMENSIONS[column] if dim not in given}
-    return replace(own, **changes)
+    return choice
 
 
 def simulate_one(
@@ -124,13 +120,15 @@ def simulate_one(
     """
     from pounding_sweep.run.simulate import simulate
 
-    own = scenario_of(spec, case)
-    for name in choice:
-        if name not in (known := selectors(spec)):
-            raise InputError(unknown("choice", name, known))
-    choice = {name: value for name, value in choice.items() if value is not None}
+    scenario, choice = scenario_of(spec, case), _checked(spec, choice)
+    replaced = {dim for column in COLUMNS for dim in DIMENSIONS[column] if choice.keys() & {*DIMENSIONS[column]}}
+    values = {name: value for name, value in scenario.items() if name not in replaced} | choice
+    fields: dict[str, Any] = {}
+    for name, (field, building) in selectors(spec).items():
+        if name in values:
+            fields[field] = values[name] if building is None else fields.get(field, {}) | {building: values[name]}
     names = [record.name for record in spec.records]
-    chosen = _chosen(spec, own, {"record": own.record or names[0], **choice})
+    chosen = Case(**{"record": names[0], **fields})
     if chosen.record not in names:
         raise InputError(unknown("record of this sweep", chosen.record, names))
     variants, index = case_variants(spec.scene, [chosen])
@@ -139,7 +137,7 @@ def simulate_one(
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
     law = _law(spec, chosen.law)
     if not choice.keys() & {"stiffness", "stiffness_factor"}:
-        _check_unit(spec, own, law)
+        _check_unit(spec, scenario, law)
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
     parameters = SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
@@ -159,7 +157,7 @@ def simulate_one(
         precision=spec.precision,
         output_step=output_step,
     )
-    details = "; ".join(_details(spec, chosen, law, choice, case))
+    details = "; ".join(_details(spec, values, law, choice))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
 
 
@@ -189,43 +187,30 @@ def _unit(exponent: float) -> str:
     return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
 
 
-def _check_unit(spec: SweepSpec, own: Case, law: Law) -> None:
+def _check_unit(spec: SweepSpec, scenario: Mapping[str, Any], law: Law) -> None:
     """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
-    meant = spec.law(own.law).exponent
-    if own.stiffness is None or meant is None or law.exponent is None or meant == law.exponent:
+    stiffness, exponent = scenario.get("stiffness"), spec.law(scenario["law"]).exponent
+    if stiffness is None or exponent is None or law.exponent is None or exponent == law.exponent:
         return
     msg = (
-        f"the stiffness of this scenario, {own.stiffness:g} {_unit(meant)}, is that of law {own.law!r}, and law "
+        f"the stiffness of this scenario, {stiffness:g} {_unit(exponent)}, is that of law {scenario['law']!r}, and law "
         f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor on "
         "the scene's reference"
     )
     raise InputError(msg)
 
 
-def _details(spec: SweepSpec, chosen: Case, law: Law, choice: Mapping[str, Any], number: int | None) -> Iterator[str]:
+def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mapping[str, Any]) -> Iterator[str]:
     """Say what tells a scenario from others of its sweep, and what was chosen in place of the sweep's."""
-
-    def differs(name: str) -> bool:
-        values = spec.axes.get(name, ()) if spec.cases is None else [getattr(case, name) for case in spec.cases]
-        return name in choice or len(set(values)) > 1
-
-    if spec.cases is not None:
-        yield f"case {number or spec.cases.index(scenario_of(spec)) + 1}"
-    restitution = spec.scene.contact.restitution if chosen.restitution is None else chosen.restitution
-    scale = chosen.axis("scale")
-    for name, value, exists, unit in (
-        ("stiffness", chosen.stiffness, law.exponent is not None, f" {_unit(law.exponent or 1)}"),
-        ("stiffness_factor", chosen.stiffness_factor, law.exponent is not None, ""),
-        ("restitution", restitution, law.takes_restitution, ""),
-        *((dim, scale[1], scale[0].dimension == dim, "") for dim in DIMENSIONS["scale"] if scale),
-    ):
-        if exists and value is not None and differs(name):
-            yield f"{name.replace('_', ' ')} {value:g}{unit}"
-    single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
-    asked = {place for name, place in selectors(spec).items() if name in choice}
-    for plural, kind in FACTOR_KINDS.items():
-        for building, factor in dict(getattr(chosen, plural)).items():
-            if (kind, building) not in single or (plural, building) in asked:
-                yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
-    if chosen.damping_ratio is not None and differs("damping_ratio"):
-        yield f"damping ratio {chosen.damping_ratio:g}"
+    if "case" in values:
+        yield f"case {values['case']}"
+    values = {"restitution": spec.scene.contact.restitution, **values}
+    ignored = {"law", "record", "gap"} | (set() if law.takes_restitution else {"restitution"})
+    ignored |= {"stiffness", "stiffness_factor"} if law.exponent is None else set()
+    for name, (field, building) in selectors(spec).items():
+        listed = [_value(item, field, building) for item in spec.cases or ()]
+        differs = name in choice or len({*spec.axes.get(name, listed)}) > 1 or (building and spec.cases is not None)
+        if differs and name not in ignored and values.get(name) is not None:
+            what = name if building is None else f"{FACTOR_KINDS[field]} of {building}"
+            unit = f" {_unit(law.exponent or 1)}" if name == "stiffness" else ""
+            yield f"{what.replace('_', ' ')} {values[name]:g}{unit}"
