@@ -17,7 +17,8 @@ from pounding_sweep.records import near_fault_record, pulse_record, read_record,
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.schema import ARGUMENTS
+from pounding_sweep.spec.distributions import DISTRIBUTIONS
+from pounding_sweep.spec.schema import Arguments
 from pounding_sweep.spec.toml import SECTIONS
 
 #: Of a record that is there: scaled to a spectral acceleration.
@@ -26,11 +27,15 @@ _SA = {
     "sa_period": "Its period in s; needed with it.",
 }
 
-_AXIS = FieldInfo(default=None, description="a number, a list of numbers, or a table of evenly spaced values")
-_BUILDING = FieldInfo(default=None, description="tables building.NAME of factors")
-_TYPES = {
-    ("[[scene.row]], a building", "damping_ratio"): "a number, or two",
-    ("Evenly spaced values", "spacing"): "a text",
+_DISTRIBUTIONS = {f'A distribution "{name}"': model.model_fields for name, model in DISTRIBUTIONS.items()}
+_OF_DISTRIBUTIONS = {
+    "distribution": "Which it is.",
+    "low": "Least value; of a normal or lognormal one where it is cut off.",
+    "high": "Largest value, likewise.",
+    "mean": "Mean.",
+    "std": "Standard deviation.",
+    "median": "Median.",
+    "dispersion": "Standard deviation of the logarithm.",
 }
 #: Meanings that no docstring holds: of keys that only a file has.
 _OWN = {
@@ -49,13 +54,7 @@ _OWN = {
         "By the dimension of an axis, or under building.NAME, a table of a distribution; record is drawn from those of "
         'the sweep by `{ distribution = "any" }`.'
     ),
-    ("A distribution", "distribution"): "Which it is.",
-    ("A distribution", "low"): "Least value; of a normal or lognormal one where it is cut off.",
-    ("A distribution", "high"): "Largest value, likewise.",
-    ("A distribution", "mean"): "Mean of a normal distribution.",
-    ("A distribution", "std"): "Standard deviation of a normal distribution.",
-    ("A distribution", "median"): "Median of a lognormal distribution.",
-    ("A distribution", "dispersion"): "Standard deviation of its logarithm.",
+    **{(heading, key): text for heading in _DISTRIBUTIONS for key, text in _OF_DISTRIBUTIONS.items()},
     **{("building.NAME", kind): AXES[argument].meaning for argument, kind in FACTOR_KINDS.items()},
     ("A record by name", "record"): "Name of the record, as `pounding-sweep records` lists it.",
     ("A record by name", "name"): "Label of the record in the cube; its own by default.",
@@ -70,9 +69,7 @@ _OWN = {
 
 def _arguments(section: str) -> dict[str, FieldInfo]:
     """Return the keys of a table that holds arguments."""
-    arguments = {name: FieldInfo(default=default, description=text) for name, (text, default) in ARGUMENTS.items()}
-    known = {**dict.fromkeys(AXES, _AXIS), "building": _BUILDING, **arguments}
-    return {key: known[argument] for key, argument in SECTIONS[section].items()}
+    return {key: Arguments.model_fields[argument] for key, argument in SECTIONS[section].items()}
 
 
 _PATH, _NAMED = tables.PathRecord.model_fields, tables.NamedRecord.model_fields
@@ -89,9 +86,9 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (tables.RangeTable.model_fields, Range),
-    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _AXIS), None),
+    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), Arguments.model_fields["gaps"]), None),
     "[design]": (tables.DesignTable.model_fields, None),
-    "A distribution": (tables.DistributionTable.model_fields, None),
+    **{heading: (keys, None) for heading, keys in _DISTRIBUTIONS.items()},
     "A record from a file": ({"path": _PATH["path"], **_PATH}, read_record),
     "A record by name": ({"record": _NAMED["record"], **_NAMED}, None),
     "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
@@ -115,10 +112,6 @@ def _meanings(taker: Callable[..., Any] | None) -> dict[str, str]:
         for name in parameter.name.split(","):
             found[name.strip()] = " ".join(line.strip() for line in parameter.desc)
     return found
-
-
-def _type(heading: str, key: str, field: FieldInfo) -> str:
-    return _TYPES.get((heading, key)) or str(field.description)
 
 
 def _default(field: FieldInfo) -> str:
@@ -148,7 +141,7 @@ def key_tables() -> str:
             if meaning is None:
                 msg = f"nothing explains {key!r} of {heading!r}; give its parameter a docstring, or it a line in _OWN"
                 raise KeyError(msg)
-            lines.append(_line(f"`{key}`", _type(heading, key, field), _default(field), meaning))
+            lines.append(_line(f"`{key}`", str(field.description), _default(field), meaning))
         lines.append("")
     lines += ["### `[[sweep.cases]]`", "", "| key | meaning |", "|---|---|"]
     for key, meaning in _meanings(Case).items():

@@ -17,9 +17,15 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.design import NEEDS, Distribution, design_of
+from pounding_sweep.spec.design import design_of
+from pounding_sweep.spec.distributions import DISTRIBUTIONS, read_distribution
 from pounding_sweep.spec.spec import digest, to_json
 from pounding_sweep.spec.toml import load_spec
+
+
+def drawn(kind, **numbers):
+    return read_distribution({"distribution": kind, **numbers})
+
 
 SHARES = np.linspace(0.001, 0.999, 97)
 INPUTS = {
@@ -42,12 +48,12 @@ def sweep(design=None, **changes):
 @pytest.mark.parametrize(
     ("given", "exact"),
     [
-        (Distribution("uniform", low=-1.0, high=3.0), stats.uniform(-1.0, 4.0)),
-        (Distribution("log_uniform", low=0.1, high=10.0), stats.loguniform(0.1, 10.0)),
-        (Distribution("normal", mean=2.0, std=0.5), stats.norm(2.0, 0.5)),
-        (Distribution("normal", mean=2.0, std=0.5, low=1.8), stats.truncnorm(-0.4, np.inf, 2.0, 0.5)),
-        (Distribution("normal", mean=0.0, std=1.0, low=-0.5, high=3.0), stats.truncnorm(-0.5, 3.0)),
-        (Distribution("lognormal", median=2.0, dispersion=0.4), stats.lognorm(0.4, scale=2.0)),
+        (drawn("uniform", low=-1.0, high=3.0), stats.uniform(-1.0, 4.0)),
+        (drawn("log_uniform", low=0.1, high=10.0), stats.loguniform(0.1, 10.0)),
+        (drawn("normal", mean=2.0, std=0.5), stats.norm(2.0, 0.5)),
+        (drawn("normal", mean=2.0, std=0.5, low=1.8), stats.truncnorm(-0.4, np.inf, 2.0, 0.5)),
+        (drawn("normal", mean=0.0, std=1.0, low=-0.5, high=3.0), stats.truncnorm(-0.5, 3.0)),
+        (drawn("lognormal", median=2.0, dispersion=0.4), stats.lognorm(0.4, scale=2.0)),
     ],
 )
 def test_quantiles_are_those_of_scipy(given, exact):
@@ -55,14 +61,14 @@ def test_quantiles_are_those_of_scipy(given, exact):
 
 
 def test_a_lognormal_between_ends_is_a_normal_of_its_logarithm():
-    ends = Distribution("lognormal", median=2.0, dispersion=0.4, low=1.0, high=3.0)
-    normal = Distribution("normal", mean=np.log(2.0), std=0.4, low=0.0, high=np.log(3.0))
+    ends = drawn("lognormal", median=2.0, dispersion=0.4, low=1.0, high=3.0)
+    normal = drawn("normal", mean=np.log(2.0), std=0.4, low=0.0, high=np.log(3.0))
     assert ends.values(SHARES) == pytest.approx(np.exp(normal.values(SHARES)), rel=1e-12)
     assert ends.values(np.array([1e-12, 1.0 - 1e-12])) == pytest.approx([1.0, 3.0], rel=1e-9)
-    assert Distribution("lognormal", median=2.0, dispersion=0.4, low=0.0).values(SHARES) == pytest.approx(
+    assert drawn("lognormal", median=2.0, dispersion=0.4, low=0.0).values(SHARES) == pytest.approx(
         stats.lognorm(0.4, scale=2.0).ppf(SHARES), rel=1e-12
     )
-    assert set(NEEDS) == {"uniform", "log_uniform", "normal", "lognormal"}  # all of them are above
+    assert set(DISTRIBUTIONS) == {"uniform", "log_uniform", "normal", "lognormal"}  # all of them are above
 
 
 def points(kind, samples, seed=0):
@@ -155,19 +161,19 @@ def test_factors_on_other_buildings_stand_beside_those_drawn():
 
 
 NUMBERS = st.floats(-50.0, 50.0).map(lambda value: round(value, 3))
-DISTRIBUTIONS = st.one_of(
+ANY_DISTRIBUTION = st.one_of(
     st.tuples(NUMBERS, NUMBERS).filter(lambda ends: ends[0] < ends[1]).map(
-        lambda ends: Distribution("uniform", low=ends[0], high=ends[1])
+        lambda ends: drawn("uniform", low=ends[0], high=ends[1])
     ),
     st.tuples(NUMBERS.map(abs), NUMBERS.map(abs)).filter(lambda ends: 0.0 < ends[0] < ends[1]).map(
-        lambda ends: Distribution("log_uniform", low=ends[0], high=ends[1])
+        lambda ends: drawn("log_uniform", low=ends[0], high=ends[1])
     ),
     st.builds(
-        lambda mean, std, low: Distribution("normal", mean=mean, std=std, low=mean - low * std),
+        lambda mean, std, low: drawn("normal", mean=mean, std=std, low=mean - low * std),
         NUMBERS, st.floats(0.01, 9.0), st.floats(-2.0, 3.0),
     ),
     st.builds(
-        lambda median, dispersion, high: Distribution(
+        lambda median, dispersion, high: drawn(
             "lognormal", median=median, dispersion=dispersion, high=median * np.exp(high * dispersion)
         ),
         st.floats(0.01, 9.0), st.floats(0.01, 2.0), st.floats(-2.0, 3.0),
@@ -175,7 +181,7 @@ DISTRIBUTIONS = st.one_of(
 )  # fmt: skip
 
 
-@given(given_one=DISTRIBUTIONS, shares=st.lists(st.floats(1e-9, 1.0 - 1e-9), min_size=2, max_size=9))
+@given(given_one=ANY_DISTRIBUTION, shares=st.lists(st.floats(1e-9, 1.0 - 1e-9), min_size=2, max_size=9))
 def test_values_rise_with_their_shares_between_the_ends(given_one, shares):
     found = given_one.values(np.sort(shares))
     assert (np.diff(found) >= 0.0).all()

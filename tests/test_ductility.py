@@ -130,10 +130,10 @@ def test_points_of_a_design_take_it():
     ("given", "said"),
     [
         ({"scene": pair()}, "ductilities: no storey of this row yields; give its buildings yield_strengths"),
-        ({"ductilities": [2.0, 0.5]}, r"ductilities\[1\]: ductility is 0.5; it must be at least 1"),
+        ({"ductilities": [2.0, 0.5]}, r"ductilities\[1\]: 0.5 won't do; it must be a ductility, at least 1"),
         ({"strength_factors": {"a": 0.5}}, "ductilities and strength_factors exclude each other"),
         ({"cases": [Case("none", ductility=0.9)], "laws": None, "gaps": None, "scales": None, "ductilities": None},
-         r"cases\[0\].ductility: ductility is 0.9; it must be at least 1"),
+         r"cases\[0\].ductility: 0.9 won't do; it must be a ductility, at least 1"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(given, said):

@@ -136,8 +136,8 @@ def test_every_axis_may_be_chosen(asked):
     assert simulate_one(spec, mass_factor_a=1.0).attrs["scenario"].endswith("mass factor of a 1; damping ratio 0.02")
     for bad, text in (
         ({"period_factor_c": 1.0}, "did you mean 'period_factor_b'"),
-        ({"mass_factor_a": -1.0}, r"factor is -1.0; it must be in \[0.001, 1000\]"),
-        ({"damping_ratio": 1.5}, "damping ratio is 1.5"),
+        ({"mass_factor_a": -1.0}, "-1.0 won't do; it must be a factor on masses, at least 0.001 and at most 1000"),
+        ({"damping_ratio": 1.5}, "1.5 won't do; it must be a damping ratio"),
     ):
         with pytest.raises(InputError, match=text):
             simulate_one(spec, **bad)

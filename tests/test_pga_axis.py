@@ -54,7 +54,7 @@ def test_files_and_cases_have_it_too(tmp_path):
     ("changes", "message"),
     [
         ({"pgas": [1.0], "scales": [1.0]}, "pgas: scales and pgas exclude each other; give one of them"),
-        ({"pgas": [1.0, 0.0]}, "pgas[1]: peak ground acceleration is 0.0; it must be a positive number"),
+        ({"pgas": [1.0, 0.0]}, "pgas[1]: 0.0 won't do; it must be a peak ground acceleration in m/s2, above 0"),
         ({"pgas": 1.0, "records": Record("still", 0.01, [0.0, 0.0])}, "pgas: no factor gives 'still' a peak"),
         ({"laws": None, "cases": [Case("none", record="one", pga=1.0, scale=2.0)]}, "cases[0].scale: scale and pga e"),
     ],

@@ -13,10 +13,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from pounding_sweep.base.errors import Fault, InputError, LawError, SweepError, shown
+from pounding_sweep.base.errors import Fault, LawError, SweepError
 from pounding_sweep.model.laws import Law, get_law, realised_validity
-from pounding_sweep.model.quantity import fraction
-from pounding_sweep.model.scene import Scene, check_gap
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 
 #: Factor by name of the building, in the order of the row.
@@ -25,8 +24,6 @@ Factors = tuple[tuple[str, float], ...]
 Values = tuple[float, ...] | None
 #: Axes by building: name and values, in the order of the row.
 BuildingValues = tuple[tuple[str, tuple[float, ...]], ...]
-#: Raises unless a value will do; it gets the laws of the sweep and how restitution is meant as well.
-Check = Callable[[float, Sequence[Law], str], object]
 
 
 @dataclass(frozen=True)
@@ -36,10 +33,8 @@ class Axis:
     #: dimension of the cube and key of a listed case; of axes by building, the start of the dimension's name
     dimension: str
     column: str  # what of a scenario it sets: axes of one column exclude each other
-    #: what one value is, and several are, in messages
-    noun: str
-    nouns: str
-    check: Check  # raises unless a value will do
+    noun: str  # what a value is, in messages
+    bounds: Mapping[str, float]  # of its values, as `number` takes them
     meaning: str  # what its values are, for the documentation
     #: attributes of its coordinate
     long_name: str
@@ -61,54 +56,19 @@ class Axis:
     listed: bool = False
     finds: str = ""  # argument of the axis by building whose values it finds, and excludes
 
+    def check(self, value: Any, laws: Sequence[Law] = (), basis: str = "published") -> float:
+        """Convert and check a value; a restitution is checked against the laws of the sweep as well."""
+        from pounding_sweep.spec.faults import check_number
 
-def positive(what: str) -> Check:
-    """Make a check that a number is finite and above 0."""
-
-    def check(value: float, *_: Any) -> None:
-        if not (math.isfinite(value) and value > 0):
-            msg = f"{what} is {shown(value)}; it must be a positive number"
-            raise InputError(msg)
-
-    return check
+        result = check_number(value, self.noun, **self.bounds)
+        if self.dimension == "restitution":
+            check_laws_restitution(result, laws, basis)
+        return result
 
 
-def finite(what: str) -> Check:
-    """Make a check that a number is finite."""
-
-    def check(value: float, *_: Any) -> None:
-        if not math.isfinite(value):
-            msg = f"{what} is {shown(value)}; it must be a finite number"
-            raise InputError(msg)
-
-    return check
-
-
-#: Least and largest factor on a period or on masses: beyond it nothing is a building, and numbers run out of range.
-FACTOR_RANGE = (1e-3, 1e3)
-
-
-#: Least and largest factor on strengths: from hardly any to one that no earthquake reaches.
-STRENGTH_RANGE = (1e-9, 1e9)
-
-
-def _factor_in(low: float, high: float) -> Check:
-    def check(value: float, *_: Any) -> None:
-        if not low <= value <= high:
-            msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
-            raise InputError(msg)
-
-    return check
-
-
-def _check_gap(value: float, *_: Any) -> None:
-    check_gap(value, "gap")
-
-
-def _check_restitution(value: float, laws: Sequence[Law], basis: str) -> None:
-    """Check a coefficient of restitution against [0, 1] and every law of the sweep."""
-    realised = basis == "realised"
-    refused = []
+def check_laws_restitution(value: float, laws: Sequence[Law], basis: str) -> None:
+    """Check a coefficient of restitution against every law of a sweep."""
+    realised, refused = basis == "realised", []
     for law in laws:
         try:
             law.check_restitution(value, basis)
@@ -117,9 +77,6 @@ def _check_restitution(value: float, laws: Sequence[Law], basis: str) -> None:
     if refused:
         fault = "can't be realised by" if realised else "is outside the validity of"
         msg = f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out"
-        raise LawError(msg)
-    if not (math.isfinite(value) and 0 <= value <= 1):
-        msg = f"restitution is {value!r}; it must be in [0, 1]"
         raise LawError(msg)
 
 
@@ -217,12 +174,6 @@ def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any
     return value / spectral_acceleration(record, sa_period)
 
 
-def _check_ductility(value: float, *_: Any) -> None:
-    if not 1.0 <= value < math.inf:
-        msg = f"ductility is {value!r}; it must be at least 1"
-        raise InputError(msg)
-
-
 def _need_yielding(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell a row that is elastic."""
     if not any(scene.yields):
@@ -236,47 +187,50 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
             yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
 
 
+#: Factors on a period or on masses: beyond them nothing is a building, and numbers run out of range.
+_FACTOR = {"ge": 1e-3, "le": 1e3}
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
 
     # fmt: off
     gaps: Values = field(default=None, metadata={"axis": Axis(
-        "gap", "gap", "gap in m", "gaps in m", _check_gap,
+        "gap", "gap", "gap in m", {"ge": 0.0},
         "Gaps (m), each for every pair; by default the scene's own.",
         "gap of every pair", "m",
     )})
     stiffnesses: Values = field(default=None, metadata={"axis": Axis(
-        "stiffness", "stiffness", "contact stiffness", "contact stiffnesses", positive("contact stiffness"),
+        "stiffness", "stiffness", "contact stiffness in kN/m**exponent", {"gt": 0.0},
         "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
         "contact stiffness", requires=_need_one_exponent,
         value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
     )})
     stiffness_factors: Values = field(default=None, metadata={"axis": Axis(
-        "stiffness_factor", "stiffness", "stiffness factor", "stiffness factors", positive("stiffness factor"),
+        "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
         "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
         "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
         value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
     )})
     restitutions: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
-        "restitution", "restitution", "restitution", "restitutions", _check_restitution,
+        "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
         "Coefficients of restitution; by default the scene's.",
         "nominal coefficient of restitution",
     )})
     scales: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
-        "scale", "scale", "record scale", "record scales", finite("record scale"),
+        "scale", "scale", "record scale", {},
         "Factors on the records; 1 by default.",
         "factor on the record", default=(1.0,),
     )})
     pgas: Values = field(default=None, metadata={"axis": Axis(
-        "pga", "scale", "peak ground acceleration", "peak ground accelerations in m/s2",
-        positive("peak ground acceleration"),
+        "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
         "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
         "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
         value=lambda value, record, **_: value / record.pga, requires=_need_motion("pgas"), unsaid=True,
     )})
     sas: Values = field(default=None, metadata={"axis": Axis(
-        "sa", "scale", "spectral acceleration", "spectral accelerations in m/s2", positive("spectral acceleration"),
+        "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
         "Spectral accelerations (m/s2; pseudo-acceleration, 5 % damping) at the period `sa_period` that every record "
         "is scaled to, in place of `scales`.",
         "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
@@ -284,39 +238,38 @@ class AxisValues:
         value=_factor_to_spectrum, requires=_need_motion("sas"), parameter="sa_period", unsaid=True,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "period_factor", "period_factor", "factor", "factors", _factor_in(*FACTOR_RANGE),
+        "period_factor", "period_factor", "factor on periods", _FACTOR,
         "Factors on all natural periods of a building, by its name, one axis each: "
         "stiffnesses are divided by the square, masses kept.",
         "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
         of_buildings=True, by_building=True,
     )})
     mass_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "mass_factor", "mass_factor", "factor", "factors", _factor_in(*FACTOR_RANGE),
+        "mass_factor", "mass_factor", "factor on masses", _FACTOR,
         "Factors on all masses of a building, by its name, one axis each: stiffnesses "
         "take the same factor, so that periods are kept.",
         "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
         of_buildings=True, by_building=True,
     )})
     damping_ratios: Values = field(default=None, metadata={"axis": Axis(
-        "damping_ratio", "damping_ratio", "damping ratio", "damping ratios",
-        lambda value, *_: fraction(value, "damping ratio"),
+        "damping_ratio", "damping_ratio", "damping ratio", {"ge": 0.0, "lt": 1.0},
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
     )})
     strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "strength_factor", "strength_factor", "factor", "factors", _factor_in(*STRENGTH_RANGE),
+        "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
         "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
         "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
     )})
     hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "hardening", "hardening", "hardening", "hardenings", lambda value, *_: fraction(value, "hardening"),
+        "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
         of_buildings=True, by_building=True, unsaid=True,
     )})
     ductilities: Values = field(default=None, metadata={"axis": Axis(
-        "ductility", "ductility", "ductility", "ductilities", _check_ductility,
+        "ductility", "ductility", "ductility", {"ge": 1.0},
         "Largest storey ductilities, at least 1: each building gets the factor on its yield strengths at which it "
         "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
         "largest storey ductility without pounding",

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.model.laws import Law
 from pounding_sweep.spec.axes import AXES, AxisValues, Case, plain_name
+
+if TYPE_CHECKING:
+    from pounding_sweep.spec.distributions import Distribution
 
 #: Kind of design -> what it is.
 KINDS = {
@@ -25,69 +28,12 @@ KINDS = {
 }
 #: Kinds whose numbers of points are balanced at powers of 2 only.
 POWERS = ("sobol", "saltelli")
-#: Distribution -> what it needs.
-NEEDS = {
-    "uniform": ("low", "high"),
-    "log_uniform": ("low", "high"),
-    "normal": ("mean", "std"),
-    "lognormal": ("median", "dispersion"),
-}
 #: Shares are kept so far from 0 and 1, where a normal distribution is infinite.
 _EDGE = 2.0**-53
 #: What of a design stands beside its inputs along the cases of a cube.
 SAMPLE, BLOCK = "design_sample", "design_block"
 #: The input that no distribution is given for: each record is as likely.
 RECORD = "record"
-
-
-@dataclass(frozen=True)
-class Distribution:
-    """What an input is drawn from; `NEEDS` says which of its numbers a distribution has."""
-
-    distribution: str
-    low: float | None = None
-    high: float | None = None
-    mean: float | None = None
-    std: float | None = None
-    median: float | None = None
-    dispersion: float | None = None
-
-    @property
-    def within(self) -> tuple[float, float]:
-        """Shares of a normal or lognormal distribution below `low` and below `high`."""
-        from scipy.special import ndtr
-
-        middle, width = self._normal
-        ends = [
-            default if end is None else float(ndtr((self._scaled(end) - middle) / width))
-            for end, default in ((self.low, 0.0), (self.high, 1.0))
-        ]
-        return ends[0], ends[1]
-
-    @property
-    def _normal(self) -> tuple[float, float]:
-        if self.distribution == "lognormal":
-            return float(np.log(self.median or np.nan)), self.dispersion or np.nan
-        return self.mean or 0.0, self.std or np.nan
-
-    def _scaled(self, value: float) -> float:
-        with np.errstate(divide="ignore"):
-            return float(np.log(value)) if self.distribution == "lognormal" else value
-
-    def values(self, shares: np.ndarray) -> np.ndarray:
-        """Return the values below which the distribution has those shares."""
-        from scipy.special import ndtri
-
-        low, high = self.low, self.high
-        if self.distribution == "uniform":
-            found = low + shares * (high - low)  # type: ignore[operator]
-        elif self.distribution == "log_uniform":
-            found = low * (high / low) ** shares  # type: ignore[operator]
-        else:
-            (middle, width), (first, last) = self._normal, self.within
-            found = middle + width * ndtri(first + shares * (last - first))
-            found = np.exp(found) if self.distribution == "lognormal" else found
-        return np.clip(found, low, high)  # within rounding
 
 
 @dataclass(frozen=True)
@@ -101,9 +47,9 @@ class Input:
 
     def told(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
-        given = {} if self.distribution is None else asdict(self.distribution)
-        own = {"name": self.name, "argument": self.argument, "building": self.building, **given}
-        return {key: value for key, value in own.items() if value is not None}
+        drawn = self.distribution.model_dump(exclude_none=True) if self.distribution else {}
+        building = {"building": self.building} if self.building else {}
+        return {"name": self.name, "argument": self.argument, **building, **drawn}
 
 
 def named_inputs(drawn: dict[tuple[str, str | None], Distribution | None]) -> tuple[Input, ...]:
@@ -189,12 +135,12 @@ def product_cases(
         for building, each in values if axis.by_building else [(None, values)] if values else []:
             beside.append([(Input(axis.dimension, name, building, None), value) for value in each])
     found = []
-    for key, law in laws.items():
+    for law_key, law in laws.items():
         ignored = {"stiffness_factors": not law.has_contact, "restitutions": not law.takes_restitution}
         kept = [choices for choices in beside if not ignored.get(choices[0][0].argument)]
         for record in records:
             for place in itertools.product(*kept):
-                found += [_case(key, record, (*place, *point), buildings) for point in points]
+                found += [_case(law_key, record, (*place, *point), buildings) for point in points]
     return tuple(found)
 
 
@@ -212,9 +158,11 @@ def _case(law: str, record: str | None, given: Iterable[tuple[Input, Any]], buil
 
 def design_of(told: dict[str, Any]) -> Design:
     """Return a design that JSON describes."""
+    from pounding_sweep.spec.distributions import read_distribution
+
     inputs = []
-    for each in told["inputs"]:
-        own = {key: value for key, value in each.items() if key not in ("name", "argument", "building")}
-        distribution = Distribution(**own) if own else None
-        inputs.append(Input(each["name"], each["argument"], each.get("building"), distribution))
+    for item in told["inputs"]:
+        drawn = {name: value for name, value in item.items() if name not in ("name", "argument", "building")}
+        distribution = read_distribution(drawn) if drawn else None
+        inputs.append(Input(item["name"], item["argument"], item.get("building"), distribution))
     return Design(told["kind"], told["samples"], told["seed"], tuple(inputs))

@@ -1,122 +1,168 @@
-"""Faults of a sweep: what pydantic finds and what our own checks raise, each with its place, in our words."""
+"""Faults of a sweep, each with its place, and the tables and numbers that pydantic checks, worded for a user."""
 
 from __future__ import annotations
 
-import math
+import functools
 import numbers
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Collection, Iterable
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
-from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from pounding_sweep.base.errors import SHOWN_CHARACTERS, Fault, InputError, Place, PoundingSweepError, shown, unknown
 
 
 class Faults:
-    """Faults found so far, each with its place, such as ``("gaps", 3)``."""
+    """Faults found so far, each with its place, such as ``("gaps", 3)``; a `with` block raises them at its end."""
 
     def __init__(self) -> None:
         self.found: list[Fault] = []
+
+    def __enter__(self) -> Faults:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None and self.found:
+            text = [PydanticCustomError("fault", "{text}", {"text": text}) for _, text in self.found]
+            details = zip(text, self.found, strict=True)
+            raise ValidationError.from_exception_data(
+                "sweep", [{"type": error, "loc": place, "input": None} for error, (place, _) in details]
+            )
 
     def add(self, place: Place, text: str) -> None:
         """Note a fault."""
         self.found.append((place, text))
 
-    def take(self, place: Place, error: Exception) -> None:
-        """Note what an error says of a part of the sweep that stands at `place`."""
-        if isinstance(error, ValidationError):
-            found = [(each["loc"], _text(each)) for each in error.errors(include_url=False)]
-        else:
-            found = [(getattr(error, "place", ()), str(error))]
-        self.found += [((*place, *inner), text) for inner, text in found]
-
-    def attempt(self, place: Place, make: Callable[..., Any], *given: Any, **named: Any) -> Any:
-        """Make something of what is given; None, with its faults noted, if that fails."""
+    def attempt(self, place: Place, make: Callable[..., Any], *args: Any, **named: Any) -> Any:
+        """Make something; None, with its faults noted at `place`, if that fails."""
         try:
-            return make(*given, **named)
-        except (ValidationError, PoundingSweepError) as error:
-            self.take(place, error)
+            return make(*args, **named)
+        except ValidationError as error:
+            worded = [_in_words(each) for each in error.errors(include_url=False)]
+            self.found += [((*place, *inner), text) for inner, text in worded]
+        except (PoundingSweepError, ValueError) as error:
+            self.add((*place, *getattr(error, "place", ())), str(error))
         except ArithmeticError as error:  # numbers so large or small that nothing can be computed from them
             self.add(place, f"holds numbers that are out of range ({error})")
         return None
 
-    def refuse(self) -> None:
-        """Raise all of them as one error of pydantic, if there are any."""
-        if self.found:
-            details: list[InitErrorDetails] = [
-                {"type": PydanticCustomError("fault", "{text}", {"text": text}), "loc": place, "input": None}
-                for place, text in self.found
-            ]
-            raise ValidationError.from_exception_data("sweep", details)
 
-
-@contextmanager
-def gathering() -> Iterator[Faults]:
-    """Note faults in the block, and raise them at its end."""
-    faults = Faults()
-    yield faults
-    faults.refuse()
-
-
-def _text(error: ErrorDetails) -> str:
-    """Return the text of a fault that is in our own words already."""
+def _in_words(error: ErrorDetails) -> Fault:
+    """Return a fault whose text is in our own words already."""
     context = error.get("ctx", {})
-    return str(context.get("text", context.get("error", error["msg"])))
+    cause = context.get("error")
+    return (*error["loc"], *getattr(cause, "place", ())), str(context.get("text", cause or error["msg"]))
 
 
 def spell(place: Place) -> str:
     """Write a place as text, ``"gaps[3]"``."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{_brief(part)}" for part in place).lstrip(".")
-
-
-def _brief(key: str) -> str:
-    return key if len(key) <= SHOWN_CHARACTERS else f"{key[:SHOWN_CHARACTERS]}..."
+    short = (
+        part[:SHOWN_CHARACTERS] + "..." * (len(part) > SHOWN_CHARACTERS) if isinstance(part, str) else part
+        for part in place
+    )
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in short).lstrip(".")
 
 
 class Table(BaseModel):
     """A table: its keys and their types. Other keys are faults."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, arbitrary_types_allowed=True, title="table")
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True, title="table")
 
     @model_validator(mode="wrap")
     @classmethod
     def _in_our_words(cls, given: Any, read: ModelWrapValidatorHandler[Any]) -> Any:
         if not isinstance(given, dict):
-            msg = f"must be a table of {', '.join(cls.model_fields)}, not {shown(given)}"
+            msg = f"must be a {cls.model_config['title']} of {', '.join(cls.model_fields)}, not {shown(given)}"
             raise InputError(msg)
-        with gathering() as faults:
+        with Faults() as faults:
             try:
                 return read(given)
             except ValidationError as error:
-                found = error.errors(include_url=False)
-                for each in sorted(found, key=lambda each: each["type"] not in ("extra_forbidden", "invalid_key")):
-                    said = each["type"] in ("fault", "value_error")
-                    faults.found.append((each["loc"], _text(each)) if said else cls.worded(each))
+                faults.found += dict.fromkeys(cls._worded(each) for each in error.errors(include_url=False))
 
     @classmethod
-    def worded(cls, error: ErrorDetails) -> tuple[Place, str]:
-        """Word a fault in keys and types that pydantic found."""
-        key, *rest = error["loc"]
+    def _worded(cls, error: ErrorDetails) -> Fault:
+        kind, place = error["type"], error["loc"]
+        if kind in ("fault", "value_error"):
+            return _in_words(error)
+        key, *rest = place
         place = (key, *(part for part in rest if isinstance(part, int)))
-        if error["type"] in ("extra_forbidden", "invalid_key"):
+        if kind in ("extra_forbidden", "invalid_key"):
             return place, unknown("key", key, cls.model_fields)
         what = cls.model_fields[str(key)].description or "a valid value"
-        if error["type"] == "missing":
+        if kind == "missing":
             return place, f"is missing; give {what}"
         return place, f"{shown(error['input'])} won't do{' in' if rest else '; it must be'} {what}"
 
 
 def is_number(value: object) -> bool:
     """Whether `value` is a real number, no truth value and no text."""
-    return isinstance(value, numbers.Real) and not is_flag(value)
+    return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_))
 
 
-def is_flag(value: object) -> bool:
-    """Whether `value` is true or false."""
-    return isinstance(value, (bool, np.bool_))
+def _as_float(value: Any) -> Any:
+    try:
+        return float(value) + 0.0 if is_number(value) else value  # -0.0 becomes 0.0
+    except OverflowError:  # a whole number beyond all others
+        return value
+
+
+#: A number of any type, and a truth value.
+Number = Annotated[float, BeforeValidator(_as_float)]
+Flag = Annotated[bool, BeforeValidator(lambda value: bool(value) if isinstance(value, np.bool_) else value)]
+
+_BOUNDS = {"gt": "above {:g}", "ge": "at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}
+
+
+def key(description: str, default: Any = ...) -> Any:
+    """Return the field of a key: what it takes, in words, and its default; it is needed without one."""
+    return Field(default, description=description)
+
+
+def number(what: str, default: Any = ..., **bounds: float) -> Any:
+    """Return the field of a finite number within bounds; `what` names it and its unit."""
+    words = " and ".join(_BOUNDS[name].format(bound) for name, bound in bounds.items()) or "a finite number"
+    limits: dict[str, Any] = {"allow_inf_nan": False, **bounds}
+    return Field(default, description=f"{what}, {words}", **limits)
+
+
+@functools.cache
+def _adapter(what: str, bounds: tuple[tuple[str, float], ...]) -> tuple[TypeAdapter[float], str]:
+    field = number(what, **dict(bounds))
+    return TypeAdapter(Annotated[Number, field], config=ConfigDict(strict=True)), str(field.description)
+
+
+def check_number(value: Any, what: str, **bounds: float) -> float:
+    """Convert and check one number, as `number` does in a table."""
+    adapter, words = _adapter(what, tuple(bounds.items()))
+    try:
+        return adapter.validate_python(value)
+    except ValidationError:
+        msg = f"{shown(value)} won't do; it must be a {words}"
+        raise InputError(msg) from None
+
+
+def one_of(what: str, valid: Collection[str]) -> AfterValidator:
+    """Make a check that a value is one of several texts."""
+
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or value not in valid:
+            raise InputError(unknown(what, value, valid))
+        return value
+
+    return AfterValidator(check)
 
 
 def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
@@ -126,29 +172,12 @@ def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
     return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes, dict)) else None
 
 
-def number(value: Any, what: str, check: Callable[..., object], *more: Any) -> float:
-    """Convert and check a number; `more` is what the check gets beside it."""
-    if not is_number(value):
-        msg = f"{shown(value)} is not a number ({what})"
-        raise InputError(msg)
-    try:
-        found = float(value) + 0.0  # -0.0 becomes 0.0
-        check(found, *more)
-    except OverflowError:
-        msg = f"{what} is too large a number"
-        raise InputError(msg) from None
-    return found
-
-
-def within(what: str, low: float, high: float) -> Callable[[float], None]:
-    """Make a check that a number is finite and in a range."""
-
-    def check(value: float) -> None:
-        if not math.isfinite(value):
-            msg = f"{what} is {shown(value)}; it must be a finite number"
-            raise InputError(msg)
-        if not low <= value <= high:
-            msg = f"{what} is {shown(value)}; it must be in [{low:g}, {high:g}]"
-            raise InputError(msg)
-
-    return check
+def valid_part(model: type[Table], given: Any, faults: Faults) -> dict[str, Any]:
+    """Return the values of a table by key, defaults for those at fault; nothing of what is no table."""
+    before = len(faults.found)
+    table = faults.attempt((), model.model_validate, given)
+    if table is not None or not isinstance(given, dict):
+        return dict(table or ())
+    wrong = {place[0] for place, _ in faults.found[before:]}
+    defaults = {name: None if field.is_required() else field.default for name, field in model.model_fields.items()}
+    return defaults | {name: value for name, value in given.items() if name not in wrong}

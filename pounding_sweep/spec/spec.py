@@ -32,8 +32,6 @@ ACCURACY_RANGE = (1e-6, 1e-2)
 AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
 MAX_SCENARIOS = 1_000_000_000
-#: More values than this on one axis are refused.
-MAX_AXIS = 1_000_000
 #: Problems that one message tells.
 MOST_PROBLEMS = 40
 

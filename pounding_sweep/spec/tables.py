@@ -1,63 +1,33 @@
-"""Tables of a sweep that describe its scene and its records."""
+"""Tables of a sweep that describe its scene, its records and its design."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, model_validator
 
-from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown, unknown
+from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, shown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.links import UNITS, Link
+from pounding_sweep.model.links import Link
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.quantity import quantity
-from pounding_sweep.model.scene import (
-    CONTACTS,
-    Building,
-    ContactProperties,
-    Scene,
-    Wall,
-    building_faults,
-    check_gap,
-    check_name,
-)
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall, building_faults, check_name
 from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
-from pounding_sweep.spec.axes import Range, finite
-from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
-from pounding_sweep.spec.faults import Table, gathering, number
+from pounding_sweep.spec.axes import Range
+from pounding_sweep.spec.design import KINDS, POWERS
+from pounding_sweep.spec.faults import Faults, Number, Table, key, number, one_of
 from pounding_sweep.spec.own_laws import find_law, names_file
 
+#: More values than this on one axis are refused.
+MAX_AXIS = 1_000_000
 #: A list whose items are checked by what takes it.
 Numbers = list[Any] | None
-
-
-def key(description: str, default: Any = ...) -> Any:
-    """Return the field of a key: what it takes, in words, and its default; it is needed without one."""
-    return Field(default, description=description)
-
-
-def _each(given: list[Any], make: Callable[..., Any], *more: Any) -> list[Any]:
-    """Make something of each item of a list; its faults have its place."""
-    with gathering() as faults:
-        return [faults.attempt((index,), make, item, *more) for index, item in enumerate(given)]
-
-
-def _one_of(what: str, valid: Collection[str]) -> Callable[[Any], str]:
-    """Make a check that a text is one of several."""
-
-    def check(value: Any) -> str:
-        if not isinstance(value, str) or value not in valid:
-            raise InputError(unknown(what, value, valid))
-        return value
-
-    return check
 
 
 class BoucWenTable(Table):
@@ -85,7 +55,7 @@ class BuildingTable(Table):
     name: Annotated[str, AfterValidator(partial(check_name, "building"))] = key("a text")
     masses: list[Any] = key("a list of numbers, floor masses in t, bottom first")
     stiffnesses: list[Any] = key("a list of numbers, storey stiffnesses in kN/m, bottom first")
-    damping_ratio: Any = 0.05
+    damping_ratio: Any = key("a number, or two", 0.05)
     storey_heights: Numbers = key("a list of numbers, storey heights in m, bottom first", None)
     yield_strengths: Numbers = key("a list of numbers, storey shears at first yield in kN, bottom first", None)
     hardening: Any = key("a number, or a list of one per storey", 0.0)
@@ -108,66 +78,60 @@ class WallTable(Table):
     name: Annotated[str, AfterValidator(partial(check_name, "wall"))] = key("a text", "wall")
 
 
-def _row_item(given: Any) -> Building | Wall:
-    if not isinstance(given, dict):
-        msg = f"{shown(given)} won't do in tables [[scene.row]], left to right"
-        raise InputError(msg)
-    if "wall" in given:
-        return Wall(WallTable.model_validate(given).name)
-    with gathering() as faults:
-        faults.attempt((), BuildingTable.model_validate, given)
-        at_fault = {place[:1] for place, _ in faults.found}
-        found = faults.attempt((), lambda: [*building_faults(given)]) or []
-        faults.found += [(place, text) for place, text in found if place[:1] not in at_fault]
-    return Building(**given)
-
-
-def _contact_value(value: float, info: ValidationInfo) -> float:
-    ContactProperties(**{str(info.field_name): value})
-    return value
-
-
-_ContactValue = Annotated[float, AfterValidator(_contact_value)]
+def _row_item(value: Any) -> Building | Wall:
+    if isinstance(value, dict) and "wall" in value:
+        return Wall(WallTable.model_validate(value).name)
+    with Faults() as faults:
+        faults.attempt((), BuildingTable.model_validate, value)
+        known = {place[:1] for place, _ in faults.found}
+        more = faults.attempt((), lambda: [*building_faults(value)]) if isinstance(value, dict) else None
+        faults.found += [(place, text) for place, text in more or () if place[:1] not in known]
+    return Building(**value)
 
 
 class HertzTable(Table):
     """scene.contact.hertz: what a Hertz stiffness follows from."""
 
-    young_modulus: float = key("a number in kN/m2", 25.0e6)
-    poisson_ratio: float = key("a number", 0.2)
-    density: float = key("a number in t/m3", 2.5)
-    mass_1: float | None = key("a number in t", None)
-    mass_2: float | None = key("a number in t", None)
-    radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
+    young_modulus: Number = number("a number in kN/m2", 25.0e6, gt=0.0)
+    poisson_ratio: Number = number("a number", 0.2, ge=0.0, lt=0.5)
+    density: Number = number("a number in t/m3", 2.5, gt=0.0)
+    mass_1: Number | None = number("a number in t", None, gt=0.0)
+    mass_2: Number | None = number("a number in t", None, gt=0.0)
+    radii: list[Annotated[Number, Field(gt=0.0)]] | None = Field(
+        None, min_length=2, max_length=2, description="two numbers in m, above 0"
+    )
 
-
-def _hertz(given: dict[str, Any], info: ValidationInfo) -> float | None:
-    value: float | None = None
-    with gathering() as faults:
-        if info.data.get("hertz_stiffness") is not None:
-            faults.add((), "hertz and hertz_stiffness exclude each other; give one of them")
-        table = faults.attempt((), HertzTable.model_validate, given)
-        if table and table.radii is not None and not table.mass_1 is table.mass_2 is None:
-            faults.add((), "radii and masses exclude each other; give mass_1 and mass_2, or radii")
-        elif table:
-            value = faults.attempt((), hertz_stiffness, **dict(table))
-            faults.attempt((), ContactProperties, hertz_stiffness=value)
-    return value
+    @model_validator(mode="after")
+    def _either(self) -> HertzTable:
+        if self.radii is not None and not self.mass_1 is self.mass_2 is None:
+            msg = "radii and masses exclude each other; give mass_1 and mass_2, or radii"
+            raise InputError(msg)
+        ContactProperties(hertz_stiffness=hertz_stiffness(**dict(self)))
+        return self
 
 
 class ContactTable(Table):
     """[scene.contact]: reference contact properties."""
 
-    linear_stiffness: _ContactValue | None = key("a number in kN/m", None)
-    hertz_stiffness: _ContactValue | None = key("a number in kN/m^1.5", None)
-    hertz: Annotated[dict[str, Any], AfterValidator(_hertz)] | None = key(
-        "a table of material and masses or radii", None
-    )
-    restitution: _ContactValue | None = key("a number", None)
+    linear_stiffness: Number | None = number("a number in kN/m", None, gt=0.0)
+    hertz_stiffness: Number | None = number("a number in kN/m^1.5", None, gt=0.0)
+    hertz: HertzTable | None = key("a table of material and masses or radii", None)
+    restitution: Number | None = number("a number", None, ge=0.0, le=1.0)
 
+    @model_validator(mode="after")
+    def _either(self) -> ContactTable:
+        if self.hertz and self.hertz_stiffness is not None:
+            msg = "hertz and hertz_stiffness exclude each other; give one of them"
+            raise SceneError(msg, ("hertz",))
+        return self
 
-def _linking(value: Any, info: ValidationInfo) -> float:
-    return quantity(value, str(info.field_name), UNITS[str(info.field_name)])
+    @property
+    def properties(self) -> dict[str, float]:
+        """The properties that are given, by name."""
+        values = dict(self)
+        if (hertz := values.pop("hertz")) is not None:
+            values["hertz_stiffness"] = hertz_stiffness(**dict(hertz))
+        return {name: value for name, value in values.items() if value is not None}
 
 
 class LinkTable(Table):
@@ -175,12 +139,8 @@ class LinkTable(Table):
 
     pair: str = key('a text, the pair of neighbours "left-right"')
     storeys: list[Any] = key("a list of whole numbers, or of two: the left and the right storey")
-    stiffness: Annotated[Any, AfterValidator(_linking)] = key("a number in kN/m", 0.0)
-    damping: Annotated[Any, AfterValidator(_linking)] = key("a number in kN s/m", 0.0)
-
-
-def _link(given: Any) -> Link:
-    return Link(**dict(LinkTable.model_validate(given)))
+    stiffness: Number = number("a number in kN/m", 0.0, ge=0.0)
+    damping: Number = number("a number in kN s/m", 0.0, ge=0.0)
 
 
 class BumperTable(Table):
@@ -194,11 +154,10 @@ class BumperTable(Table):
     storeys: list[Any] = key("a list of whole numbers", [])
 
 
-def _bumper(given: Any, info: ValidationInfo) -> Bumper:
-    table = BumperTable.model_validate(given)
+def _bumper(table: BumperTable, info: ValidationInfo) -> Bumper:
     law: Any = table.law
     if names_file(table.law):
-        with gathering() as faults:
+        with Faults() as faults:
             law = faults.attempt(("law",), find_law, table.law, (info.context or {}).get("base"))
     return Bumper(**{**dict(table), "law": law})
 
@@ -207,176 +166,101 @@ class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
     preset: Annotated[str, AfterValidator(get_preset)] | None = key("name of a preset", None)
-    row: Annotated[list[Any], AfterValidator(lambda given: _each(given, _row_item))] | None = key(
-        "tables [[scene.row]], left to right", None
-    )
-    gaps: Annotated[list[Any], AfterValidator(lambda given: _each(given, number, "gap in m", check_gap))] | None = key(
-        "a list of numbers, the gap of each pair in m", None
+    row: list[Annotated[Any, PlainValidator(_row_item)]] | None = key("tables [[scene.row]], left to right", None)
+    gaps: list[Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]] | None = key(
+        "a list of numbers, at least 0, the gap of each pair in m", None
     )
     contact: ContactTable | None = key("a table [scene.contact]", None)
-    contacts: Annotated[str, AfterValidator(_one_of("kind of contacts", CONTACTS))] | None = key(
+    contacts: Annotated[str, one_of("kind of contacts", CONTACTS)] | None = key(
         '"floors" or "floors and columns", what can meet', None
     )
-    tolerance: Annotated[float, AfterValidator(lambda value: quantity(value, "tolerance", "m"))] | None = key(
-        "a number in m, by which slabs that meet may miss each other in elevation", None
+    tolerance: Number | None = number(
+        "a number in m, by which slabs that meet may miss each other in elevation", None, ge=0.0
     )
     storeys: dict[str, list[int]] | None = key(
         "a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet", None
     )
     allow_unmet: bool | None = key("true or false, whether pairs may have no floors that meet", None)
-    links: Annotated[list[Any], AfterValidator(lambda given: _each(given, _link))] | None = key(
+    links: list[Annotated[LinkTable, AfterValidator(lambda table: Link(**dict(table)))]] | None = key(
         "tables [[scene.links]] of springs and dashpots between neighbours", None
     )
-    bumpers: Annotated[list[Any], AfterValidator(lambda given, info: _each(given, _bumper, info))] | None = key(
+    bumpers: list[Annotated[BumperTable, AfterValidator(_bumper)]] | None = key(
         "tables [[scene.bumpers]] of contacts with a law of their own", None
     )
 
 
-#: Keys of [scene] that are arguments of `Scene` as they stand.
-_SCENE_SETTINGS = ("contacts", "tolerance", "allow_unmet")
-
-
-def read_scene(given: dict[str, Any], base: Path | None) -> Scene:
+def read_scene(value: dict[str, Any], base: Path | None) -> Scene:
     """Make a scene of a table; what it leaves out is the preset's. Law files are looked for in the folder `base`."""
-    with gathering() as faults:
-        if given.get("preset") is not None and given.get("row") is not None:
+    with Faults() as faults:
+        if value.get("preset") is not None and value.get("row") is not None:
             faults.add(("preset",), "preset and row exclude each other; give one of them")
-        elif given.get("preset") is None and given.get("row") is None:
+        elif value.get("preset") is None and value.get("row") is None:
             faults.add((), "needs a preset or tables [[scene.row]]")
-        table: Any = faults.attempt((), SceneTable.model_validate, given, context={"base": base})
-    whole = table.preset
-    row = table.row if whole is None else whole.row
-    gaps = table.gaps if table.gaps is not None else whole.gaps if whole else ()
-    own = dict(table.contact or ())
-    if (hertz := own.pop("hertz", None)) is not None:
-        own["hertz_stiffness"] = hertz
-    usual = whole.contact if whole else ContactProperties()
-    contact = ContactProperties(
-        *(
-            getattr(usual, name) if own.get(name) is None else own[name]
-            for name in ("linear_stiffness", "hertz_stiffness", "restitution")
-        )
-    )
-    more = {name: getattr(table, name) for name in _SCENE_SETTINGS if getattr(table, name) is not None}
-    make = partial(replace, whole) if whole else partial(Scene, row)
-    with gathering() as faults:
-        scene = faults.attempt((), make, gaps=gaps, contact=contact, **more)
+        table: Any = faults.attempt((), SceneTable.model_validate, value, context={"base": base})
+    preset: Scene | None = table.preset
+    names = ("gaps", "contacts", "tolerance", "allow_unmet")
+    changes = {name: given for name in names if (given := getattr(table, name)) is not None}
+    usual = preset.contact if preset else ContactProperties()
+    changes["contact"] = replace(usual, **table.contact.properties) if table.contact else usual
+    with Faults() as faults:
+        make = partial(replace, preset) if preset else partial(Scene, table.row, changes.pop("gaps", ()))
+        scene = faults.attempt((), make, **changes)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
         for name in ("links", "bumpers"):
-            for index, each in enumerate(getattr(table, name) or ()):
+            for index, item in enumerate(getattr(table, name) or ()):
                 if scene is not None:
-                    all_now = {name: (*getattr(scene, name), each)}
-                    scene = faults.attempt((name, index), replace, scene, **all_now) or scene
+                    items = {name: (*getattr(scene, name), item)}
+                    scene = faults.attempt((name, index), replace, scene, **items) or scene
     return scene
 
 
-def _number(what: str, name: str) -> Any:
-    return PlainValidator(lambda value: number(value, what, finite(name)))
-
-
-def _whole(value: Any, what: str, least: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        msg = f"must be a whole number{what}, at least {least}, not {shown(value)}"
-        raise InputError(msg)
-    return value
-
-
-def _count(value: Any, info: ValidationInfo) -> int:
+def _reaches(count: int, info: ValidationInfo) -> int:
     start, stop = info.data.get("start"), info.data.get("stop")
-    if _whole(value, " of values", 1) == 1 and start != stop:
+    if count == 1 and start != stop:
         msg = f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
         raise InputError(msg)
-    return int(value)
+    return count
 
 
-def _spacing(value: Any, info: ValidationInfo) -> str:
-    value = _one_of("spacing", ("linear", "log"))(value)
+def _spaces(spacing: str, info: ValidationInfo) -> str:
     start, stop = info.data.get("start"), info.data.get("stop")
-    if value == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
+    if spacing == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
         msg = f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}"
         raise InputError(msg)
-    return value
+    return spacing
 
 
 class RangeTable(Table):
     """An axis as evenly spaced values."""
 
-    start: Annotated[float, _number("first value", "start")] = key("a number, the first value")
-    stop: Annotated[float, _number("last value", "stop")] = key("a number, the last value")
-    count: Annotated[int, PlainValidator(_count)] = key("a whole number, how many values")
-    spacing: Annotated[str, PlainValidator(_spacing)] = key("a text", "linear")
+    start: Number = number("the first value")
+    stop: Number = number("the last value")
+    count: Annotated[int, AfterValidator(_reaches)] = Field(
+        ge=1, le=MAX_AXIS, description=f"a whole number from 1 to {MAX_AXIS}, how many values"
+    )
+    spacing: Annotated[Any, one_of("spacing", ("linear", "log")), AfterValidator(_spaces)] = key("a text", "linear")
 
 
-def read_range(given: Range | dict[str, Any]) -> Range:
+def read_range(value: Range | dict[str, Any]) -> Range:
     """Check evenly spaced values, given as a table or as such."""
-    return Range(**dict(RangeTable.model_validate(given if isinstance(given, dict) else vars(given))))
+    return Range(**dict(RangeTable.model_validate(value if isinstance(value, dict) else vars(value))))
 
 
-#: Share of a distribution that must lie between its ends.
-_LEAST_WITHIN = 1e-6
-_LIMITS = ("low", "high")
-
-
-def _end(value: Any, info: ValidationInfo) -> float | None:
-    return None if value is None else number(value, str(info.field_name), finite(str(info.field_name)))
-
-
-_End = Annotated[Any, PlainValidator(_end)]
-
-
-class DistributionTable(Table):
-    """What an input of a design is drawn from."""
-
-    distribution: Annotated[Any, PlainValidator(_one_of("distribution", NEEDS))] = key(f"one of {', '.join(NEEDS)}")
-    low: _End = key("a number", None)
-    high: _End = key("a number", None)
-    mean: _End = key("a number", None)
-    std: _End = key("a number", None)
-    median: _End = key("a number", None)
-    dispersion: _End = key("a number", None)
-
-
-def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
-    """Check a distribution, given as a table or as such."""
-    table = DistributionTable.model_validate(given if isinstance(given, dict) else vars(given))
-    found, kind = Distribution(**dict(table)), table.distribution
-    values = {name: value for name, value in dict(table).items() if name != "distribution" and value is not None}
-    optional = _LIMITS if "low" not in NEEDS[kind] else ()
-    with gathering() as faults:
-        for name in (*NEEDS[kind], *values):
-            if name not in values:
-                faults.add((name,), f"is missing; {kind} needs {' and '.join(NEEDS[kind])}")
-            elif name not in (*NEEDS[kind], *optional):
-                more = f", and may have {' and '.join(optional)}" if optional else ""
-                faults.add((name,), f"{kind} has {' and '.join(NEEDS[kind])}{more}; leave {name} out")
-        for name in ("std", "median", "dispersion", *(_LIMITS if kind == "log_uniform" else ())):
-            if values.get(name, 1.0) <= 0.0:
-                faults.add((name,), f"is {shown(values[name])}; it must be above 0")
-        if kind == "lognormal" and values.get("low", 0.0) < 0.0:
-            faults.add(("low",), f"is {shown(values['low'])}; a lognormal value is above 0, leave it out")
-        if "low" in values and "high" in values and values["low"] >= values["high"]:
-            faults.add(("high",), f"is {shown(values['high'])}; it must be above low = {shown(values['low'])}")
-        if not faults.found and optional and found.within[1] - found.within[0] < _LEAST_WITHIN:
-            faults.add((), f"has less than {_LEAST_WITHIN:g} of itself between low and high; give wider ends")
-    return found
-
-
-def _samples(value: Any, info: ValidationInfo) -> int:
-    kind = info.data.get("kind", "")
-    if _whole(value, " of points", 1) & (value - 1) and kind in POWERS:
-        below = 1 << (value.bit_length() - 1)
-        msg = f"{kind} points are balanced at powers of 2 only, and {value} is none; give {below} or {2 * below}"
+def _balanced(samples: int, info: ValidationInfo) -> int:
+    kind, below = info.data.get("kind"), 1 << (samples.bit_length() - 1)
+    if samples != below and kind in POWERS:
+        msg = f"{kind} points are balanced at powers of 2 only, and {samples} is none; give {below} or {2 * below}"
         raise InputError(msg)
-    return int(value)
+    return samples
 
 
 class DesignTable(Table):
     """[design]: inputs that are drawn."""
 
-    kind: Annotated[Any, PlainValidator(_one_of("kind of design", KINDS))] = key(f"one of {', '.join(KINDS)}")
-    samples: Annotated[Any, PlainValidator(_samples)] = key("a whole number of points")
-    seed: Annotated[Any, PlainValidator(lambda value: _whole(value, "", 0))] = key("a whole number", 0)
+    kind: Annotated[Any, one_of("kind of design", KINDS)] = key(f"one of {', '.join(KINDS)}")
+    samples: Annotated[int, AfterValidator(_balanced)] = Field(ge=1, description="a whole number of points, at least 1")
+    seed: int = Field(0, ge=0, description="a whole number, at least 0")
     inputs: dict[str, Any] = key("tables [design.inputs] of distributions by the name of an axis")
 
 

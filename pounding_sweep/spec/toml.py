@@ -284,7 +284,7 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
 def _read_data(data: dict[str, Any], **more: Any) -> tuple[SweepSpec | None, list[Fault]]:
     """Make a sweep of what a file holds; returns every fault with its place in the file."""
     faults = Faults()
-    spec, found = read_sweep(_arguments(faults, data) | more, file=True)
+    spec, found = read_sweep(_arguments(faults, data) | more)
     known = [place for place, _ in faults.found]
     for inner, text in found:
         place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
