@@ -69,12 +69,12 @@ def record_measures(record: Record) -> RecordMeasures:
 
     Notes
     -----
-    Over a step h in which the acceleration goes from a to b, its integral is h (a + b) / 2, that of its square
-    h (a^2 + a b + b^2) / 3, and that of its absolute value h (|a| + |b|) / 2, or h (a^2 + b^2) / (2 (|a| + |b|)) where
-    the sign changes: no error beside rounding. The velocity can have an extreme inside a step, where the acceleration
-    changes sign. Intensity: Arias (1970), "A measure of earthquake intensity", in Seismic Design for Nuclear Power
-    Plants, MIT Press; significant duration: Trifunac & Brady (1975), "A study on the duration of strong earthquake
-    ground motion", BSSA 65(3), 581-626; cumulative absolute velocity: EPRI NP-5930 (1988).
+    Over a step h in which the acceleration goes from a to b, its integral is h (a + b) / 2, that of its square h (a^2
+    + a b + b^2) / 3, and that of its absolute value ``h (|a| + |b|) / 2``, or ``h (a^2 + b^2) / (2 (|a| + |b|))``
+    where the sign changes: no error beside rounding. The velocity can have an extreme inside a step, where the
+    acceleration changes sign. Intensity: Arias (1970), "A measure of earthquake intensity", in Seismic Design for
+    Nuclear Power Plants, MIT Press; significant duration: Trifunac & Brady (1975), "A study on the duration of strong
+    earthquake ground motion", BSSA 65(3), 581-626; cumulative absolute velocity: EPRI NP-5930 (1988).
 
     Examples
     --------
