@@ -188,9 +188,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if pair is None:
         return None
     fine, moved = pair
-    error = _table(relative_errors(outputs, own, fine))
-    sensitivity = _table(relative_errors(outputs, moved, fine))
-    sensitive = _counts_differ(moved, fine) | (sensitivity.max(axis=1) > tolerance)
+    error, sensitivity = (_table(relative_errors(outputs, values, fine)) for values in (own, moved))
+    sensitive = sensitivity.max(axis=1) > tolerance
+    if "impact_count" in fine:  # impacts that are won or lost
+        sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(where), -1).any(axis=1)
     undecided = np.zeros(len(where), bool)
     again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
     if len(again):
@@ -268,14 +269,6 @@ def _run(
     return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(which)]]
 
 
-def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
-    """Whether impacts were won or lost, where the sweep counts them."""
-    n = len(first["status"])
-    if "impact_count" not in first:
-        return np.zeros(n, bool)
-    return np.asarray((first["impact_count"] != second["impact_count"]).reshape(n, -1).any(axis=1))
-
-
 def _table(errors: dict[str, np.ndarray]) -> np.ndarray:
     """One column per output."""
     return np.stack(list(errors.values()), axis=1)
@@ -297,9 +290,12 @@ def _warn(plan: Plan, found: Audit) -> None:
     )
 
 
-def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
-    """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output."""
+def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
+    """Put an audit, if there is one, into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
     import xarray as xr
+
+    if found is None:
+        return cube
 
     table, rows = plan.unique[found.rows], ("audit",)
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]

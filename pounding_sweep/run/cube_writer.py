@@ -14,13 +14,13 @@ from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import inner_shape, mask_invalid
+from pounding_sweep.run.audit import Audit, add_to_cube
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
-    from pounding_sweep.run.audit import Audit
     from pounding_sweep.run.execute import Progress
 
 
@@ -43,7 +43,7 @@ def cube_in_memory(
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
     attributes = {**global_attributes(plan, outcome), **more}
-    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
+    return add_to_cube(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
 
 
 def write_cube_of(
@@ -73,7 +73,7 @@ def write_cube_of(
         for slab, values in _slabs(plan, outcome, sizes, block)
     )
     slabs = _told(_ahead(stored), progress)
-    write_in_slabs(_with_audit(cube, plan, found), path, blocks, slabs, overwrite=overwrite, folder=folder)
+    write_in_slabs(add_to_cube(cube, plan, found), path, blocks, slabs, overwrite=overwrite, folder=folder)
 
 
 def _ahead(items: Iterator[Slab]) -> Iterator[Slab]:
@@ -90,12 +90,6 @@ def _told(items: Iterator[Slab], progress: Progress) -> Iterator[Slab]:
     for slab, values in items:
         yield slab, values
         progress.advance(values["status"].size)
-
-
-def _with_audit(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
-    from pounding_sweep.run.audit import add_to_cube
-
-    return cube if found is None else add_to_cube(cube, plan, found)
 
 
 def _slabs(plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...]) -> Iterator[Slab]:

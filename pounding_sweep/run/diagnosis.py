@@ -31,7 +31,8 @@ def diagnose() -> dict[str, Any]:
     from pounding_sweep.base.memory import free_memory
     from pounding_sweep.run.execute import check_scheduler
 
-    versions, optional, memory = installed_versions(), _optional(), free_memory()
+    versions, memory = installed_versions(), free_memory()
+    optional = {name: extra for name, extra in _required().items() if extra}
     problems = [
         f"{name} is not installed; install the package: pip install ."
         for name, installed in versions.items()
@@ -58,36 +59,31 @@ def installed_versions() -> dict[str, str | None]:
     """Return the versions of Python, the package and what it uses."""
     from pounding_sweep.output.provenance import LIBRARIES
 
-    needed, optional = {*_required(""), *LIBRARIES}, _optional()
+    required = _required()
+    needed = sorted({*LIBRARIES, *(name for name, extra in required.items() if not extra)}, key=str.lower)
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name in (NAME, *sorted(needed, key=str.lower), *optional):
+    for name in (NAME, *needed, *(name for name, extra in required.items() if extra)):
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
-            if name not in optional:
+            if not required.get(name):
                 versions[name] = None
     return versions
 
 
-def _required(extra: str) -> list[str]:
-    """Return the distributions that the package, as it is installed, requires for an extra; "" for always."""
+def _required() -> dict[str, str]:
+    """Return the distributions that the package, as it is installed, requires: name -> extra that does, or ""."""
     try:
         lines = requires(NAME) or []
     except PackageNotFoundError:
-        return []
-    found = []
-    for line in lines:
-        name = re.match(r"[\w.-]+", line)
-        marker = re.search(r"extra == ['\"](\w+)['\"]", line)
-        if name and (marker[1] if marker else "") == extra:
-            found.append(name[0])
+        return {}
+    found: dict[str, str] = {}
+    for extra in ("", *EXTRAS):
+        for line in sorted(lines):
+            name, marker = re.match(r"[\w.-]+", line), re.search(r"extra == ['\"](\w+)['\"]", line)
+            if name and (marker[1] if marker else "") == extra:
+                found.setdefault(name[0], extra)
     return found
-
-
-def _optional() -> dict[str, str]:
-    """Return the distributions that only some extra needs, by name."""
-    always = _required("")
-    return {name: extra for extra in EXTRAS for name in sorted(_required(extra)) if name not in always}
 
 
 def processor() -> dict[str, Any]:

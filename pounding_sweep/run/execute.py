@@ -6,8 +6,8 @@ own scenarios (status ``not_run``), never the batch.
 
 from __future__ import annotations
 
-import ast
 import inspect
+import linecache
 import os
 import re
 import sys
@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -121,30 +120,22 @@ def _check_name(scheduler: object) -> None:
 
 
 def check_main_guard() -> None:
-    """Raise `RunError` if the running script would start its processes again in each of them.
-
-    A new process imports the script; code outside ``if __name__ == "__main__":`` runs again there.
-    """
+    """Raise `RunError` if the running script would start its processes again in each of them, which import it."""
     main = sys.modules.get("__main__")
     file, spec = getattr(main, "__file__", None), getattr(main, "__spec__", None)
-    if main is None or file is None or (spec is not None and spec.name.endswith("__main__")):
+    if file is None or (spec is not None and spec.name.endswith("__main__")):
         return  # a notebook or an interpreter, or `python -m PACKAGE`
     frame = inspect.currentframe()
     while frame is not None and not (frame.f_code.co_name == "<module>" and frame.f_globals is vars(main)):
         frame = frame.f_back
-    if frame is None:
-        return
-    try:
-        tree = ast.parse(Path(file).read_text(encoding="utf-8"))
-    except (OSError, SyntaxError, ValueError):
-        return
-    line = frame.f_lineno
-    around = [part for part in ast.walk(tree) if getattr(part, "lineno", line + 1) <= line <= part.end_lineno]  # type: ignore[attr-defined]
-    if not around or any(isinstance(part, ast.If) and "__name__" in ast.unparse(part.test) for part in around):
+    lines = linecache.getlines(file)
+    line = lines[frame.f_lineno - 1] if frame is not None and lines else ""
+    has_guard = any("__name__" in each for each in lines)
+    if not line or (has_guard and (line[0].isspace() or "__name__" in line)):
         return
     msg = (
-        f"{file}:{line}: the new processes import this script and would run this line again. Put it below a guard:\n\n"
-        f'    if __name__ == "__main__":\n        {ast.unparse(around[0]).splitlines()[0]}\n\n'
+        f"{file}:{lines.index(line) + 1}: the new processes import this script and would run this line again. Put it "
+        f'below a guard:\n\n    if __name__ == "__main__":\n        {line.strip()}\n\n'
         'or run with scheduler="threads"'
     )
     raise RunError(msg)
