@@ -291,7 +291,9 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
     ran = []
     true_write = ChunkStore.write
     monkeypatch.setattr(
-        ChunkStore, "write", lambda self, key, table: ran.append(len(table)) or true_write(self, key, table)
+        ChunkStore,
+        "write",
+        lambda self, key, table, *more, **line: ran.append(len(table)) or true_write(self, key, table, *more, **line),
     )
     sweep, display = make(), Counting()
     cube = sweep.run(out, scheduler=scheduler, workers=3, progress=display)
@@ -317,8 +319,8 @@ def held(monkeypatch):
     monkeypatch.setattr(chunk_writer, "HELD_SECONDS", 600.0)
     true_write, written = ChunkStore.write, []
 
-    def write(self, key, table):
-        true_write(self, key, table)
+    def write(self, key, *more, **line):
+        true_write(self, key, *more, **line)
         written.append(self.path(key))
 
     monkeypatch.setattr(ChunkStore, "write", write)
@@ -613,11 +615,11 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_done(reference, tmp_path, m
     out = tmp_path / "out.nc"
     true_write, written = ChunkStore.write, []
 
-    def write(self, key, table):
+    def write(self, key, *more, **line):
         if len(written) == 4:
             msg = "no space left on device"
             raise OutputError(msg)
-        true_write(self, key, table)
+        true_write(self, key, *more, **line)
         written.append(key)
 
     with monkeypatch.context() as patch:

@@ -166,7 +166,7 @@ def test_a_lock_that_nobody_holds_is_free(parts, drive, text):
 
 def test_a_folder_of_another_sweep_is_not_locked(parts):
     one = ChunkStore(parts, "one").open()
-    one.write("a", np.zeros(1, [("a", "f8")]))
+    one.write("a", np.zeros(1, [("a", "f8")]), [0])
     before = sorted(path.name for path in parts.iterdir())
     with pytest.raises(OutputError, match="another sweep"), ChunkStore(parts, "two").lock():
         pass
@@ -303,7 +303,7 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
 
     store = ChunkStore(tmp_path, "x").open()
     monkeypatch.setattr("pounding_sweep.resume.checkpoint.replacing", fails)
-    for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")])), lambda: store.expect({})):
+    for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")]), [0]), lambda: store.expect({})):
         with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
             write_something()
     assert store.completed() == set()

@@ -29,6 +29,7 @@ from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.chunk_writer import ChunkWriter
@@ -335,7 +336,7 @@ def test_what_was_held_is_written_unless_the_run_ends_well(tmp_path, monkeypatch
         for key in "ab":
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
-            writer.save(key, table, partial(results.move, index))
+            writer.save(Chunk(key, 0, 0, np.arange(2), 0), table, partial(results.move, index), stage="scenarios")
         if ends == "flushed":
             writer.flush()
         elif ends != "well":

@@ -24,6 +24,10 @@ def one(*numbers):
     return np.array([(number,) for number in numbers], [("a", "f8")])
 
 
+def write(store, key, table):
+    store.write(key, table, np.arange(len(table)) + 5)
+
+
 def same(a, b):
     assert a.dtype.names == b.dtype.names
     for name in b.dtype.names:
@@ -44,34 +48,35 @@ def again(store):
 def test_round_trip(store):
     assert store.completed() == set()
     assert store.size() == 0
-    store.write("a1", TABLE)
-    store.write("b2", one(1.0))
+    write(store, "a1", TABLE)
+    write(store, "b2", one(1.0))
     other = again(store)
     assert other.completed() == {"a1", "b2"}
     same(other.read("a1"), TABLE)
     same(other.read("b2"), one(1.0))
+    assert other.rows("a1").tolist() == [5, 6, 7]
     assert other.size() == sum(p.stat().st_size for p in store.folder.glob("chunk-*.npy")) > TABLE.nbytes
 
 
 def test_a_chunk_is_a_plain_table(store):
     """Read without this package, and no more of it than is used."""
-    store.write("k", TABLE)
+    write(store, "k", TABLE)
     same(np.load(store.path("k"), allow_pickle=False), TABLE)
     assert isinstance(store.read("k").base, np.memmap)
 
 
 def test_written_again_the_last_one_counts(store):
-    store.write("k", one(1.0))
-    store.write("k", one(2.0))
+    write(store, "k", one(1.0))
+    write(store, "k", one(2.0))
     assert store.read("k")["a"].tolist() == [2.0]
     assert store.completed() == {"k"}
 
 
 @pytest.mark.parametrize("cut", [1, 10, 60])
 def test_a_torn_manifest_line_is_no_completion(store, cut):
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     whole = (store.folder / MANIFEST).read_bytes()
-    store.write("b", TABLE)
+    write(store, "b", TABLE)
     text = (store.folder / MANIFEST).read_bytes()
     (store.folder / MANIFEST).write_bytes(text[: len(whole) + cut])
     other = again(store)
@@ -79,16 +84,16 @@ def test_a_torn_manifest_line_is_no_completion(store, cut):
     with pytest.raises(OutputError, match="not complete"):
         other.read("b")
     # What follows is not glued to the torn line.
-    other.write("c", TABLE)
-    other.write("b", TABLE)
+    write(other, "c", TABLE)
+    write(other, "b", TABLE)
     assert again(store).completed() == {"a", "b", "c"}
 
 
 def test_a_listed_chunk_without_file_is_not_complete(store):
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     store.path("a").unlink()
     assert store.completed() == set()
-    store.write("b", TABLE)
+    write(store, "b", TABLE)
     store.forget("b")
     store.forget("never")
     assert store.completed() == set()
@@ -96,12 +101,12 @@ def test_a_listed_chunk_without_file_is_not_complete(store):
 
 def test_a_chunk_may_be_written_while_others_are_listed(store, monkeypatch):
     """The thread that writes is not waited for when the next stage looks what is there."""
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     path = store.path
 
     def meanwhile(key):
         monkeypatch.setattr(store, "path", path)
-        store.write("b", TABLE)
+        write(store, "b", TABLE)
         return path(key)
 
     monkeypatch.setattr(store, "path", meanwhile)
@@ -110,40 +115,24 @@ def test_a_chunk_may_be_written_while_others_are_listed(store, monkeypatch):
     assert store.completed() == {"a", "b"}
 
 
-@pytest.mark.parametrize("damage", ["flip", "cut", "empty"])
+@pytest.mark.parametrize("damage", ["flip", "flip table", "cut", "empty"])
 def test_a_damaged_chunk_is_found(store, damage):
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     path = store.path("a")
     content = bytearray(path.read_bytes())
-    if damage == "flip":
-        content[-2] ^= 1
-    path.write_bytes({"flip": bytes(content), "cut": bytes(content[:-7]), "empty": b""}[damage])
+    if "flip" in damage:
+        content[-2 if damage == "flip" else -20] ^= 1
+    path.write_bytes({"cut": bytes(content[:-7]), "empty": b""}.get(damage, bytes(content)))
     with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: [^;]*$"):
         store.read("a")
     assert issubclass(ChunkCorrupt, OutputError)
     store.forget("a")
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     same(store.read("a"), TABLE)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda table: table[[0, *range(len(table))]],
-        lambda table: table[["status"]],
-        lambda table: table.astype([(name, "f4", table.dtype[name].shape) for name in table.dtype.names]),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
-def test_a_chunk_of_another_form_is_damaged(store, change):
-    """Whatever the manifest says of it."""
-    store.write("a", np.array(change(TABLE)))
-    with pytest.raises(ChunkCorrupt, match="is damaged: it is another table than it should be"):
-        store.read("a", KIND, len(TABLE))
-
-
 def test_another_sweep_is_refused(store):
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     other = ChunkStore(store.folder, "digest-2", {"dt": "0.002", "method": "rk4"})
     with pytest.raises(
         OutputError, match=r"they differ in dt \(0.001 there, 0.002 here\); identity 'digest-1' there, 'digest-2' here"
@@ -167,7 +156,7 @@ def test_somebody_elses_folder_is_left_alone(tmp_path):
 
 
 def test_discard_removes_only_what_is_its_own(store):
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     (store.folder / "notes.txt").write_text("mine")
     store.discard()
     assert [p.name for p in store.folder.iterdir()] == ["notes.txt"]
@@ -179,7 +168,7 @@ def test_discard_removes_only_what_is_its_own(store):
 
 def test_what_nfs_keeps_of_removed_files_is_nobodys(store):
     """A removed file that is open somewhere stays under such a name until it is closed."""
-    store.write("a", TABLE)
+    write(store, "a", TABLE)
     kept = store.folder / ".nfs00000000012ab34c00000001"
     kept.write_text("removed")
     store.discard()
@@ -200,7 +189,7 @@ def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
     with mended.lock():
         mended.open()
         assert [path.name for path in sorted(first.folder.iterdir())] == [HOLDER, IDENTITY, LOCK]
-        mended.write("a", TABLE)
+        write(mended, "a", TABLE)
     assert ChunkStore(first.folder, "two").open().completed() == {"a"}
     with pytest.raises(OutputError, match="belong to another sweep"):
         first.open()
@@ -213,7 +202,7 @@ def test_a_failed_write_leaves_nothing(store, monkeypatch):
 
     monkeypatch.setattr(np, "save", full)
     with pytest.raises(OutputError, match=r"No space left on device.*free some space"):
-        store.write("a", TABLE)
+        write(store, "a", TABLE)
     assert [p.name for p in store.folder.iterdir()] == [IDENTITY]
 
 
@@ -228,7 +217,7 @@ def test_the_chunk_is_on_disk_before_the_manifest_names_it(store, monkeypatch):
     if not os.path.isdir("/proc/self/fd"):
         pytest.skip("needs /proc")
     monkeypatch.setattr(os, "fsync", watch)
-    store.write("k", TABLE)
+    write(store, "k", TABLE)
     names = [name for name, _ in steps]
     assert files.is_temporary(names[0])
     assert names[1:] == [store.folder.name, MANIFEST, store.folder.name]

@@ -28,12 +28,27 @@ def numbered(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
     return np.reshape(codes, values.shape)
 
 
+#: Shifts and pairs of odd factors by which each number changes all bits of a key (MurmurHash3 and SplitMix64).
+_MIXING = [
+    (np.uint64(33), np.array([0xFF51AFD7ED558CCD, 0xBF58476D1CE4E5B9], np.uint64)),
+    (np.uint64(29), np.array([0xC4CEB9FE1A85EC53, 0x94D049BB133111EB], np.uint64)),
+]
+
+
 def scenario_keys(known: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the key of each scenario by numbers of shape (scenarios, ...): the same bytes where all are equal."""
+    """Return 16 bytes for each scenario by numbers of shape (scenarios, ...): the same where all numbers are equal."""
     columns = [np.reshape(values, (len(values), -1)) for values in known.values()]
-    table = np.hstack(columns).astype(float) + 0.0  # -0.0 is 0.0
-    table[np.isnan(table)] = np.nan  # which may have many forms
-    return np.ascontiguousarray(table).view(f"V{table.itemsize * table.shape[1]}")[:, 0]
+    keys = np.zeros((len(columns[0]), 2), np.uint64)
+    for column in columns:
+        for values in column.T:
+            bits = values.astype(float) + 0.0  # -0.0 is 0.0
+            bits[np.isnan(bits)] = np.nan  # which may have many forms
+            keys ^= bits.view(np.uint64)[:, None]
+            for shift, factors in _MIXING:
+                keys ^= keys >> shift
+                keys *= factors
+            keys ^= keys >> np.uint64(32)
+    return keys.view("V16")[:, 0]
 
 
 def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:

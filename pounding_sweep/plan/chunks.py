@@ -31,6 +31,11 @@ class Chunk:
     steps: int  # steps per record interval
 
 
+def chunk_key(name: str, rows: np.ndarray) -> str:
+    """Digest of a name and of rows of a table."""
+    return hashlib.sha256(name.encode() + np.ascontiguousarray(rows, dtype="<i8").tobytes()).hexdigest()[:32]
+
+
 def cut(
     table: Scenarios,
     rows: np.ndarray,
@@ -63,8 +68,7 @@ def cut(
         while first < len(part):
             wanted = min(longest, max(SMALLEST * longest, SHARE * left))
             mine = part[first : first + LANES * max(1, int(min(wanted / each, most) / LANES))]
-            text = f"{name}:{record}:{law}:{count}:".encode() + np.ascontiguousarray(mine, dtype="<i8").tobytes()
-            result.append(Chunk(hashlib.sha256(text).hexdigest()[:32], law, record, mine, count))
+            result.append(Chunk(chunk_key(f"{name}:{record}:{law}:{count}:", mine), law, record, mine, count))
             first += len(mine)
             left -= each * len(mine)
     return result

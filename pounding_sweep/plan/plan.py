@@ -218,11 +218,11 @@ class Plan:
         name = f"{self.digest}:{self.numerics.method}"
         return self._cut(self.unique, rows, self.steps, name)
 
-    def uncoupled_chunks(self) -> list[Chunk]:
-        """Cut the runs without pounding that are worth it into chunks; their rows are those of `uncoupled_runs`."""
+    def uncoupled_chunks(self, rows: np.ndarray) -> list[Chunk]:
+        """Cut runs without pounding into chunks; `rows` are those of `uncoupled_runs`."""
         steps = self.uncoupled_steps[self.uncoupled_runs.record, self.uncoupled_runs.variant]
         name = f"{self.digest}:{self.numerics.method}:without pounding"
-        return self._cut(self.uncoupled_runs, self.uncoupled_to_run, steps, name)
+        return self._cut(self.uncoupled_runs, rows, steps, name)
 
     def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
         flights = np.broadcast_to(np.int16(0), len(table))

@@ -4,12 +4,13 @@ A folder holds ``identity.json`` (which sweep it belongs to), ``expected.json``
 (the chunks of which it will consist, as far as known), one ``chunk-<key>.npy``
 per finished chunk and ``manifest.jsonl``, one line per chunk, written after the
 chunk is safely on disk. A chunk is complete when the manifest says so and at no
-other time. ``earlier-<digest>.json`` tells of a cube that results were taken
-from. ``lock`` and ``holder.txt`` are there while somebody runs.
+other time. ``lock`` and ``holder.txt`` are there while somebody runs.
 
 A chunk is a table in numpy's own format, one row per scenario and one field
 per variable: it is written in one piece, and any of its rows can be read
-without the others.
+without the others. Behind the table stand the numbers of the scenarios in the
+plan of the sweep; the manifest says of which stage they are, and from which
+earlier cube, if they were taken from one.
 """
 
 from __future__ import annotations
@@ -77,14 +78,14 @@ def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:12]}..."
 
 
+#: How the number of a scenario is stored.
+ROW = np.dtype("<i4")
 IDENTITY = "identity.json"
 EXPECTED = "expected.json"
 MANIFEST = "manifest.jsonl"
 
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
 _CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.npy")
-#: What an earlier cube said of itself; see `pounding_sweep.resume.reuse`.
-_EARLIER_FILE = re.compile(r"earlier-[0-9a-f]{32}\.json")
 #: What NFS makes of a file that is removed while it is open; it goes by itself.
 _REMOVED = re.compile(r"\.nfs[0-9a-f]+")
 
@@ -106,15 +107,7 @@ def unreadable(folder: Path, error: OSError) -> str:
 
 def _own(name: str) -> bool:
     """Whether a file of that name is the store's, its identity apart."""
-    kinds = (_CHUNK_FILE, _EARLIER_FILE)
-    return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
-
-
-def _has_fields(table: np.ndarray, expected: np.dtype | None) -> bool:
-    names = (expected.names or ()) if expected is not None else ()
-    return expected is None or all(
-        name in (table.dtype.names or ()) and table.dtype[name] == expected[name] for name in names
-    )
+    return name in (EXPECTED, MANIFEST) or _CHUNK_FILE.fullmatch(name) is not None or is_temporary(name)
 
 
 class ChunkStore:
@@ -228,17 +221,18 @@ class ChunkStore:
         passing = (LOCK, SOFT_LOCK, HOLDER)
         return sorted(n for n in names if not (is_temporary(n) or _REMOVED.fullmatch(n) or n in passing))
 
-    def write(self, key: str, table: np.ndarray, **more: Any) -> None:
-        """Store a chunk; when this returns, it outlasts a power cut."""
-        path, table = self.path(key), np.ascontiguousarray(table)
+    def write(self, key: str, table: np.ndarray, rows: np.ndarray, **more: Any) -> None:
+        """Store a chunk with the numbers of its scenarios; when this returns, it outlasts a power cut."""
+        path, table, numbers = self.path(key), np.ascontiguousarray(table), np.asarray(rows, ROW).tobytes()
         try:
             with replacing(path, self.folder) as temporary, temporary.open("wb") as file:
                 np.save(file, table, allow_pickle=False)
+                file.write(numbers)
             line = {
                 **more,
                 "key": key,
                 "file": path.name,
-                "crc32": zlib.crc32(table.view(np.uint8).data),
+                "crc32": zlib.crc32(numbers, zlib.crc32(table.view(np.uint8).data)),
                 "rows": len(table),
             }
             self._append(json.dumps(line, sort_keys=True))
@@ -248,14 +242,10 @@ class ChunkStore:
         self._entries[key] = line
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
-        """Note of which chunks the sweep will consist, for who looks at an unfinished folder."""
-        self.note(EXPECTED, chunks)
-
-    def note(self, name: str, told: Mapping[str, Any]) -> None:
-        """Write a file of JSON beside the chunks; raises `WriteError`."""
+        """Note of which chunks the sweep will consist, for who looks at an unfinished folder; raises `WriteError`."""
         try:
-            with replacing(self.folder / name, self.folder) as temporary:
-                temporary.write_text(json.dumps(told) + "\n", encoding="utf-8")
+            with replacing(self.folder / EXPECTED, self.folder) as temporary:
+                temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
         except OSError as error:
             raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error
 
@@ -293,7 +283,12 @@ class ChunkStore:
         self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
         return {key for key in entries if self.path(key).is_file()}
 
-    def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
+    def rows(self, key: str) -> np.ndarray:
+        """Return the numbers of the scenarios of a chunk."""
+        path, n_bytes = self.path(key), self._entries[key]["rows"] * ROW.itemsize
+        return np.fromfile(path, ROW, offset=path.stat().st_size - n_bytes)
+
+    def read(self, key: str) -> np.ndarray:
         """Return a chunk, mapped; when it is first read, after a check that it is what was written."""
         entry = self._entries.get(key)
         if entry is None:
@@ -306,13 +301,12 @@ class ChunkStore:
         except (OSError, ValueError, EOFError) as error:
             raise ChunkCorrupt(f"{damaged}{error}") from error
         if key not in self._checked:
-            checksum = zlib.crc32(np.ascontiguousarray(table).view(np.uint8).data)
+            table_checksum = zlib.crc32(np.ascontiguousarray(table).view(np.uint8).data)
+            checksum = zlib.crc32(self.rows(key).data, table_checksum)
             if checksum != entry["crc32"]:
                 msg = f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}"
                 raise ChunkCorrupt(msg)
-        if rows not in (None, len(table)) or not _has_fields(table, expected):
-            raise ChunkCorrupt(f"{damaged}it is another table than it should be")
-        self._checked.add(key)
+            self._checked.add(key)
         return table
 
     def manifest_entry(self, key: str) -> Mapping[str, Any]:

@@ -1,27 +1,18 @@
-"""How many scenarios a sweep took from an earlier cube, in this run and in those that it goes on from.
-
-The line of a chunk in the manifest says how many of its scenarios were taken, and from what: a digest, which
-names the file beside the chunks that holds what that cube said of itself. The file is there before the line.
-"""
+"""Results of an earlier cube as chunks of a sweep that has some of its scenarios."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 import os
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
+from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.model.laws import law_of
-from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
     AXIS_KEYS,
@@ -34,16 +25,15 @@ from pounding_sweep.output.integrity import (
     recorded_sweep,
 )
 from pounding_sweep.output.labels import scenario_axes
-from pounding_sweep.output.netcdf import check_space, open_cube, reading
+from pounding_sweep.output.netcdf import open_cube, reading
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, plain, source
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
-from pounding_sweep.plan.chunks import ChunkTask
+from pounding_sweep.plan.chunks import Chunk, chunk_key
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
-from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.plan.scenarios import BLOCK, Scenarios, case_variants, product_variants
 from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
@@ -165,55 +155,97 @@ def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Datas
 def check_listed(path: str, cube: xr.Dataset, old: Plan) -> None:
     """Raise `InputError` if listed cases of a cube, such as reordered ones, are not those of its sweep."""
     for name, (dims, values, _) in scenario_axes(old)[1].items():
-        if name != "record" and name in cube.coords:  # which may have another name in the new sweep
-            expected = np.asarray(values)
-            if not np.array_equal(cube[name].transpose(*dims).values, expected, equal_nan=expected.dtype.kind == "f"):
-                raise other_values(path, name)
+        expected = np.asarray(values)
+        if name != "record" and not (  # which may have another name in the new sweep
+            name in cube.coords
+            and np.array_equal(cube[name].transpose(*dims).values, expected, equal_nan=expected.dtype.kind == "f")
+        ):
+            raise other_values(path, name)
 
 
 class EarlierCube:
     """Results of an earlier cube, by what the scenarios are."""
 
-    def __init__(
-        self, path: str | os.PathLike[str], plan: Plan, source_digest: str, folder: Path | None = None
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], plan: Plan, source_digest: str) -> None:
         self.path = os.fspath(path)
-        self.taken: dict[str, int] = {}
-        self.lost: dict[str, str] = {}
         self._plan = plan
-        self._rising: np.ndarray | None = None
-        motions = [motion_of(record) for record in plan.spec.records]
-        self._first = np.array([motions.index(each) for each in motions])  # several records may be of one motion
+        self._old: Plan | None = None
         with open_cube(path) as cube:
             check_same_study(self.path, cube, plan.spec, source_digest)
             self.sha256 = str(cube.attrs["sweep_sha256"])
             self.origin = source(self.path, cube.attrs)
-            whole = described_sweep(self.path, cube, plan.spec)
-            spec, shared = shared_part(cube, whole)
+            self._whole = described_sweep(self.path, cube, plan.spec)
+            spec, shared = shared_part(cube, self._whole)
             if not spec.n_scenarios:
                 return
-            old = make_plan(spec)
-            self._check_numerics(shared, old, varied=varies_buildings(whole))
+            self._old = old = make_plan(spec)
+            self._check_numerics(shared, old, varied=varies_buildings(self._whole))
             if spec.cases is not None:
                 check_listed(self.path, shared, old)
-            self._table = self._copy(shared, spec, folder)
-        results = self._table
-        valid = ~np.isin(results["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
-        if len(plan.uncoupled_to_run) < len(plan.uncoupled_runs):
-            without = np.isin(old.uncoupled_of, old.uncoupled_to_run, invert=True)
-            valid &= np.isfinite(results["steps_per_contact"]) | without[old.inverse]
-        unique, first = np.unique(old.inverse[valid], return_index=True)
-        self._place = np.flatnonzero(valid)[first]
-        if not len(unique):
+
+    def chunks(self, wanted: np.ndarray) -> Iterator[tuple[Chunk, np.ndarray]]:
+        """Go through the results that answer wanted rows of the plan, each row once; raises `OutputError`."""
+        plan, old = self._plan, self._old
+        if old is None or not len(wanted):
             return
-        table = old.unique[unique]
-        laws = {law.key: i for i, law in enumerate(plan.laws)}
-        law = np.array([laws.get(item.key, -1) for item in old.laws])[table.law]
-        record = np.array([motions.index(motion_of(record)) for record in spec.records])[table.record]
-        own = replace(table, law=law, record=record)
-        keys = self._keys(own, old.variants[table.variant], old.steps[unique])
-        order = np.argsort(keys)
-        self._rising, self._place = keys[order], self._place[order]
+        key_of, rows, keys = self._matching(old, wanted)
+        done, has_run = np.zeros(len(key_of), bool), np.zeros(len(old.uncoupled_runs), bool)
+        has_run[old.uncoupled_to_run] = len(plan.uncoupled_to_run) < len(plan.uncoupled_runs)
+        with open_cube(self.path) as cube:
+            if source(self.path, cube.attrs) != self.origin:
+                raise InputError(f"{self.path!r} was replaced meanwhile; run again")
+            shared, dims = shared_part(cube, self._whole)[1], dimensions(old.spec)
+            inverse = old.inverse.reshape([shared.sizes[dim] for dim in dims])
+            kind = table_type(cube_variables(plan.outputs), plan.spec.scene)
+            for slab in slabs(inverse.shape, block_shape(inverse.shape, max(1, SLAB_BYTES // kind.itemsize))):
+                unique = inverse[slab].ravel()
+                table = self._slab(shared, dict(zip(dims, slab, strict=True)), kind)
+                valid = ~np.isin(table["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
+                # what never touched may be from the kernel without contacts
+                valid &= np.isfinite(table["steps_per_contact"]) | ~has_run[old.uncoupled_of[unique]]
+                valid &= ~done[key_of[unique]]
+                found, first = np.unique(key_of[unique[valid]], return_index=True)
+                done[found] = True
+                start, end = (np.searchsorted(keys, found, side) for side in ("left", "right"))
+                count = end - start
+                at = np.repeat(start - np.cumsum(count) + count, count) + np.arange(count.sum())
+                answered, place = rows[at], np.repeat(np.flatnonzero(valid)[first], count)
+                kinds = plan.unique.law[answered].astype(int) * len(plan.spec.records) + plan.unique.record[answered]
+                for number in np.unique(kinds).tolist():
+                    mine, (law, record) = kinds == number, divmod(number, len(plan.spec.records))
+                    key = chunk_key(f"{plan.digest}:{self.sha256}:", answered[mine])
+                    yield Chunk(key, law, record, answered[mine], 0), table[place[mine]]
+
+    def _matching(self, old: Plan, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return a number for each scenario of the earlier sweep, and rising ones of the wanted rows that it has."""
+        motions = [motion_of(record) for record in self._plan.spec.records]  # several records may be of one motion
+        laws = [law.key for law in self._plan.laws]
+
+        def keys_of(plan: Plan, rows: np.ndarray) -> np.ndarray:
+            law = np.array([laws.index(law.key) if law.key in laws else -1 for law in plan.laws])
+            record = np.array([motions.index(motion_of(record)) for record in plan.spec.records])
+            parts = [
+                self._keys(replace(table, law=law[table.law], record=record[table.record]), plan, part)
+                for part in np.split(rows, range(BLOCK, len(rows), BLOCK))
+                for table in (plan.unique[part],)
+            ]
+            return np.concatenate(parts)
+
+        known, key_of = np.unique(keys_of(old, np.arange(len(old.unique))), return_inverse=True)
+        found = places_of(keys_of(self._plan, wanted), known)
+        order = np.argsort(found, kind="stable")[np.count_nonzero(found < 0) :]
+        return key_of, wanted[order], found[order]
+
+    def _keys(self, table: Scenarios, plan: Plan, rows: np.ndarray) -> np.ndarray:
+        """Return what scenarios are known by; steps belong to it where they were chosen for an accuracy."""
+        known = {"law": table.law, "record": table.record, "scale": table.scale, "restitution": table.restitution}
+        known |= {"contact_stiffness": table.stiffness, "pair_gap": table.gaps, "steps": plan.steps[rows]}
+        if len(plan.variants) > 1:
+            variants = plan.variants[table.variant]
+            # NaN: the buildings' own
+            names = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
+            known |= {name: getattr(variants, name) for name in names}
+        return scenario_keys(known)
 
     def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
         plan, spec = self._plan, old.spec
@@ -233,32 +265,7 @@ class EarlierCube:
             msg = f"{self.path!r} can't be extended: {what}; run the sweep without it"
             raise InputError(msg)
 
-    def _copy(self, cube: xr.Dataset, spec: SweepSpec, folder: Path | None) -> np.ndarray:
-        """Copy the results to a table in a file without a name, one row per scenario: any of them can be read alone."""
-        names = cube_variables(self._plan.outputs)
-        kind = table_type(names, spec.scene)
-        dims = dimensions(spec)
-        sizes = [cube.sizes[dim] for dim in dims]
-        place = Path(tempfile.gettempdir()) if folder is None else folder
-        check_space(place, math.prod(sizes) * kind.itemsize, f"a copy of {self.path!r}")
-        try:
-            with tempfile.TemporaryFile(dir=place) as file:
-                # written, not mapped: a disk that gets full fails a write, but kills whoever writes into a map of it
-                for slab in slabs(sizes, block_shape(sizes, max(1, SLAB_BYTES // kind.itemsize))):
-                    file.write(self._slab(cube, dict(zip(dims, slab, strict=True)), kind))
-                file.flush()
-                os.fsync(file.fileno())  # network disks say only now that they are full
-                return np.memmap(file, kind, "r", shape=(math.prod(sizes),))
-        except OutputError:
-            raise
-        except OSError as error:
-            msg = (
-                f"writing a copy of {self.path!r} to {str(place)!r} failed ({error.strerror or error}); free some "
-                "space on that disk and run again"
-            )
-            raise WriteError(msg) from error
-
-    def _slab(self, cube: xr.Dataset, where: Mapping[str, slice], kind: np.dtype) -> memoryview:
+    def _slab(self, cube: xr.Dataset, where: Mapping[str, slice], kind: np.dtype) -> np.ndarray:
         """Return the results of scenarios that lie side by side as rows of a table."""
         rows = np.zeros([part.stop - part.start for part in where.values()], kind)
         for name in kind.names or ():
@@ -267,114 +274,7 @@ class EarlierCube:
             with reading(self.path):  # a variable alone: its coordinates would take most of the time
                 values = cube.variables[name].isel(where).transpose(*where, *VARIABLES[name].dims).values
             rows[name] = as_stored(name, values)
-        return rows.data
-
-    def _keys(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> np.ndarray:
-        """Return what scenarios are known by; steps belong to it where they were chosen for an accuracy."""
-        known = {"law": table.law, "record": table.record, "scale": table.scale, "restitution": table.restitution}
-        known |= {"contact_stiffness": table.stiffness, "pair_gap": table.gaps, "steps": steps}
-        if len(self._plan.variants) > 1:
-            # NaN: the buildings' own
-            names = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
-            known |= {name: getattr(variants, name) for name in names}
-        return scenario_keys(known)
-
-    def find(self, task: ChunkTask) -> np.ndarray:
-        """Return the rows of the table of results that answer the scenarios of a chunk; -1 where there is none."""
-        if self._rising is None or set(task.outputs) != set(self._plan.outputs):
-            return np.full(len(task.table), -1)
-        numerics, record = task.kernel.numerics, self._plan.spec.records[task.record]
-        steps = np.full(len(task.table), numerics.steps(record))
-        table = replace(task.table, record=self._first[task.table.record])
-        found = places_of(self._keys(table, task.variants, steps), self._rising)
-        return np.where(found >= 0, self._place[found], -1)
-
-    def results(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows of the table of results."""
-        return np.asarray(self._table[rows])
-
-    def completed(self, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
-        """Return results where there are some, and in the places of the others `new` ones in their order."""
-        known = rows >= 0
-        both = np.empty(len(rows), new.dtype)
-        both[~known] = new
-        there = self.results(rows[known])
-        for name in new.dtype.names or ():
-            both[name][known] = there[name]
-        return both
-
-    def without(self, rows: np.ndarray) -> np.ndarray:
-        """Return results where there are some; in the places of the others, scenarios that are not run."""
-        new = np.empty(int((rows < 0).sum()), self._table.dtype)
-        for name in new.dtype.names or ():
-            new[name] = int(Status.NOT_RUN) if name == "status" else VARIABLES[name].fill
-        return self.completed(rows, new)
-
-
-class ReuseLedger:
-    """Counts the scenarios that were taken."""
-
-    def __init__(self, store: ChunkStore | None, earlier: EarlierCube | None) -> None:
-        self.origin: Mapping[str, Any] | None = None
-        self._name = ""
-        if earlier is not None:
-            self.origin, self._name = earlier.origin, _digest(earlier.origin)
-        self.scenarios = 0
-        self._store, self._now = store, {} if earlier is None else earlier.taken
-        self._lost = {} if earlier is None else earlier.lost
-        self._written = False
-
-    def new(self, key: str) -> int:
-        """Count what a chunk of this run took."""
-        taken = self._now.get(key, 0)
-        self.scenarios += taken
-        return taken
-
-    def lost(self, key: str) -> str:
-        """Return what went wrong with what a chunk of this run did not take; "" where all of it has a result."""
-        return self._lost.get(key, "")
-
-    def kept(self, key: str) -> int:
-        """Count what a chunk of an earlier run took."""
-        assert self._store is not None
-        told = self._store.manifest_entry(key)
-        taken, name = told.get("taken"), told.get("from")
-        if not isinstance(taken, int) or not isinstance(name, str):
-            return 0
-        if self.origin is None:
-            self.origin, self._name = self._read(name), name
-        if self.origin is None or self._name != name:
-            return 0
-        self.scenarios += taken
-        return taken
-
-    def line(self, taken: int) -> dict[str, Any]:
-        """Return what the manifest is to say of a chunk that took so many; raises `WriteError`."""
-        if not taken or self._store is None or self.origin is None:
-            return {}
-        if not self._written:
-            self._store.note(_file(self._name), self.origin)
-            self._written = True
-        return {"taken": taken, "from": self._name}
-
-    def _read(self, name: str) -> Mapping[str, Any] | None:
-        """Return what a cube said of itself; None where the file is not what was written."""
-        assert self._store is not None
-        try:
-            found = json.loads((self._store.folder / _file(name)).read_bytes())
-            return found if _digest(found) == name else None
-        except (OSError, ValueError, TypeError, AttributeError):
-            return None
-
-
-def _file(name: str) -> str:
-    return f"earlier-{name}.json"
-
-
-def _digest(origin: Mapping[str, Any]) -> str:
-    """Digest of what a cube says of itself, wherever it stands."""
-    told = {key: value for key, value in origin.items() if key != "file"}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:32]
+        return rows.ravel()
 
 
 def extension_attributes(origin: Mapping[str, Any], taken: int) -> dict[str, Any]:

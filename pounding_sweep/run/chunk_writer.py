@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore
 
 #: Seconds for which finished chunks are held in memory, and most bytes of them.
@@ -42,12 +43,14 @@ class ChunkWriter:
         """Note of which chunks the sweep will consist."""
         self._write(partial(self.store.expect, chunks))
 
-    def save(self, key: str, table: np.ndarray, moved: Callable[[Callable[[], np.ndarray]], None], **more: Any) -> None:
+    def save(
+        self, chunk: Chunk, table: np.ndarray, moved: Callable[[Callable[[], np.ndarray]], None], **more: Any
+    ) -> None:
         """Write a chunk, with `more` in its line; `moved` then hears how it is read from its file."""
 
         def write() -> None:
-            self.store.write(key, table, **more)
-            moved(partial(self.store.read, key))
+            self.store.write(chunk.key, table, chunk.rows, law=chunk.law, record=chunk.record, **more)
+            moved(partial(self.store.read, chunk.key))
 
         self._bytes += table.nbytes
         self._write(write)

@@ -13,7 +13,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -24,14 +24,13 @@ from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import still_to_compile
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.results import Outcome, Results, table_type, to_table
+from pounding_sweep.output.results import Outcome, Results, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.chunks import Chunk, ChunkTask
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
-from pounding_sweep.resume.reuse import ReuseLedger
 from pounding_sweep.resume.survey import chunk_lines, expected, stages_before
 from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.pool import Dispatcher
@@ -159,7 +158,7 @@ def execute(
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
     store = None if writer is None else writer.store
-    progress, ledger = progress or Progress(), ReuseLedger(store, earlier)
+    progress = progress or Progress()
     shapes = plan.shapes()
     to_compile, _ = still_to_compile(shapes)
     progress.stage("compiling" if to_compile else "kernels", len(shapes))
@@ -168,18 +167,18 @@ def execute(
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
+    outcome.taken_from = None if earlier is None else earlier.origin
     started = time.perf_counter()
     if shapes:
         before = {} if store is None else stages_before(plan, store.folder)
-        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
+        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, earlier, before)
         stages.without_pounding()
         stages.scenarios()
         if writer is not None and outcome.failures:
             writer.flush()  # the next run makes what is missing
     outcome.run_seconds = time.perf_counter() - started
-    outcome.taken, outcome.taken_from = ledger.scenarios, ledger.origin
-    if ledger.origin is not None:
-        progress.note(f"{ledger.scenarios} scenarios taken from {ledger.origin['file']}")
+    if outcome.taken_from is not None:
+        progress.note(f"{outcome.taken} scenarios taken from {outcome.taken_from['file']}")
     if outcome.failures:
         shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
         warnings.warn(
@@ -200,7 +199,7 @@ class _Stages:
     writer: ChunkWriter | None
     dispatcher: Dispatcher
     progress: Progress
-    ledger: ReuseLedger
+    earlier: EarlierCube | None
     expected: dict[str, list[list[Any]]]
 
     def without_pounding(self) -> None:
@@ -218,7 +217,8 @@ class _Stages:
                 closing[rows, j] = np.where(ok, found, np.inf)
 
         outputs = (*plan.outputs, "closing_max")
-        self._run("no pounding", plan.uncoupled_chunks(), plan.uncoupled_runs, outputs, keep, closing=True)
+        runs, worth = plan.uncoupled_runs, plan.uncoupled_to_run
+        self._run("no pounding", worth, runs, outputs, keep, plan.uncoupled_chunks, closing=True)
         left_out = untouched(plan, closing) & ~plan.refused
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
@@ -235,35 +235,54 @@ class _Stages:
             results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
 
         rows = np.flatnonzero(~left_out & ~plan.refused).astype(np.int32)
-        self._run("scenarios", plan.chunks(rows), plan.unique, plan.outputs, keep)
+        self._run("scenarios", rows, plan.unique, plan.outputs, keep, plan.chunks)
 
     def _run(
         self,
         stage: str,
-        chunks: list[Chunk],
+        rows: np.ndarray,
         table: Scenarios,
         outputs: tuple[str, ...],
         keep: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
+        cut: Callable[[np.ndarray], list[Chunk]],
         *,
         closing: bool = False,
     ) -> None:
-        """Run chunks of a table but those that are in the store; `keep` gets rows, results and where these stand."""
+        """Take rows of a table from the store and the earlier cube, run the others in the chunks that `cut` makes.
+
+        `keep` gets rows, results and where these stand.
+        """
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
+        self.progress.stage(stage, len(rows))
+        missing, known = np.zeros(len(table), bool), []
+        missing[rows] = True
+
+        def answer(chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any) -> int:
+            index, slots = results.hold(found, read)
+            new = missing[chunk.rows]
+            keep(chunk.rows[new], found[new], slots[new])
+            missing[chunk.rows] = False
+            if self.writer is not None and read is None:
+                self.writer.save(chunk, found, partial(results.move, index), stage=stage, **origin)
+            if new.any():
+                self.progress.advance(int(new.sum()))
+            return int(new.sum())
+
+        for chunk, found, read, origin in self._stored(stage):
+            n = answer(chunk, found, read)
+            if self._is_taken(origin):
+                outcome.taken += n
+            else:
+                outcome.reused += n
+            known.append(chunk)
+        if self.earlier is not None and not closing:
+            for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
+                outcome.taken += answer(chunk, found, origin=self.earlier.origin)
+                known.append(chunk)
+        waiting = cut(np.flatnonzero(missing))
         if self.writer is not None:
-            self.expected[stage] = chunk_lines(chunks)
+            self.expected[stage] = chunk_lines([*known, *waiting])
             self.writer.expect(expected(plan, self.expected))
-        self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
-        done = self.store.completed() if self.store is not None else set()
-        fields = table_type(cube_variables(outputs), plan.spec.scene)
-        waiting = []
-        for chunk in chunks:
-            found = self._stored(chunk, fields) if chunk.key in done else None
-            if self.store is None or found is None:
-                waiting.append(chunk)
-                continue
-            keep(chunk.rows, found, results.hold(found, partial(self.store.read, chunk.key))[1])
-            outcome.reused += len(chunk.rows) - self.ledger.kept(chunk.key)
-            self.progress.advance(len(chunk.rows))
 
         def task_of(position: int) -> ChunkTask:
             chunk = waiting[position]
@@ -273,27 +292,35 @@ class _Stages:
 
         def receive(position: int, found: np.ndarray | str) -> None:
             chunk = waiting[position]
-            failure = found if isinstance(found, str) else self.ledger.lost(chunk.key)
-            if failure:
-                outcome.failures.append(failure)
-            if not isinstance(found, str):
-                index, slots = results.hold(found)
-                keep(chunk.rows, found, slots)
-                taken = self.ledger.new(chunk.key)
-                if not failure:
-                    outcome.run += len(chunk.rows) - taken
-                if self.writer is not None and not failure:  # else the next run makes what is missing
-                    self.writer.save(chunk.key, found, partial(results.move, index), **self.ledger.line(taken))
-            self.progress.advance(len(chunk.rows))
+            if isinstance(found, str):  # the next run makes what is missing
+                outcome.failures.append(found)
+                self.progress.advance(len(chunk.rows))
+                return
+            outcome.run += answer(chunk, found)
 
         self.dispatcher.run(len(waiting), task_of, receive)
 
-    def _stored(self, chunk: Chunk, fields: np.dtype) -> np.ndarray | None:
-        """Return the table of a chunk that was finished before; None where it is damaged."""
-        assert self.store is not None
-        try:
-            return self.store.read(chunk.key, fields, len(chunk.rows))
-        except ChunkCorrupt as error:
-            self.store.forget(chunk.key)
-            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
-            return None
+    def _stored(self, stage: str) -> Iterator[tuple[Chunk, np.ndarray, Callable[[], np.ndarray], Any]]:
+        """Go through the finished chunks of a stage: table, what reads it again, and the cube it was taken from."""
+        store = self.store
+        if store is None:
+            return
+        for key in sorted(store.completed()):
+            entry = store.manifest_entry(key)
+            if entry.get("stage") == stage:
+                try:
+                    table = store.read(key)
+                except ChunkCorrupt as error:
+                    store.forget(key)
+                    warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+                else:
+                    chunk = Chunk(key, entry["law"], entry["record"], store.rows(key), 0)
+                    yield chunk, table, partial(store.read, key), entry.get("origin")
+
+    def _is_taken(self, origin: Mapping[str, Any] | None) -> bool:
+        """Whether results are from the earlier cube that this one tells of, wherever it stands."""
+        if origin is None:
+            return False
+        if self.outcome.taken_from is None:
+            self.outcome.taken_from = origin
+        return {**origin, "file": ""} == {**self.outcome.taken_from, "file": ""}

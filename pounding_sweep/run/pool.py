@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,6 @@ import numpy as np
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.plan.chunks import ChunkTask, Receive, Run
 from pounding_sweep.records import Record
-from pounding_sweep.resume.reuse import EarlierCube
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -106,53 +104,3 @@ class Dispatcher:
                 break
             for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                 receive(under_way.pop(future), future.result())
-
-
-class ExtendingDispatcher(Dispatcher):
-    """Workers that run only what an earlier cube does not hold."""
-
-    def __init__(self, workers: Dispatcher, earlier: EarlierCube) -> None:
-        self._workers, self._earlier = workers, earlier
-        self.prepare = workers.prepare  # type: ignore[method-assign]
-
-    def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
-        """See `Dispatcher.run`; chunks that are known as a whole come first."""
-        earlier, waiting = self._earlier, []
-        partly: dict[int, tuple[str, np.ndarray]] = {}  # position -> key and rows of chunks that are known in part
-        for position in range(n):
-            try:
-                task = task_of(position)
-                rows = earlier.find(task)
-                results = earlier.results(rows) if (rows >= 0).all() else None
-            except MemoryError as error:  # it costs this chunk only
-                receive(position, f"MemoryError: {error}")
-                continue
-            if results is not None:
-                earlier.taken[task.key] = len(rows)
-                receive(position, results)
-            else:
-                waiting.append(position)
-                if (rows >= 0).any():
-                    partly[position] = task.key, rows
-
-        def missing(index: int) -> ChunkTask:
-            task = task_of(waiting[index])
-            if waiting[index] not in partly:
-                return task
-            new = partly[waiting[index]][1] < 0
-            return replace(task, table=task.table[new], variants=task.variants[new])
-
-        def complete(index: int, results: np.ndarray | str) -> None:
-            key, rows = partly.pop(waiting[index], ("", None))
-            if rows is not None:
-                try:
-                    if isinstance(results, str):  # costs only what was to be run
-                        earlier.lost[key], results = results, earlier.without(rows)
-                    else:
-                        results = earlier.completed(rows, results)
-                    earlier.taken[key] = int((rows >= 0).sum())
-                except MemoryError as error:
-                    results = f"MemoryError: {error}"
-            receive(waiting[index], results)
-
-        self._workers.run(len(waiting), missing, complete)

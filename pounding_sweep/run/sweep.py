@@ -204,7 +204,6 @@ class Sweep:
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
         from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
         from pounding_sweep.run.log import RunLog
-        from pounding_sweep.run.pool import ExtendingDispatcher
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -213,7 +212,7 @@ class Sweep:
         more: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
         earlier = None
         if extend is not None:
-            earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE], None if target is None else target.parent)
+            earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE])
         store = log = writer = cube = None
         with ExitStack() as contexts:
             if target is None:
@@ -230,8 +229,7 @@ class Sweep:
                     if store is not None:
                         writer = writing.enter_context(ChunkWriter(store, at_once=begun or earlier is not None))
                     with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
-                        runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
-                        outcome = execute(plan, runs, writer=writer, progress=progress, earlier=earlier)
+                        outcome = execute(plan, dispatcher, writer=writer, progress=progress, earlier=earlier)
                         self.last_outcome = outcome
                         if target is not None and target.exists():
                             _check_results(outcome, target)
