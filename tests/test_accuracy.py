@@ -188,7 +188,7 @@ def test_the_cube_says_what_was_chosen(tmp_path):
         cube.attrs["method"],
         cube.attrs["precision"],
         "steps per record interval",
-        "would cost",
+        "times the cost",
     ):
         assert part in said
     numbers = json.loads(cube.attrs["accuracy_numbers"])
@@ -228,7 +228,7 @@ def test_long_records_of_undamped_buildings_take_smaller_steps():
 def test_a_method_that_is_named_is_kept():
     plan = make(accuracy=1e-3, method="newmark").plan()
     assert plan.numerics.method == "newmark"
-    assert "newmark scheme" in plan.choice
+    assert "newmark float" in plan.choice
     assert plan.steps.mean() > 2 * make(accuracy=1e-3).plan().steps.mean()
 
 
@@ -317,7 +317,7 @@ def test_the_cheaper_scheme_is_chosen(monkeypatch):
     known = measured(rk4_linear=slow, rk4_hertz=slow, rk4_kelvin_voigt=slow, rk4_hertz_damped=slow, rk4_none=slow)
     plan = advised(monkeypatch, known, accuracy=1e-3)
     assert plan.numerics.method == "newmark"
-    assert "rk4 float64 would cost" in plan.choice
+    assert "rk4 float64: " in plan.choice
 
 
 def test_a_scheme_that_does_not_reach_it_is_not_chosen(monkeypatch):

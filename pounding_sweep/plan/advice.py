@@ -504,10 +504,11 @@ class _Demand:
         contacts = self.contact[np.isfinite(self.contact)]
         laws = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
         cheapest = min(others, key=lambda name: others[name], default=None)
-        more = "" if cheapest is None else f" ({' '.join(cheapest)} would cost {others[cheapest]:.2g} times as much)"
+        more = "" if cheapest is None else f" ({' '.join(cheapest)}: {others[cheapest]:.2g} times the cost)"
+        number = _range(counts, "d") + (" step" if counts.max() == 1 else " steps")
         sentence = (
-            f"{spec.accuracy:g}: {scheme[0]} scheme, {scheme[1]}, {_range(counts, 'd')} steps per record interval; "
-            f"at these steps {quantile:.0%} of scenarios are within it, the others are refined{more}"
+            f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
+            f"scenarios refined{more}"
         )
         numbers = {
             "accuracy": spec.accuracy,
