@@ -141,7 +141,7 @@ def key_tables() -> str:
             if meaning is None:
                 msg = f"nothing explains {key!r} of {heading!r}; give its parameter a docstring, or it a line in _OWN"
                 raise KeyError(msg)
-            lines.append(_line(f"`{key}`", str(field.description), _default(field), meaning))
+            lines.append(_line(f"`{key}`", str(field.description).partition(": ")[0], _default(field), meaning))
         lines.append("")
     lines += ["### `[[sweep.cases]]`", "", "| key | meaning |", "|---|---|"]
     for key, meaning in _meanings(Case).items():

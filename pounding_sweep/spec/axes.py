@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Literal
 
 from pounding_sweep.base.errors import Fault, LawError, SweepError
@@ -56,11 +57,15 @@ class Axis:
     listed: bool = False
     finds: str = ""  # argument of the axis by building whose values it finds, and excludes
 
+    @cached_property
+    def _number(self) -> Callable[[Any], float]:
+        from pounding_sweep.spec.faults import number_check
+
+        return number_check(self.noun, **self.bounds)
+
     def check(self, value: Any, laws: Sequence[Law] = (), basis: str = "published") -> float:
         """Convert and check a value; a restitution is checked against the laws of the sweep as well."""
-        from pounding_sweep.spec.faults import check_number
-
-        result = check_number(value, self.noun, **self.bounds)
+        result = self._number(value)
         if self.dimension == "restitution":
             check_laws_restitution(result, laws, basis)
         return result

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import numbers
 from collections.abc import Callable, Collection, Iterable
 from typing import Annotated, Any
@@ -113,6 +112,8 @@ def is_number(value: object) -> bool:
 
 
 def _as_float(value: Any) -> Any:
+    if type(value) is float:
+        return value + 0.0
     try:
         return float(value) + 0.0 if is_number(value) else value  # -0.0 becomes 0.0
     except OverflowError:  # a whole number beyond all others
@@ -138,20 +139,19 @@ def number(what: str, default: Any = ..., **bounds: float) -> Any:
     return Field(default, description=f"{what}, {words}", **limits)
 
 
-@functools.cache
-def _adapter(what: str, bounds: tuple[tuple[str, float], ...]) -> tuple[TypeAdapter[float], str]:
-    field = number(what, **dict(bounds))
-    return TypeAdapter(Annotated[Number, field], config=ConfigDict(strict=True)), str(field.description)
+def number_check(what: str, **bounds: float) -> Callable[[Any], float]:
+    """Make a check of one number, as `number` is in a table; it returns it as a float."""
+    field = number(what, **bounds)
+    validate = TypeAdapter(Annotated[Number, field], config=ConfigDict(strict=True)).validate_python
 
+    def check(value: Any) -> float:
+        try:
+            return validate(value)
+        except ValidationError:
+            msg = f"{shown(value)} won't do; it must be a {field.description}"
+            raise InputError(msg) from None
 
-def check_number(value: Any, what: str, **bounds: float) -> float:
-    """Convert and check one number, as `number` does in a table."""
-    adapter, words = _adapter(what, tuple(bounds.items()))
-    try:
-        return adapter.validate_python(value)
-    except ValidationError:
-        msg = f"{shown(value)} won't do; it must be a {words}"
-        raise InputError(msg) from None
+    return check
 
 
 def one_of(what: str, valid: Collection[str]) -> AfterValidator:

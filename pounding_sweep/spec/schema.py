@@ -30,11 +30,11 @@ from pounding_sweep.spec.faults import (
     Flag,
     Number,
     Table,
-    check_number,
     is_number,
     key,
     listed,
     number,
+    number_check,
     one_of,
     spell,
     valid_part,
@@ -55,7 +55,7 @@ from pounding_sweep.spec.tables import (
     DesignTable,
     read_range,
     read_scene,
-    record_table,
+    record_of_table,
 )
 
 #: After so many faults in a list the rest of it is not looked at.
@@ -64,6 +64,7 @@ _MOST_FAULTS = 20
 CHECKED_AXIS = 10_000
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
+_GAP_OR_GAPS = number_check("gap in m, or one per pair", ge=0.0)
 #: Default parameters of Newmark's method.
 _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
@@ -274,7 +275,7 @@ class _Reader:
         try:
             if isinstance(item, (Record, str, os.PathLike)):
                 return resolve_records([item], folders=folders, base=base)
-            return [record_table(item).read(Path(base or "."), folders)]
+            return [record_of_table(item, Path(base or "."), folders)]
         except MissingRecordError as error:
             if not self.given["skip_missing_records"]:
                 raise
@@ -541,7 +542,7 @@ class _Reader:
     def _case_gap(self, value: Any) -> float | tuple[float, ...]:
         values = None if is_number(value) else listed(value)
         if values is None:
-            return check_number(value, "gap in m, or one per pair", ge=0.0)
+            return _GAP_OR_GAPS(value)
         if self.scene is not None and len(values) != len(self.scene.gaps):
             msg = f"{len(values)} gaps for {len(self.scene.gaps)} pairs ({', '.join(self.scene.pair_names)})"
             raise InputError(msg)

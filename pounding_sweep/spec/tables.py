@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
 
 from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, shown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.bumpers import Bumper
+from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.links import Link
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall, building_faults, check_name
+from pounding_sweep.model.scene import (
+    CONTACTS,
+    BoucWen,
+    Building,
+    ContactProperties,
+    Scene,
+    Wall,
+    building_faults,
+    check_name,
+)
 from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range
@@ -26,49 +38,61 @@ from pounding_sweep.spec.own_laws import find_law, names_file
 
 #: More values than this on one axis are refused.
 MAX_AXIS = 1_000_000
-#: A list whose items are checked by what takes it.
-Numbers = list[Any] | None
+#: Annotation of a parameter -> type of the key of a table, and that in words.
+_KINDS: dict[str, tuple[Any, str]] = {
+    "float": (Number, "a number"),
+    "int": (int, "a whole number"),
+    "bool": (bool, "true or false"),
+    "str": (str, "a text"),
+    "str | int": (str | int, "a text or a whole number"),
+    "str | os.PathLike[str]": (str, "a text"),
+}
+_PARAMETER = re.compile(r"^ {4}(\w[\w, ]*?)(?: : .*)?\n((?: {8}.*(?:\n|\Z))+)", re.MULTILINE)
 
 
-class BoucWenTable(Table):
-    """``bouc_wen`` of a building: smooth hysteresis in place of the bilinear one."""
+def table_of(taker: Callable[..., Any], *, first: str = "", base: type[Table] = Table, **kinds: tuple[Any, str]) -> Any:
+    """Make a table of what `taker` takes: types and defaults of its signature, and meanings of its docstring.
 
-    n: float = key("a number", 1.0)
-    beta: float = key("a number", 0.5)
-    gamma: float = key("a number", 0.5)
+    `first` is another name of its first parameter; `kinds` has other types. What is a list is checked by the taker.
+    """
+    section = (taker.__doc__ or "").partition("----------\n")[2].partition("\n\n")[0]
+    meanings = {
+        name: re.split(r"[.;:] ", " ".join(text.split()))[0].rstrip(".")
+        for names, text in _PARAMETER.findall(section)
+        for name in names.split(", ")
+    }
+    keys: dict[str, Any] = {}
+    for name, parameter in inspect.signature(taker).parameters.items():
+        annotation = getattr(parameter.annotation, "__forward_arg__", parameter.annotation).removesuffix(" | None")
+        words = "a list of numbers" if annotation == "Sequence[float]" else "a list"
+        other = (list[Any], words) if annotation.startswith("Sequence") else (Any, "a value")
+        kind, words = kinds.get(name) or _KINDS.get(annotation, other)
+        default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+        field = key(f"{words}: {meanings[name]}" if name in meanings else words, default)
+        keys[name if keys or not first else first] = kind | None if default is None else kind, field
+    return create_model("table", __base__=base, **keys)
 
 
-class FoundationTable(Table):
-    """``foundation`` of a building: its base on springs and dashpots."""
+#: A number that the taker checks.
+_CHECKED = (Any, "a number")
+_NOT_NEGATIVE = (Annotated[Number, Field(ge=0.0, allow_inf_nan=False)], "a number, at least 0")
 
-    mass: float = key("a number in t")
-    inertia: float = key("a number in t m2")
-    sway_stiffness: float = key("a number in kN/m")
-    rocking_stiffness: float = key("a number in kN m/rad")
-    sway_damping: float = key("a number in kN s/m", 0.0)
-    rocking_damping: float = key("a number in kN m s/rad", 0.0)
-
-
-class BuildingTable(Table):
-    """[[scene.row]]: a building."""
-
-    name: Annotated[str, AfterValidator(partial(check_name, "building"))] = key("a text")
-    masses: list[Any] = key("a list of numbers, floor masses in t, bottom first")
-    stiffnesses: list[Any] = key("a list of numbers, storey stiffnesses in kN/m, bottom first")
-    damping_ratio: Any = key("a number, or two", 0.05)
-    storey_heights: Numbers = key("a list of numbers, storey heights in m, bottom first", None)
-    yield_strengths: Numbers = key("a list of numbers, storey shears at first yield in kN, bottom first", None)
-    hardening: Any = key("a number, or a list of one per storey", 0.0)
-    damping_stiffness: str = key("a text", "initial")
-
-    slab_depths: Numbers = key("a list of numbers, depths of the floors' slabs in m, bottom first", None)
-    column_stiffnesses: Numbers = key(
-        "a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first", None
-    )
-    p_delta: bool = key("true or false", False)
-    bouc_wen: BoucWenTable | None = key("a table of n, beta and gamma", None)
-    dashpots: Numbers = key("a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first", None)
-    foundation: FoundationTable | None = key("a table of mass, inertia, stiffnesses and dampings", None)
+BoucWenTable = table_of(BoucWen)
+FoundationTable = table_of(Foundation)
+BuildingTable = table_of(
+    Building,
+    name=(Annotated[str, AfterValidator(partial(check_name, "building"))], "a text"),
+    bouc_wen=(BoucWenTable, "a table of n, beta and gamma"),
+    foundation=(FoundationTable, "a table of mass, inertia, stiffnesses and dampings"),
+)
+LinkTable = table_of(Link, stiffness=_NOT_NEGATIVE, damping=_NOT_NEGATIVE)
+BumperTable = table_of(
+    Bumper,
+    law=(str, "a name, or FILE.py:NAME"),
+    stiffness=_CHECKED,
+    restitution=_CHECKED,
+    thickness=_CHECKED,
+)
 
 
 class WallTable(Table):
@@ -134,32 +158,16 @@ class ContactTable(Table):
         return {name: value for name, value in values.items() if value is not None}
 
 
-class LinkTable(Table):
-    """[[scene.links]]: springs and dashpots between floors of two neighbours."""
-
-    pair: str = key('a text, the pair of neighbours "left-right"')
-    storeys: list[Any] = key("a list of whole numbers, or of two: the left and the right storey")
-    stiffness: Number = number("a number in kN/m", 0.0, ge=0.0)
-    damping: Number = number("a number in kN s/m", 0.0, ge=0.0)
+def _link(value: Any) -> Link:
+    return Link(**dict(LinkTable.model_validate(value)))
 
 
-class BumperTable(Table):
-    """[[scene.bumpers]]: contacts of a pair with a law of their own."""
-
-    pair: str = key('a text, the pair of neighbours "left-right"')
-    law: str = key('a name, "rubber_bumper" or FILE.py:NAME')
-    stiffness: Any = key("a number in kN/m**exponent", None)
-    restitution: Any = key("a number", None)
-    thickness: Any = key("a number in m", None)
-    storeys: list[Any] = key("a list of whole numbers", [])
-
-
-def _bumper(table: BumperTable, info: ValidationInfo) -> Bumper:
-    law: Any = table.law
-    if names_file(table.law):
+def _bumper(value: Any, info: ValidationInfo) -> Bumper:
+    table = dict(BumperTable.model_validate(value))
+    if names_file(table["law"]):
         with Faults() as faults:
-            law = faults.attempt(("law",), find_law, table.law, (info.context or {}).get("base"))
-    return Bumper(**{**dict(table), "law": law})
+            table["law"] = faults.attempt(("law",), find_law, table["law"], (info.context or {}).get("base"))
+    return Bumper(**table)
 
 
 class SceneTable(Table):
@@ -181,10 +189,10 @@ class SceneTable(Table):
         "a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet", None
     )
     allow_unmet: bool | None = key("true or false, whether pairs may have no floors that meet", None)
-    links: list[Annotated[LinkTable, AfterValidator(lambda table: Link(**dict(table)))]] | None = key(
+    links: list[Annotated[Any, PlainValidator(_link)]] | None = key(
         "tables [[scene.links]] of springs and dashpots between neighbours", None
     )
-    bumpers: list[Annotated[BumperTable, AfterValidator(_bumper)]] | None = key(
+    bumpers: list[Annotated[Any, PlainValidator(_bumper)]] | None = key(
         "tables [[scene.bumpers]] of contacts with a law of their own", None
     )
 
@@ -264,131 +272,77 @@ class DesignTable(Table):
     inputs: dict[str, Any] = key("tables [design.inputs] of distributions by the name of an axis")
 
 
-class FoundRecord(Table):
-    """A record that is there, scaled or renamed."""
-
-    name: str | None = key("a text", None)
-    scale: float = key("a number", 1.0)
-    pga: float | None = key("a number in m/s2", None)
-    sa: float | None = key("a number in m/s2", None)
-    sa_period: float | None = key("a number in s", None)
-
-    def to_spectrum(self, record: Record) -> Record:
-        """Scale a record to the spectral acceleration that is given for it, if one is."""
-        if self.sa is None and self.sa_period is None:
-            return record
-        if self.sa is None or self.sa_period is None:
-            msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
-            raise SweepError(msg)
-        if self.pga is not None or self.scale != 1.0:
-            msg = f"sa and {'pga' if self.pga is not None else 'scale'} exclude each other; give one of them"
-            raise SweepError(msg)
-        from pounding_sweep.engine.spectrum import scaled_to_sa
-
-        return scaled_to_sa(record, self.sa, self.sa_period)
+class _Spectral(Table):
+    sa: Number | None = key("a number in m/s2", None)
+    sa_period: Number | None = key("a number in s", None)
 
 
-class PathRecord(FoundRecord):
-    """A record from a file."""
-
-    path: str = key("a text")
-    units: str | None = key("a text", None)
-    dt: float | None = key("a number in s", None)
-    column: str | int | None = key("a text, the heading of a column, or its number from 1", None)
-    layout: str | None = key('"columns" or "rows"', None)
-
-    def read(self, folder: Path, _folders: Folders) -> Record:
-        """Read the file."""
-        file = folder / expanded(self.path, RecordError)
-        how = {key: value for key, value in dict(self).items() if key not in ("path", "sa", "sa_period")}
-        return self.to_spectrum(read_record(file, **how))
-
-
-class NamedRecord(FoundRecord):
+class NamedRecord(_Spectral):
     """A record found by name, scaled or renamed."""
 
     record: str = key("a text")
-
-    def read(self, _folder: Path, folders: Folders) -> Record:
-        """Find the record."""
-        found = find_record(self.record, folders)
-        if self.pga is not None and self.scale != 1.0:
-            msg = "scale and pga exclude each other; give one of them"
-            raise SweepError(msg)
-        found = self.to_spectrum(found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga))
-        return found if self.name is None else found.renamed(self.name)
-
-
-class MadeRecord(Table):
-    """A record that is computed: the first key, which tells the kind, is what its function takes by place."""
-
-    make: ClassVar[Callable[..., Record]]
-
-    def read(self, _folder: Path, _folders: Folders) -> Record:
-        """Make the record."""
-        (_, first), *more = self
-        return type(self).make(first, **dict(more))
-
-
-class SyntheticRecord(MadeRecord):
-    """A synthetic earthquake; ``synthetic`` is the seed."""
-
-    make = synthetic_record
-    synthetic: int = key("a whole number, the seed")
-    duration: float = key("a number in s", 20.0)
-    dt: float = key("a number in s", 0.01)
-    pga: float = key("a number in m/s2", 3.0)
-    ground_frequency: float = key("a number in rad/s", 15.6)
-    ground_damping: float = key("a number", 0.6)
-    filter_frequency: float = key("a number in rad/s", 1.5)
-    filter_damping: float = key("a number", 0.6)
-    rise: float = key("a number", 0.1)
-    strong: float = key("a number", 0.4)
-    end_level: float = key("a number", 0.05)
     name: str | None = key("a text", None)
+    scale: Number = key("a number", 1.0)
+    pga: Number | None = key("a number in m/s2", None)
 
 
-class PulseRecord(MadeRecord):
-    """A simple pulse; ``pulse`` is its shape."""
-
-    make = pulse_record
-    pulse: str = key("a text")
-    amplitude: float = key("a number in m/s2")
-    period: float = key("a number in s")
-    dt: float = key("a number in s")
-    duration: float | None = key("a number in s", None)
-    name: str | None = key("a text", None)
+PathRecord = table_of(read_record, base=_Spectral)
+SyntheticRecord = table_of(synthetic_record, first="synthetic")
+PulseRecord = table_of(pulse_record, first="pulse")
+NearFaultRecord = table_of(near_fault_record, first="near_fault")
 
 
-class NearFaultRecord(MadeRecord):
-    """A near-fault pulse; ``near_fault`` is the amplitude of its velocity."""
+def _scaled_to_spectrum(table: Any, record: Record) -> Record:
+    """Scale a record to the spectral acceleration that is given for it, if one is."""
+    if table.sa is None and table.sa_period is None:
+        return record
+    if table.sa is None or table.sa_period is None:
+        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        raise SweepError(msg)
+    if table.pga is not None or table.scale != 1.0:
+        msg = f"sa and {'pga' if table.pga is not None else 'scale'} exclude each other; give one of them"
+        raise SweepError(msg)
+    from pounding_sweep.engine.spectrum import scaled_to_sa
 
-    make = near_fault_record
-    near_fault: float = key("a number in m/s")
-    period: float = key("a number in s")
-    cycles: float = key("a number above 1")
-    dt: float = key("a number in s")
-    phase: float = key("a number in degrees", 0.0)
-    duration: float | None = key("a number in s", None)
-    name: str | None = key("a text", None)
+    return scaled_to_sa(record, table.sa, table.sa_period)
 
 
-RecordTable = PathRecord | NamedRecord | SyntheticRecord | PulseRecord | NearFaultRecord
-#: Kinds of record tables, by the key that tells them.
-RECORD_TABLES: dict[str, type[RecordTable]] = {
-    "path": PathRecord,
-    "record": NamedRecord,
-    "synthetic": SyntheticRecord,
-    "pulse": PulseRecord,
-    "near_fault": NearFaultRecord,
+def _read_path(table: Any, folder: Path, _folders: Folders) -> Record:
+    how = {name: value for name, value in table if name not in ("path", "sa", "sa_period")}
+    return _scaled_to_spectrum(table, read_record(folder / expanded(table.path, RecordError), **how))
+
+
+def _read_named(table: Any, _folder: Path, folders: Folders) -> Record:
+    record = find_record(table.record, folders)
+    if table.pga is not None and table.scale != 1.0:
+        msg = "scale and pga exclude each other; give one of them"
+        raise SweepError(msg)
+    record = record.scaled(table.scale) if table.pga is None else record.scaled_to(table.pga)
+    record = _scaled_to_spectrum(table, record)
+    return record if table.name is None else record.renamed(table.name)
+
+
+def _make(make: Callable[..., Record], table: Any, _folder: Path, _folders: Folders) -> Record:
+    (_, first), *more = table
+    return make(first, **dict(more))
+
+
+#: Kinds of record tables, by the key that tells them, with what makes the record.
+RECORD_TABLES: dict[str, tuple[Any, Callable[[Any, Path, Folders], Record]]] = {
+    "path": (PathRecord, _read_path),
+    "record": (NamedRecord, _read_named),
+    "synthetic": (SyntheticRecord, partial(_make, synthetic_record)),
+    "pulse": (PulseRecord, partial(_make, pulse_record)),
+    "near_fault": (NearFaultRecord, partial(_make, near_fault_record)),
 }
 
 
-def record_table(given: Any) -> RecordTable:
-    """Read a table that describes a record."""
-    kinds = [kind for kind in RECORD_TABLES if isinstance(given, dict) and kind in given]
+def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
+    """Make the record that a table describes."""
+    kinds = [kind for kind in RECORD_TABLES if isinstance(value, dict) and kind in value]
     if len(kinds) != 1:
-        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(given)} won't do"
+        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(value)} won't do"
         msg = f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}"
         raise InputError(msg)
-    return RECORD_TABLES[kinds[0]].model_validate(given)
+    table, read = RECORD_TABLES[kinds[0]]
+    return read(table.model_validate(value), folder, folders)
