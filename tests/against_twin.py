@@ -10,7 +10,8 @@ from naive import WALL, NaiveBuilding
 from scipy.optimize import brentq
 
 import pounding_sweep as ps
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
 
 
@@ -183,18 +184,39 @@ def check_twin(scene, law, bound, points=101, scale=1.5, loose=(), **options):
     return got
 
 
-def check_order(scene, method, names):
-    """Errors of these variables fall with the step at the scheme's own order."""
-    scheme, steps, total = SCHEMES[method], [2e-3, 1e-3, 5e-4, 2.5e-4], []
+def error_by_step(scene, law, method, names, steps, points=101, **options):
+    """Mean errors of these variables at each of the steps, and the slope of their logarithms."""
+    total = []
     for dt in steps:
-        got = simulate(scene, "kelvin_voigt", method=method, dt=dt)
-        found = errors(got, truth(scene, "kelvin_voigt"), scene)
+        got = simulate(scene, law, points, method=method, dt=dt, **options)
+        found = errors(got, truth(scene, law, points), scene)
         total.append(np.sqrt(np.mean([found[name] ** 2 for name in names])))
+    return np.polyfit(np.log(steps), np.log(total), 1)[0], total
+
+
+def check_order(scene, method, names, law="kelvin_voigt"):
+    """Errors of these variables fall with the step at the scheme's own order."""
+    scheme, (slope, total) = SCHEMES[method], error_by_step(scene, law, method, names, [2e-3, 1e-3, 5e-4, 2.5e-4])
     if scheme.flies_exactly:  # its series have no error that a step could make smaller
         assert max(total) < 1e-9, total
         return
-    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
     assert 0.9 * scheme.order - 0.1 <= slope < scheme.order + 1.5, (slope, total)
+
+
+def lanes(scene, law, outputs, record, numerics, *, variants=None, **given):
+    """Raw results of scenarios beside each other; what is one number is that of all of them."""
+    kernel = RowKernel(scene, ps.get_law(law), numerics, reducers_for(outputs), varied=variants is not None)
+    values = {"scale": 1.0, "gaps": [scene.gaps], "stiffness": 8e5, "restitution": 0.6} | given
+    n = max(len(np.atleast_1d(x)) for x in values.values())
+    gaps = np.broadcast_to(values.pop("gaps"), (n, len(scene.gaps)))
+    values = {name: np.array(np.broadcast_to(x, n), dtype=float) for name, x in values.items()}
+    return kernel.run(record, gaps=np.array(gaps, dtype=float), variants=variants, **values)
+
+
+def apart(one, other, *, by_lane=False):
+    """How far results are from the others, over the largest of these, of all lanes or of each."""
+    size = np.abs(other).max(axis=tuple(range(1, other.ndim)) if by_lane else None, keepdims=True)
+    return np.abs(one - other) / np.where(size > 0.0, size, 1.0)
 
 
 def check_energy(scene, method, *stores):

@@ -19,15 +19,13 @@ from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.levels import column_shares, column_softness
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.spec.axes import Case
 
-#: Names, masses, stiffnesses and by how much the first floor is higher, of two buildings all but level with each other.
-TWICE = [("a", 40.0, 2e4, 0.0), ("b", 60.0, 9e4, 2e-3)]
 #: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.
 PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
 
@@ -132,28 +130,6 @@ def test_what_the_model_does_not_cover_is_refused():
 def test_unlocated_steps_come_near_the_twin(method):
     got = simulate(STAGGERED, "kelvin_voigt", 126, method=method, dt=2e-5, locate=False)
     assert errors(got, truth(STAGGERED, "kelvin_voigt", 126), STAGGERED)["impact_force_max"] < 1e-2
-
-
-@pytest.mark.slow
-def test_floors_that_part_within_rounding_do_not_touch_again():
-    """Two floors strike each other's columns 2 mm beside them: two contacts begin and end all but at once."""
-    a, b = (ps.Building(name, [m, m], [k, k], 0.05, [3.0 + up, 3.0]) for name, m, k, up in TWICE)
-    scene = ps.Scene([a, b], gaps=[0.01], contacts="floors and columns")
-    assert [c.struck for c in scene.contacts] == [1, 1, 0]
-    gaps = np.linspace(1e-3, 2e-2, 64)[:, None]
-    found = [
-        RowKernel(scene, LAWS["linear"], Numerics("exact", 0.02, precision=each), reducers_for(["impact_count"])).run(
-            ps.find_record("el_centro"),
-            scale=np.ones(64),
-            gaps=gaps,
-            stiffness=np.full(64, 5e5),
-            restitution=np.full(64, 0.6),
-        )["count"]
-        for each in ("float64", "float32")
-    ]
-    np.testing.assert_array_equal(*found)
-    np.testing.assert_array_equal(found[0][:, 0], found[0][:, 2])
-    assert found[0][:, 0].sum() > 500
 
 
 def test_what_columns_bear_sums_to_the_force():

@@ -227,42 +227,6 @@ def scenarios(n, scene):
     }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize(
-    "outputs", [EVERY, ["impact_force_max", "impact_count", "link_force_max", "displacement_max"]], ids=["all", "few"]
-)
-def test_scenarios_are_those_of_small_steps(outputs, precision):
-    """With windows that are left out and without, energies and not, against RK4 in steps of 0.1 ms."""
-    given = scenarios(40, LINKED)
-    small = RowKernel(LINKED, LAWS["kelvin_voigt"], Numerics("rk4", 1e-4), reducers_for(outputs))
-    want = small.run(motion(151), **given)
-    assert want["count"].sum() > 100
-    for windows in (True, False):
-        found = kernel_of(LINKED, outputs, refinement=4.0, precision=precision, windows=windows).run(
-            motion(151), **given
-        )
-        np.testing.assert_array_equal(found["count"], want["count"])
-        for name, values in ((name, values) for name, values in want.items() if name != "shortest"):
-            bound = 2e-5 if precision == "float64" else 5e-3
-            np.testing.assert_allclose(found[name], values, rtol=0, atol=bound * np.abs(values).max(), err_msg=name)
-
-
-@pytest.mark.slow
-def test_variants_side_by_side_are_those_of_their_own():
-    rng, n = np.random.default_rng(6), 30
-    variants = Variants(
-        LINKED, rng.uniform(0.7, 1.4, (n, 2)), rng.uniform(0.5, 2.0, (n, 2)), rng.choice([0.02, np.nan], n)
-    )
-    given, kernel, record = scenarios(n, LINKED), kernel_of(LINKED, varied=True, refinement=4.0), motion(101)
-    found = kernel.run(record, **given, variants=variants)
-    small = RowKernel(LINKED, LAWS["kelvin_voigt"], Numerics("rk4", 2e-4), kernel.reducers, varied=True)
-    want = small.run(record, **given, variants=variants)
-    np.testing.assert_array_equal(found["count"], want["count"])
-    for name, values in want.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-5 * np.abs(values).max(), err_msg=name)
-
-
 def test_rows_without_them_ask_for_the_kernel_that_they_had():
     """Nothing of coupled modes is in its tables."""
     numerics = Numerics("exact", 1e-3)

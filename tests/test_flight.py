@@ -326,21 +326,6 @@ def test_a_negative_scale_is_the_record_upside_down():
         np.testing.assert_allclose(found[name], want[name], rtol=1e-9, atol=1e-12 * np.abs(want[name]).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("outputs", [EVERY, ("impact_force_max", "impact_count")])
-def test_scenarios_are_those_of_small_steps(outputs):
-    """All outputs, scales and gaps against RK4 in steps of 0.1 ms."""
-    record, given = motions()[0], some_scenarios()
-    given["gaps"] += 5e-4  # else the first touch is the first step
-    kernel = kernel_of(pair(), outputs, refinement=4.0)
-    small = RowKernel(pair(), get_law("kelvin_voigt"), Numerics("rk4", 1e-4), kernel.reducers)
-    found, want = kernel.run(record, **given), small.run(record, **given)
-    np.testing.assert_array_equal(found["count"], want["count"])
-    for name, values in want.items():
-        size = np.abs(values).max()
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-5 * size, err_msg=name)
-
-
 def test_equal_buildings_never_touch():
     a, b = (Building(name, [100.0, 80.0], [1e5, 9e4]) for name in "ab")
     kernel = kernel_of(Scene([a, b], gaps=[1e-9]))
@@ -372,28 +357,6 @@ def test_a_motion_that_goes_and_comes_back_in_a_step_has_its_peaks(ground, dt, w
     for name, values, best in (("umax", moved, np.max), ("umin", moved, np.min), ("drift", drifted, np.max)):
         want = best(np.concatenate(values, axis=1), axis=0)
         np.testing.assert_allclose(found[name][0], want, rtol=1e-5, atol=1e-7 * np.abs(want).max(), err_msg=name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-def test_motions_known_by_blocks_are_those_of_windows(precision):
-    """Rows that touch often and rarely, scales of both signs, all outputs but energies."""
-    scene, n = tall(), 50
-    variants, rng = some_variants(scene, n), np.random.default_rng(5)
-    kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 1e-3, precision=precision), reducers_for(BLOCKS))
-    given = {"scale": rng.choice([-1.5, 1.0, 2.0], n), "gaps": rng.choice([0.002, 0.01, 0.05], (n, 2))}
-    given |= {"stiffness": np.full(n, 2e5), "restitution": np.ones(n)}
-    found, want = (
-        replace(kernel, varied=True, windows=windows).run(motions()[0], **given, variants=variants)
-        for windows in (False, True)
-    )
-    assert want["count"].sum() > 100
-    np.testing.assert_array_equal(found["count"], want["count"])
-    for name, values in want.items():
-        size = np.abs(values).max()
-        np.testing.assert_allclose(
-            found[name], values, rtol=0, atol=size * (1e-8 if precision == "float64" else 1e-3), err_msg=name
-        )
 
 
 @pytest.mark.slow

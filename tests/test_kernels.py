@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import pytest
-from against_twin import errors, motion, twins
+from against_twin import check_twin, error_by_step, errors, motion, simulate, truth, twins
 from naive import modal_exact, run
 from scenes import EVERY
 
@@ -22,11 +21,12 @@ from pounding_sweep.schemes import SCHEMES
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 
-PAPER = ps.get_preset("mate2015")
+PAPER = replace(ps.get_preset("mate2015"), contact=ps.ContactProperties(2e6, hertz_stiffness=1.88e7, restitution=0.6))
 
 A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
 B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
-PAIR = ps.Scene([A, B], gaps=[0.006])
+CONTACT = ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.52e6, restitution=0.6)
+PAIR = ps.Scene([A, B], [0.006], CONTACT)
 ROWS = {
     "pair": PAIR,
     "paper": PAPER,
@@ -40,6 +40,7 @@ ROWS = {
             ps.Building("z", [150.0], [8.0e4], damping_ratio=0.02),
         ],
         gaps=[0.006, 0.004, 0.006, 0.008],
+        contact=CONTACT,
     ),
     # a tall ground floor meets the neighbour's roof only; the wall on the right meets both floors
     "uneven": ps.Scene(
@@ -49,6 +50,7 @@ ROWS = {
             ps.Wall("barrier"),
         ],
         gaps=[0.003, 0.007],
+        contact=CONTACT,
     ),
     # more floors than one straight line of code holds: loops split within and between buildings
     "tall": ps.Scene(
@@ -57,35 +59,9 @@ ROWS = {
             ps.Building("annex", [120.0] * 5, [3.5e5] * 5),
         ],
         gaps=[0.01],
+        contact=CONTACT,
     ),
 }
-
-
-def stiffness_of(law, row):
-    if LAWS[law].exponent is None:
-        return None
-    linear = 2.0e6 if row == "paper" else 8.0e5
-    return linear if LAWS[law].exponent == 1.0 else 9.4 * linear
-
-
-@lru_cache
-def truth(row, law, points, scale=1.0, e=0.6, rtol=1e-11):
-    scene, record = ROWS[row], motion(points, scale)
-    found = run(
-        twins(scene), list(scene.gaps), record.acceleration, record.dt, law, stiffness_of(law, row), e, rtol=rtol
-    )
-    return {**found, "law": law}
-
-
-def simulate(row, law, points, scale=1.0, e=0.6, **options):
-    return ps.simulate(
-        ROWS[row],
-        motion(points, scale),
-        law=law,
-        stiffness=stiffness_of(law, row),
-        restitution=e if LAWS[law].takes_restitution else None,
-        **options,
-    )
 
 
 def row_kernel(row, law, method, dt, locate=True, host=None):
@@ -115,28 +91,21 @@ RK4_BOUND = dict.fromkeys(LAWS, 8e-6) | {"modified_kelvin_voigt": 2e-5}
 SECOND_ORDER_BOUND = 1.5e-3
 
 
-def check(row, law, points, scale, method, dt, bound, touched=True):
-    got = simulate(row, law, points, scale, method=method, dt=dt)
-    want = truth(row, law, points, scale, rtol=1e-11 if row == "pair" else 1e-9)  # that of `slope` too
-    assert int(got.status) == Status.OK
-    counts = [int(c) for pair in want["impact_count"] for c in pair]
-    assert sum(counts) >= 3 or not touched
-    found = errors(got, want, ROWS[row])
-    assert found["impact_count"] == 0.0
-    assert max(found.values()) < bound, found
-    return got
+def check(row, law, points, scale, method, dt, bound):
+    got = check_twin(ROWS[row], law, bound, points, scale, method=method, dt=dt)
+    assert law == "none" or int(got.impact_count.sum()) >= 3
 
 
 @pytest.mark.parametrize("law", list(LAWS))
 def test_rk4_equals_the_twin_for_every_law(law):
-    check("pair", law, 76, 1.5, "rk4", 5e-4, RK4_BOUND[law], touched=law != "none")
+    check("pair", law, 76, 1.5, "rk4", 5e-4, RK4_BOUND[law])
 
 
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("method", [method for method in SCHEMES if method != "rk4"])  # laws of a kind: see `test_laws`
 def test_every_other_scheme_equals_the_twin(method, law):
     dt, bound = (5e-4, RK4_BOUND[law]) if SCHEMES[method].order == 4 else (2e-4, SECOND_ORDER_BOUND)
-    check("pair", law, 76, 1.5, method, dt, bound, touched=law != "none")
+    check("pair", law, 76, 1.5, method, dt, bound)
 
 
 OTHER_ROWS = [
@@ -165,12 +134,12 @@ def test_rows_hold_what_they_are_meant_to():
     assert [len(ROWS[row].buildings) for row in ("pair", "paper", "four", "uneven", "tall")] == [2, 3, 4, 2, 2]
     assert not row_kernel("tall", "linear", "rk4", 1e-3).shape.fused
     assert row_kernel("paper", "linear", "rk4", 1e-3).shape.fused
-    touched = truth("uneven", "kelvin_voigt", 101)["impact_count"]
+    touched = truth(ROWS["uneven"], "kelvin_voigt", 101, 1.0)["impact_count"]
     assert len(touched[0]) == 1  # the low roof and the high building's own roof
     assert touched[0][0] > 0
     assert len(touched[1]) == 2
     assert max(touched[1]) > 0  # the wall is hit
-    assert max(truth("four", "hertz_damped", 101)["impact_count"][0]) > 0
+    assert max(truth(ROWS["four"], "hertz_damped", 101, 1.0)["impact_count"][0]) > 0
 
 
 # -- order of convergence ----------------------------------------------------------------------------------------------
@@ -209,23 +178,14 @@ def test_a_contact_yields_again_and_again(method, dt, bound):
 @pytest.mark.parametrize("key", ["hysteretic", "stereomechanical"])
 def test_what_happens_at_instants_needs_them_located(key):
     with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave the law out"):
-        simulate("pair", key, 20, locate=False)
-
-
-def slope(law, method, steps, locate=True):
-    want = truth("pair", law, 76, 1.5, rtol=1e-11)
-    total = []
-    for dt in steps:
-        found = errors(simulate("pair", law, 76, 1.5, method=method, dt=dt, locate=locate), want, PAIR)
-        total.append(np.sqrt(np.mean([found[name] ** 2 for name in SMOOTH])))
-    return np.polyfit(np.log(steps), np.log(total), 1)[0], total
+        simulate(PAIR, key, 20, locate=False)
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if law != "none"])
 @pytest.mark.parametrize("method", SCHEMES)
 def test_order_of_convergence(method, law):
     """All laws, also those whose force jumps at the touch, or rises there like t^1.5 or t^1/4."""
-    order, total = slope(law, method, [2e-3, 1e-3, 5e-4, 2.5e-4])
+    order, total = error_by_step(PAIR, law, method, SMOOTH, [2e-3, 1e-3, 5e-4, 2.5e-4], 76)
     assert order >= 0.9 * SCHEMES[method].order - 0.1 or total[-1] < (1e-8 if method == "exact" else 1e-10), (
         order,
         total,
@@ -263,7 +223,7 @@ def test_a_stiff_contact_has_steps_of_its_own():
 @pytest.mark.parametrize("method", ["rk4", "newmark"])
 @pytest.mark.parametrize("locate", [False])
 def test_unlocated_steps_converge_too(method, law, locate):
-    order, total = slope(law, method, [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5], locate=locate)
+    order, total = error_by_step(PAIR, law, method, SMOOTH, [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5], 76, locate=locate)
     assert order >= 0.8, (order, total)
     assert total[-1] < 2e-3
 
@@ -271,7 +231,7 @@ def test_unlocated_steps_converge_too(method, law, locate):
 @pytest.mark.parametrize(("method", "law", "order"), [("rk4", "kelvin_voigt", 3.5), ("newmark", "hertz_damped", 1.8)])
 def test_energy_residual_is_of_the_schemes_order(method, law, order):
     steps = [2e-3, 1e-3, 5e-4]
-    left = [float(simulate("pair", law, 126, 1.5, method=method, dt=dt).energy_residual) for dt in steps]
+    left = [float(simulate(PAIR, law, 126, method=method, dt=dt).energy_residual) for dt in steps]
     assert left[-1] < (1e-6 if method == "rk4" else 2e-4)
     assert np.polyfit(np.log(steps), np.log(left), 1)[0] >= order - 0.5, left
 
@@ -305,7 +265,7 @@ def test_a_scenario_does_not_know_its_neighbours(method, law, locate):
     n = 37
     scale, gaps = rng.uniform(0.2, 2.0, n), rng.uniform(0.0, 0.02, (n, 1))
     gaps[3], gaps[20] = 0.0, 1.0
-    k, e = (stiffness_of(law, "pair") or 0.0) * 10 ** rng.uniform(-0.7, 0.7, n), rng.uniform(0.1, 1.0, n)
+    k, e = (CONTACT.reference(LAWS[law].exponent) or 0.0) * 10 ** rng.uniform(-0.7, 0.7, n), rng.uniform(0.1, 1.0, n)
     together = run_lanes(kernel, record, scale, gaps, k, e)
     assert len(np.unique(together["umax"][:, 1])) == n
     assert 0 < np.count_nonzero(together["count"].sum(axis=1)) < n
@@ -341,52 +301,12 @@ def test_a_wild_neighbour_does_no_harm():
 @pytest.mark.parametrize(("law", "host"), [("linear", "kelvin_voigt"), ("hertz", "hertz_damped")])
 def test_an_undamped_law_in_the_kernel_of_a_damped_one_to_the_last_bit(law, host, method):
     record = motion(76, 1.5)
-    arguments = ([1.0, 0.7], [[0.006], [0.004]], [stiffness_of(law, "pair")] * 2, [0.6, 0.6])
+    arguments = ([1.0, 0.7], [[0.006], [0.004]], [CONTACT.reference(LAWS[law].exponent)] * 2, [0.6, 0.6])
     own = run_lanes(row_kernel("pair", law, method, 1e-3), record, *arguments)
     guest = run_lanes(row_kernel("pair", law, method, 1e-3, host=host), record, *arguments)
     assert own["count"].sum() > 0
     for name, values in own.items():
         assert np.array_equal(guest[name], values), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["hertz_damped", "nonlinear_viscoelastic"])
-def test_the_long_sub_steps_beside_exact_flight_find_the_peaks_inside_them(law):
-    """Of forces that rise steeply after a touch, and of motions, beside sub-steps twelve times as short."""
-    rng, one = np.random.default_rng(4), np.ones(48)
-    given = {"scale": one, "gaps": rng.uniform(0.004, 0.02, (48, 1)), "restitution": rng.uniform(0.3, 0.9, 48)}
-    given["stiffness"] = stiffness_of(law, "pair") * 10.0 ** rng.uniform(-0.6, 0.6, 48)
-    kept = frozenset({"displacement", "force"})
-    coarse, fine = (
-        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, refinement=refinement), kept).run(motion(600), **given)
-        for refinement in (1.0, 12.0)
-    )
-    for name, most in (("umax", 6e-6), ("umin", 6e-6), ("fmax", 2e-4)):
-        largest = np.abs(fine[name]).max(axis=1)
-        hit = largest > 0.0
-        assert hit.sum() > 20
-        error = np.abs(coarse[name] - fine[name]).max(axis=1)[hit] / largest[hit]
-        assert error.max() < most, name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["hertz_damped", "nonlinear_viscoelastic"])
-def test_single_precision_finds_forces_beside_exact_flight(law):
-    """Also of contacts much shorter than a step, in whose sub-steps the motion changes little beside its rounding."""
-    rng, one = np.random.default_rng(5), np.ones(96)
-    given = {"scale": one, "gaps": rng.uniform(0.004, 0.02, (96, 1)), "restitution": rng.uniform(0.2, 0.9, 96)}
-    given["stiffness"] = stiffness_of(law, "pair") * 10.0 ** rng.uniform(0.0, 3.0, 96)
-    kept = frozenset({"displacement", "force"})
-    single, double = (
-        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, precision=form), kept).run(motion(600), **given)["fmax"]
-        for form in ("float32", "float64")
-    )
-    largest = double.max(axis=1)
-    hit = largest > 0.0
-    assert hit.sum() > 40
-    error = np.abs(single - double).max(axis=1)[hit] / largest[hit]
-    assert np.quantile(error, 0.9) < 1e-5
-    assert error.max() < 1e-4
 
 
 # -- what a kernel leaves out ------------------------------------------------------------------------------------------
@@ -433,45 +353,6 @@ def test_no_contact_code_where_nothing_can_touch():
 
 # -- exact flight ------------------------------------------------------------------------------------------------------
 
-LONG_STEPS = ("displacement_max", "displacement_min", "drift_max", "impact_force_max", "impact_count")
-ENERGIES = ("energy_input", "energy_damping", "energy_transfer_max", "contact_work", "energy_residual")
-
-
-def peaks(kernel, row):
-    """Variables of three scenarios."""
-    gaps = np.repeat(np.array([[0.004], [0.006], [0.05]]), len(ROWS[row].pair_names), axis=1)
-    n = len(gaps)
-    k, e = np.full(n, stiffness_of(kernel.law.key, row)), np.full(n, 0.6)
-    raw = run_lanes(kernel, motion(251), np.ones(n), gaps, k, e)
-    return variables_of(kernel, raw, [*LONG_STEPS, *ENERGIES], motion(251))
-
-
-@lru_cache
-def long_and_short_steps(row):
-    """Variables by a kernel without histories, whose flight goes in long steps, and by RK4."""
-    reducers = reducers_for([*LONG_STEPS, *ENERGIES])
-    kernel = RowKernel(ROWS[row], LAWS["hertz_damped"], Numerics("exact", 1e-3), reducers)
-    assert kernel.flight_substeps(motion(251)) < kernel.numerics.steps(motion(251))
-    return peaks(kernel, row), peaks(row_kernel(row, "hertz_damped", "rk4", 2.5e-4), row)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("row", ["paper", "four"])
-def test_long_flight_steps_find_the_peaks_of_short_ones(row):
-    got, want = long_and_short_steps(row)
-    for name in LONG_STEPS:
-        error = np.nanmax(np.abs(got[name] - want[name])) / np.nanmax(np.abs(want[name]))
-        assert error < 2e-4, (name, error)
-    assert np.array_equal(got["impact_count"], want["impact_count"])
-
-
-@pytest.mark.slow
-def test_energies_of_long_flight_steps_need_no_quadrature():
-    got, want = long_and_short_steps("paper")
-    for name in ENERGIES[:-1]:
-        np.testing.assert_allclose(got[name], want[name], rtol=1e-5, atol=1e-5 * np.nanmax(np.abs(want[name])))
-    assert np.nanmax(got["energy_residual"]) < 1e-6
-
 
 def test_flight_is_exact_whatever_the_step():
     """Buildings that touch nothing, in steps as long as the record's, against their modal solutions."""
@@ -481,127 +362,3 @@ def test_flight_is_exact_whatever_the_step():
     for i, twin in enumerate(twins(PAIR)):
         want = modal_exact(twin, record.acceleration, record.dt)[0]
         np.testing.assert_allclose(one.displacement.isel(building=i).values, want, rtol=0, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_a_slow_touch_is_counted_once():
-    """A contact that has touched but for a rounding error, and goes on approaching, is neither over nor a new one."""
-    scene = ps.Scene([ps.Building("b", [200.0], [450e3], 0.02), ps.Wall()], [0.002])
-    record = ps.synthetic_record(102, duration=10.0, dt=0.02, pga=3.0, ground_frequency=8.0)
-    axes = {"gaps": [0.0005, 0.001], "stiffnesses": [1e6, 1e7], "restitutions": [0.2, 0.8]}
-    coarse, fine = (
-        ps.Sweep(scene, record, "nonlinear_viscoelastic", dt=dt, outputs=["impact_count"], audit=0.0, **axes).run()
-        for dt in (1e-3, 1e-4)
-    )
-    np.testing.assert_array_equal(coarse.impact_count, fine.impact_count)
-    assert int(fine.impact_count.sum()) > 100
-
-
-@pytest.mark.slow
-def test_a_force_that_ends_just_before_its_contact_pulls_at_nothing():
-    """Of a strong damper the cut force is zero from shortly before the release on, where all of it ends."""
-    gaps, n = np.linspace(8.31e-3, 8.33e-3, 16), 16
-    scenarios = {
-        "scale": np.ones(n),
-        "gaps": np.repeat(gaps[:, None], 2, axis=1),
-        "stiffness": np.full(n, 6.39e7),
-        "restitution": np.full(n, 0.45),
-    }
-    reducers = reducers_for(["displacement_max", "impact_force_max"])
-    found, right = (
-        RowKernel(PAPER, LAWS["ye_hertz"], Numerics("exact", dt, refinement=refinement), reducers).run(
-            ps.find_record("el_centro"), **scenarios
-        )["umax"]
-        for dt, refinement in ((5e-3, 1.0), (2.5e-4, 8.0))
-    )
-    assert np.abs(found / right - 1.0).max() < 3e-5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("law", ["nonlinear_viscoelastic", "ye_hertz", "gonthier", "modified_kelvin"])
-def test_contacts_that_hardly_rebound_change_their_mode_once(law, precision):
-    """Where a rate or a force is zero at an event, and goes the other way first, the event is not found again."""
-    rng, n = np.random.default_rng(3), 256
-    stiffness = 2e6 if LAWS[law].exponent == 1.0 else 1.88e7
-    scenarios = {
-        "scale": np.ones(n),
-        "gaps": np.repeat(rng.uniform(0.002, 0.02, n)[:, None], 2, axis=1),
-        "stiffness": stiffness * np.exp(rng.uniform(-1.4, 1.4, n)),
-        "restitution": rng.uniform(0.05, 0.3, n),
-    }
-    reducers = reducers_for(["displacement_max", "impact_force_max", "impact_count"])
-    found, right = (
-        RowKernel(PAPER, LAWS[law], numerics, reducers).run(ps.find_record("el_centro"), **scenarios)
-        for numerics in (Numerics("exact", 5e-3, precision=precision), Numerics("rk4", 5e-4))
-    )
-    assert not found["flags"].any()
-    same = (found["count"] == right["count"]).all(axis=1)
-    assert same.mean() > 0.95
-    errors = np.abs(found["umax"] - right["umax"]).max(axis=1) / right["umax"].max(axis=1)
-    assert errors[same].max() < 1e-3
-
-
-@pytest.mark.slow
-def test_resting_floors_that_are_damped_hard_get_all_the_sub_steps_they_need():
-    """Thousands in one long step beside exact flight, though nothing happens: no end but the step's."""
-    scene = ps.Scene(
-        [ps.Building("a", [50.0, 34.0], [6.5e4, 3.1e4], 0.0), ps.Building("b", [216.0], [1.6e4], 0.0)], [0.0]
-    )
-    record = ps.Record("sine", 0.01, 8.0 * np.sin(8.0 * np.arange(60) * 0.01))
-    given = {"scale": np.ones(2), "gaps": np.zeros((2, 1)), "stiffness": np.array([2e8, 2e9])}
-    given["restitution"] = np.array([0.2, 0.5])
-    reducers = reducers_for(["displacement_max", "impact_force_max", "impact_count"])
-    found, want = (
-        RowKernel(scene, LAWS["hertz_damped"], numerics, reducers).run(record, **given)
-        for numerics in (Numerics("exact", 0.01, refinement=8.0), Numerics("rk4", 2e-4))
-    )
-    assert not found["flags"].any()
-    np.testing.assert_array_equal(found["count"], want["count"])
-    np.testing.assert_allclose(found["fmax"], want["fmax"], rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_forces_that_turn_twice_within_a_step_by_series_keep_their_peaks():
-    """Beside other contacts of the same floors; steps of any length have the same peaks."""
-    row = [
-        ps.Building("a", [630.0], [1.5e4]),
-        ps.Building("b", [147.0, 145.0], [4460.0, 3420.0], 0.01),
-        ps.Building("c", [147.0], [2.04e4], 0.01),
-        ps.Building("d", [269.0, 224.0], [2.53e5, 1.71e5], 0.01),
-    ]
-    scene, el_centro = ps.Scene(row, [0.0, 0.0, 0.0]), ps.find_record("el_centro")
-    record = ps.Record("cut", el_centro.dt, 1.2511315668464715 * el_centro.acceleration[104:224])
-    given = {"scale": np.geomspace(0.6625, 0.9937, 200), "gaps": np.full((200, 3), (0.00036, 0.00318, 0.00672))}
-    given |= {"stiffness": np.full(200, 1417790.0), "restitution": np.full(200, 0.28495)}
-    reducers = reducers_for(["impact_force_max", "acceleration_max"])
-    long, short = (
-        RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3, refinement=each), reducers).run(record, **given)
-        for each in (1.0, 4.0)
-    )
-    for name in ("fmax", "acc"):
-        largest = short[name].max(axis=1, keepdims=True)
-        np.testing.assert_allclose(long[name] / largest, short[name] / largest, rtol=0, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_displacements_that_turn_twice_within_a_step_by_series_keep_their_peaks():
-    """Of a floor between contacts, both ways within 5 ms."""
-    row = [
-        ps.Building("a", [120.0735], [19008.455], 0.05),
-        ps.Building("b", [43.88994, 60.60579], [5016.0765, 4832.2155], 0.05),
-        ps.Building("c", [63.43119], [3002.8039], 0.1),
-        ps.Building("d", [120.7586, 67.86361], [69836.485, 50960.255], 0.05),
-    ]
-    scene, t = ps.Scene(row, [0.0, 0.0, 0.0]), 0.02 * np.arange(100)
-    record = ps.Record("jump", 0.02, 5.841946823 * np.cos(19.39907072 * t) * np.exp(-0.5 * t))
-    given = {"scale": np.geomspace(1.6, 1.7, 200), "gaps": np.full((200, 3), (0.0, 0.00430913, 0.00625996))}
-    given |= {"stiffness": np.full(200, 610750.7), "restitution": np.full(200, 0.23324)}
-    reducers = reducers_for(["displacement_max", "displacement_min", "drift_max"])
-    long, short = (
-        RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3, refinement=each), reducers).run(record, **given)
-        for each in (1.0, 4.0)
-    )
-    for name in ("umax", "umin", "drift"):
-        largest = np.abs(short[name]).max(axis=1, keepdims=True)
-        np.testing.assert_allclose(long[name] / largest, short[name] / largest, rtol=0, atol=1e-5)

@@ -17,10 +17,8 @@ from scenes import pair
 from scipy.linalg import block_diag, eig, expm
 
 import pounding_sweep as ps
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.overview import overview
 
@@ -79,20 +77,6 @@ def test_two_masses_on_a_link_by_hand():
     np.testing.assert_allclose(frequencies[0], [w, np.sqrt((k + 2.0 * kl) / m)], rtol=1e-12)
     np.testing.assert_allclose(decay[0], [c / m, (c + 2.0 * cl) / m], rtol=1e-12)
     assert scene.linked_buildings == ((0, 1),)
-
-
-@pytest.mark.slow
-def test_peaks_of_forces_in_steps_of_stages_are_of_their_order():
-    """A link's force is largest where that quintic of the motion turns which other peaks are read from."""
-    a, b = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4]), ps.Building("b", [80.0, 110.0], [1.4e4, 1.0e4])
-    scene = ps.Scene([a, b], [0.05], LINKED.contact, links=[ps.Link("a-b", [2], damping=50.0)])
-    gaps = 0.05 * np.linspace(0.2, 1.0, 64)[:, None]
-    *found, want = (
-        _link_forces(scene, "hertz_damped", "exact", dt, "float64", gaps, 1e6, 2e7) for dt in (1e-3, 5e-4, 1.25e-4)
-    )
-    early, late = (np.quantile(np.abs(each / want - 1.0), 0.95) for each in found)
-    assert late < 2e-10
-    assert early / late > 2.0**4.5
 
 
 @pytest.mark.slow
@@ -269,36 +253,3 @@ def test_the_example_is_that_building():
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------
-
-
-def _link_forces(scene, law, method, dt, precision, gaps, soft=1e7, stiff=1e9):
-    """Largest forces of the only link over 64 scales, stiffnesses and restitutions."""
-    kernel = RowKernel(scene, LAWS[law], Numerics(method, dt, precision=precision), reducers_for(["link_force_max"]))
-    n = len(gaps)
-    given = {"scale": np.linspace(0.3, 2.0, n), "stiffness": np.geomspace(soft, stiff, n)}
-    return kernel.run(motion(121, 1.5), gaps=gaps, restitution=np.linspace(0.3, 0.9, n), **given)["link_force"][:, 0]
-
-
-@pytest.mark.slow
-def test_single_precision_finds_forces_of_links_in_the_shortest_sub_steps():
-    """In which floors move by little more than rounding."""
-    soft = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4])
-    scene = ps.Scene([soft, B], [0.0], links=[ps.Link("a-b", [1], stiffness=100.0, damping=200.0)])
-    gaps = np.where(np.arange(64) % 4, 0.003 * np.linspace(0.0, 1.0, 64), 0.0)[:, None]
-    single, double = (
-        _link_forces(scene, "nonlinear_viscoelastic", "rk4", 1e-3, precision, gaps)
-        for precision in ("float32", "float64")
-    )
-    np.testing.assert_allclose(single, double, rtol=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "dt"), [("exact", 5e-3), ("rk4", 1e-3)])
-def test_the_force_of_a_link_just_after_a_velocity_jump_counts(method, dt):
-    a, b = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4]), ps.Building("b", [80.0, 110.0], [1.4e4, 1.0e4])
-    scene = ps.Scene([a, b, ps.Wall()], [0.5, 0.0], links=[ps.Link("a-b", [2], damping=50.0)])
-    gaps = np.stack([np.full(64, 0.5), 0.05 * np.linspace(0.1, 1.0, 64)], axis=1)
-    found, want = (
-        _link_forces(scene, "stereomechanical", *each, "float64", gaps) for each in ((method, dt), ("rk4", 1e-4))
-    )
-    np.testing.assert_allclose(found, want, rtol=1e-6)

@@ -10,7 +10,6 @@ import pytest
 from against_twin import motion
 from llvmlite import ir
 from scenes import EVERY, pair
-from test_kernels import row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
 from pounding_sweep.engine.kernel import emit, emit_flight, width
@@ -74,31 +73,6 @@ def test_numbers_beyond_single_precision_stay_finite_and_not_zero():
 
 def test_both_precisions_name_the_same_tolerances():
     assert TOLERANCES["float32"].keys() == TOLERANCES["float64"].keys()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "law"),
-    [
-        *(("rk4", law) for law in ("nonlinear_viscoelastic", "stereomechanical")),
-        ("newmark", "hertz_damped"),
-    ],
-)
-def test_single_precision_is_close_to_double(law, method):
-    record = motion(126, 1.5)
-    arguments = ([1.0, 0.7], [[0.006], [0.004]], [stiffness_of(law, "pair") or 0.0] * 2, [0.6, 0.6])
-    double = row_kernel("pair", law, method, 1e-3)
-    single = replace(double, numerics=replace(double.numerics, precision="float32"))
-    fine, coarse = (run_lanes(kernel, record, *arguments) for kernel in (double, single))
-    assert fine["count"].sum() > 0
-    assert np.array_equal(fine["count"], coarse["count"])
-    assert np.array_equal(coarse["flags"], np.zeros((2, 1)))
-    # displacements of 0.1 m are known to 1e-8 m, within which a force like d**(1/4) rises to percents of its peak
-    bound = 3e-2 if law == "nonlinear_viscoelastic" else 2e-4
-    for name in ("umax", "umin", "drift", "fmax", "impulse", "vmax", "acc"):
-        error = np.abs(fine[name] - coarse[name]).max() / max(np.abs(fine[name]).max(), 1e-300)
-        assert error < bound, name
-        assert error > 1e-9 or law == "stereomechanical", name  # it was not run in double
 
 
 def test_a_sweep_in_single_precision():

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels_used import EVERY
 from scenes import motions, pair
 from test_columns import twins
 
 import pounding_sweep as ps
-from benchmarks.drawn_rows import draw, earthquakes
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import series
@@ -59,39 +57,6 @@ def test_which_laws_have_series():
     assert order("linear", "float32") < order("linear", "float64")
 
 
-def test_no_event_hides_another():
-    # where floors stay beside each other contacts open, close and fall slack several times in one step
-    record, gaps = ps.find_record("el_centro"), np.linspace(2e-4, 6e-3, 400)
-
-    def run(dt, refinement):
-        kernel = RowKernel(
-            pair(), LAWS["kelvin_voigt"], Numerics("exact", dt, refinement=refinement), reducers_for(EVERY)
-        )
-        given = {"scale": np.ones(400), "stiffness": np.full(400, 2e6), "restitution": np.full(400, 0.6)}
-        return kernel.run(record, gaps=gaps[:, None], **given)
-
-    whole, parts = run(0.02, 1.0), run(0.0025, 8.0)
-    assert parts["count"].max() > 100
-    np.testing.assert_array_equal(whole["count"], parts["count"])
-    for name, bound in (("impulse", 1e-11), ("work", 1e-8), ("tmax", 1e-8), ("fmax", 1e-8)):
-        assert np.abs(whole[name] - parts[name]).max() < bound * np.abs(parts[name]).max(), name
-
-
-@pytest.mark.parametrize(("stiffer", "seed"), [(0.7, 1), (0.7, 2), (1.3, 2)])
-def test_a_contact_that_turns_twice_in_a_step_hides_no_touch(stiffer, seed):
-    """Floors that part and meet again, or meet, part and near each other again, within the longest steps there are."""
-    record, gaps = ps.synthetic_record(seed, duration=20.0, dt=0.02, pga=3.0), np.geomspace(1e-4, 6e-3, 400)
-    buildings = [Building(b.name, b.masses, [stiffer * k for k in b.stiffnesses]) for b in pair().buildings]
-
-    def counts(dt, refinement):
-        numerics = Numerics("exact", dt, refinement=refinement)
-        kernel = RowKernel(Scene(buildings, [0.0], pair().contact), LAWS["kelvin_voigt"], numerics, reducers_for(EVERY))
-        given = {"scale": np.ones(400), "stiffness": np.full(400, 2e6), "restitution": np.full(400, 0.6)}
-        return kernel.run(record, gaps=gaps[:, None], **given)["count"]
-
-    np.testing.assert_array_equal(counts(0.02, 0.35), counts(0.0025, 8.0))
-
-
 @pytest.mark.parametrize(
     "law",
     [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL],
@@ -122,21 +87,6 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
             np.testing.assert_allclose(ours[name][i], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
 
 
-@pytest.mark.slow  # by day transfers are those of the twin
-def test_transfers_of_a_mirrored_row_are_mirrored():
-    scene, record = pair(0.002), motions()[0]
-    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:30])
-    mirrored = Scene(scene.row[::-1], scene.gaps, scene.contact)
-    back = ps.Record("back", record.dt, -record.acceleration)
-    here, there = (
-        found(row, "kelvin_voigt", motion, [1.5e6, 3e5], [0.5, 0.7])
-        for row, motion in ((scene, record), (mirrored, back))
-    )
-    assert (np.abs(here["work"]).sum(axis=1) > 0.0).all()
-    for name in ("tmax", "tmin"):
-        np.testing.assert_allclose(here[name], there[name][:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(here["tmax"]).max())
-
-
 @pytest.mark.slow
 def test_a_force_that_ends_and_returns_within_a_step():
     """Two floors part so fast that the damper would pull, and are pressed together again before the step ends."""
@@ -154,51 +104,6 @@ def test_a_force_that_ends_and_returns_within_a_step():
         np.testing.assert_array_equal(ours["count"][i], want["impact_count"])
         np.testing.assert_allclose(ours["impulse"][i], want["impulse"], rtol=1e-7)
         np.testing.assert_allclose(ours["tclosed"][i], want["contact_time"], rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_peak_of_a_graze_soon_after_its_touch_is_found():
-    """A strong damper has the force of a light contact rise at once, and fall through most of a long step."""
-    scenario = {
-        "scale": np.ones(1),
-        "gaps": np.full((1, 2), 5.80405e-3),
-        "stiffness": np.array([1.29644e6]),
-        "restitution": np.array([0.478414]),
-    }
-    found, right = (
-        RowKernel(ps.get_preset("mate2015"), LAWS["modified_kelvin"], Numerics(*how), reducers_for(OUTPUTS)).run(
-            ps.find_record("el_centro"), **scenario
-        )["fmax"][0]
-        for how in (("exact", 5e-3), ("rk4", 5e-4))
-    )
-    assert 0.0 < right[3] < 0.01 * right.max()
-    np.testing.assert_allclose(found, right, rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_a_floor_that_all_but_rests_in_a_contact_turns_where_it_does():
-    """Its rate is nearly zero all along a step, and changes its sign three times: Newton's method alone goes astray."""
-    buildings = [
-        Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
-        Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03),
-    ]
-    scene = Scene([ps.Wall(), *buildings, ps.Wall("right")], gaps=[0.004, 0.006, 0.005])
-    whole, rng, n = ps.find_record("el_centro"), np.random.default_rng(5), 512
-    scenarios = {
-        "scale": rng.uniform(0.3, 3.0, n),
-        "gaps": rng.uniform(0.0, 0.01, (n, 1)) * np.ones((1, 3)),
-        "stiffness": 2e5 * np.exp(rng.uniform(-2.0, 2.0, n)),
-        "restitution": rng.uniform(0.1, 0.98, n),
-    }
-    some = {name: values[[33, 118]] for name, values in scenarios.items()}
-    record = ps.Record("start", whole.dt, whole.acceleration[:600])
-    found, right = (
-        RowKernel(scene, LAWS["kelvin_voigt_tension"], Numerics(*how), reducers_for(OUTPUTS)).run(record, **some)
-        for how in (("exact", 2.5e-3), ("rk4", 5e-4))
-    )
-    np.testing.assert_array_equal(found["count"], right["count"])
-    for name in ("umax", "umin"):
-        np.testing.assert_allclose(found[name], right[name], rtol=1e-4, err_msg=name)
 
 
 @pytest.mark.parametrize("exponent", [1.0 / 12.0, 1.0 / 20.0, 0.4, -0.5])
@@ -244,28 +149,6 @@ def test_a_motion_leaves_the_cubic_of_its_ends_by_no_more_than_its_bulge(seed, t
     cubic = x[0] * (1 - t) ** 2 * (1 + 2 * t) + x[-1] * t * t * (3 - 2 * t)
     cubic += r0 * t * (1 - t) ** 2 - r1 * t * t * (1 - t)
     assert abs(x - cubic).max() <= motion.bulge(1.0) + 1e-4 * abs(size).sum() * (turn / 2.8) ** 13
-
-
-@pytest.mark.slow
-def test_floors_that_part_and_touch_again_within_a_step_are_counted():
-    """Roofs that part by 0.3 nm, and again 2 ms later: within one long step of open contacts, away at both its ends."""
-    spec = draw(11, 29, [law for law in LAWS if LAWS[law].has_contact], earthquakes())
-    case, record = spec.cases[2], spec.records[0]
-    record = ps.Record("short", record.dt, record.acceleration[:887])
-    given = {
-        "scale": [case.scale],
-        "gaps": [case.gap],
-        "stiffness": [case.stiffness],
-        "restitution": [case.restitution],
-    }
-    counts = [
-        RowKernel(spec.scene, LAWS[case.law], Numerics(method, dt), reducers_for(["impact_count"])).run(
-            record, **{name: np.array(values) for name, values in given.items()}
-        )["count"][0]
-        for method, dt in (("exact", record.dt), ("rk4", 1e-4))
-    ]
-    np.testing.assert_array_equal(*counts)
-    assert counts[0][3] == 78
 
 
 def _taylor(rng, order, shape):

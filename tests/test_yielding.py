@@ -28,7 +28,7 @@ from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, Status, reducers_for
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.run.one_scenario import simulate_one
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import scene_of
@@ -192,51 +192,6 @@ def test_what_is_left_out_of_a_flight_changes_nothing():
             np.testing.assert_allclose(found[name][i], values[0], **near, err_msg=f"{name} {i}")
             if name in ("count", "flags"):
                 assert (found[name][i] == values[0]).all(), (name, i)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "scene"),
-    [(law, YIELDS) for law in ("none", "hertz_damped", "hysteretic", "stereomechanical")] + [("kelvin_voigt", ALONE)],
-    ids=lambda each: each if isinstance(each, str) else each.buildings[0].name,
-)
-def test_flown_scenarios_are_those_of_small_steps(scene, law):
-    record, given = motion(101), some_scenarios()
-    given["gaps"] = np.tile(given["gaps"], len(scene.gaps))
-    kernel = RowKernel(scene, LAWS[law], Numerics("exact", 5e-4, refinement=4.0), reducers_for(EVERY))
-    small = RowKernel(scene, LAWS[law], Numerics("rk4", 1e-4), kernel.reducers)
-    found, want = kernel.run(record, **given), small.run(record, **given)
-    for name, values in want.items():
-        size = np.abs(values).max()
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-5 * size, err_msg=name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("hardening", [0.0, 0.05, 0.5])
-@pytest.mark.parametrize("reduction", [1.2, 2.0, 4.0])
-@pytest.mark.parametrize("law", ["none", "kelvin_voigt", "hertz_damped"])
-def test_the_paper_row_under_el_centro_is_that_of_small_steps(law, reduction, hardening):
-    scene, record = ps.get_preset("mate2015"), ps.find_record("el_centro")
-    record = ps.Record("el_centro", record.dt, record.acceleration[:600])
-    reducers, n = reducers_for(DEFAULT_OUTPUTS), 16
-    k = np.concatenate([building.stiffnesses for building in scene.buildings])
-    given = {"scale": np.ones(n), "stiffness": np.full(n, 2e6), "restitution": np.full(n, 0.6)}
-    given["gaps"] = np.linspace(0.002, 0.02, n)[:, None] * np.ones(2)
-    elastic = RowKernel(scene, LAWS["none"], Numerics("exact", 1e-3), reducers).run(record, **given)["drift"][0]
-    strengths = np.split(elastic * k / reduction, scene.offsets[1:-1])
-    row = [
-        replace(b, yield_strengths=v.tolist(), hardening=hardening)
-        for b, v in zip(scene.buildings, strengths, strict=True)
-    ]
-    weak = ps.Scene(row, scene.gaps, scene.contact)
-    found, want = (
-        RowKernel(weak, LAWS[law], Numerics(method, dt), reducers).run(record, **given)
-        for method, dt in (("exact", 1e-3), ("rk4", 2e-4))
-    )
-    assert found["drift"].max() > elastic.max() / reduction
-    for name, values in want.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-5 * np.abs(values).max(), err_msg=name)
-    np.testing.assert_array_equal(found.get("count"), want.get("count"))
 
 
 @pytest.mark.slow
