@@ -10,6 +10,7 @@ from naive import WALL, NaiveBuilding
 from scipy.optimize import brentq
 
 import pounding_sweep as ps
+from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
@@ -203,14 +204,26 @@ def check_order(scene, method, names, law="kelvin_voigt"):
     assert 0.9 * scheme.order - 0.1 <= slope < scheme.order + 1.5, (slope, total)
 
 
-def lanes(scene, law, outputs, record, numerics, *, variants=None, **given):
+def lanes(*given, **more):
     """Raw results of scenarios beside each other; what is one number is that of all of them."""
-    kernel = RowKernel(scene, ps.get_law(law), numerics, reducers_for(outputs), varied=variants is not None)
+    return _lanes(*given, **more)[0]
+
+
+def lane_values(scene, law, outputs, record, numerics, **given):
+    """Raw results, and the variables that they are."""
+    raw, kernel = _lanes(scene, law, outputs, record, numerics, **given)
+    return raw, variables_of(kernel, raw, outputs, record)
+
+
+def _lanes(scene, law, outputs, record, numerics, *, variants=None, history=False, twin=False, **given):
+    varied = variants is not None
+    kernel = RowKernel(scene, ps.get_law(law), numerics, reducers_for(outputs), varied=varied, history=history)
     values = {"scale": 1.0, "gaps": [scene.gaps], "stiffness": 8e5, "restitution": 0.6} | given
     n = max(len(np.atleast_1d(x)) for x in values.values())
-    gaps = np.broadcast_to(values.pop("gaps"), (n, len(scene.gaps)))
+    gaps = np.array(np.broadcast_to(values.pop("gaps"), (n, len(scene.gaps))), dtype=float)
     values = {name: np.array(np.broadcast_to(x, n), dtype=float) for name, x in values.items()}
-    return kernel.run(record, gaps=np.array(gaps, dtype=float), variants=variants, **values)
+    room = np.zeros(((record.n_points - 1) * numerics.steps(record) + 1, 100)) if history else None
+    return kernel.run(record, gaps=gaps, variants=variants, history=room, twin=twin, **values), kernel
 
 
 def apart(one, other, *, by_lane=False):
@@ -219,11 +232,11 @@ def apart(one, other, *, by_lane=False):
     return np.abs(one - other) / np.where(size > 0.0, size, 1.0)
 
 
-def check_energy(scene, method, *stores):
+def check_energy(scene, method, *stores, law="kelvin_voigt"):
     """The balance, with what else than the usual holds or loses energy, closes at the scheme's order; all runs."""
     scheme, steps, runs = SCHEMES[method], (2e-3, 1e-3, 5e-4), []
     for dt in steps:
-        one = simulate(scene, "kelvin_voigt", 151, method=method, dt=dt)
+        one = simulate(scene, law, 151, method=method, dt=dt)
         rest = one.input - one.transfer - sum(one[name] for name in ("damping", "strain", "kinetic", *stores))
         assert np.abs(rest).max() < 1e-9
         runs.append(one)

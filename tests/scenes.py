@@ -70,11 +70,11 @@ def motions():
 
 def run_in_any_company(kernel, record, given):
     """Run 70 scenarios, then in another order and in parts: no result may tell it; return the first."""
-    found = kernel.run(record, **given)
-    assert found["count"].sum() > 50
+    room = np.zeros(((record.n_points - 1) * kernel.numerics.steps(record) + 1, 100)) if kernel.history else None
+    found = kernel.run(record, **given, history=room)
     order = np.random.default_rng(1).permutation(70)
     for some in (order, slice(0, 1), slice(5, 22), slice(30, 31)):
-        again = kernel.run(record, **{name: values[some] for name, values in given.items()})
+        again = kernel.run(record, **{name: values[some] for name, values in given.items()}, history=room)
         for name, values in found.items():
             np.testing.assert_array_equal(again[name], values[some], err_msg=name)
     return found

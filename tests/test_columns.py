@@ -9,12 +9,11 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
-from against_twin import errors, motion, simulate, truth, twins
+from against_twin import motion, simulate, twins
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FRAMED, STAGGERED
 from kinds import mirrored
-from scenes import scene_of_case
 from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
@@ -22,9 +21,8 @@ from pounding_sweep.base.errors import InputError, SceneError
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.levels import column_shares, column_softness
-from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import reducers_for
-from pounding_sweep.spec.axes import Case
 
 #: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.
 PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
@@ -123,13 +121,6 @@ def test_what_the_model_does_not_cover_is_refused():
 
 
 # -- against the independent solver ------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
-def test_unlocated_steps_come_near_the_twin(method):
-    got = simulate(STAGGERED, "kelvin_voigt", 126, method=method, dt=2e-5, locate=False)
-    assert errors(got, truth(STAGGERED, "kelvin_voigt", 126), STAGGERED)["impact_force_max"] < 1e-2
 
 
 def test_what_columns_bear_sums_to_the_force():
@@ -238,22 +229,6 @@ def test_a_frame_of_beams_moves_alike():
 # -- in sweeps ---------------------------------------------------------------------------------------------------------
 
 
-def test_building_factors_act_on_columns():
-    """Columns are as stiff as their building's storeys by the same factors."""
-    factors = {"a": (1.2, 0.8), "b": (0.7, 1.5)}
-    table = Variants(
-        STAGGERED, *(np.array([[pair[i] for pair in factors.values()]]) for i in (0, 1)), np.array([np.nan])
-    )
-    case = Case("linear", period_factors=tuple((n, f[0]) for n, f in factors.items()),
-                mass_factors=tuple((n, f[1]) for n, f in factors.items()))  # fmt: skip
-    made = scene_of_case(STAGGERED, case)
-    np.testing.assert_allclose(table.contact_masses[0], [c.mass for c in made.contacts], rtol=1e-12)
-    stiffness = np.array([8e5])
-    np.testing.assert_allclose(
-        table.contact_stiffnesses(stiffness), variants_of(made).contact_stiffnesses(stiffness), rtol=1e-12
-    )
-
-
 def test_a_cube_labels_columns(stub_engine):
     outputs = ["impact_force_max", "column_shear_bottom_max", "column_shear_top_max", "contact_work"]
     cube = ps.Sweep(STAGGERED, motion(126, 1.5), "linear", gaps=[0.001, 0.002], outputs=outputs).run()
@@ -270,13 +245,6 @@ def test_a_cube_labels_columns(stub_engine):
     force = cube.impact_force_max.sel(place).values
     np.testing.assert_allclose(cube.column_shear_bottom_max.sel(place), lower * force)
     np.testing.assert_allclose(cube.column_shear_top_max.sel(place), upper * force)
-
-
-def test_rows_without_columns_have_no_shears_of_them(stub_engine):
-    level = replace(STAGGERED, row=STAGGERED.row[1:], gaps=[0.004])
-    cube = ps.Sweep(level, motion(126, 1.5), "linear", outputs="all").run()
-    assert "impact_force_max" in cube
-    assert not any(name.startswith("column") for name in cube.data_vars)
 
 
 @pytest.mark.slow

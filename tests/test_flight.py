@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from naive import NaiveBuilding, modal_exact
-from scenes import EVERY, motions, pair, run_in_any_company
+from scenes import EVERY, motions, pair
 from scipy.linalg import expm
 from test_properties import scenes_of, some_variants, tall
 
@@ -292,12 +292,6 @@ def some_scenarios(n=70):
         "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
         "restitution": rng.uniform(0.2, 1.0, n),
     }
-
-
-@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
-def test_results_do_not_depend_on_order_and_neighbours(precision):
-    kernel, record, given = kernel_of(pair(), precision=precision), motions()[0], some_scenarios()
-    run_in_any_company(kernel, record, given)
 
 
 @pytest.mark.parametrize("room", [1, 1 << 24])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from kernels_used import FOUNDED, LEANING, SMOOTH
 from kinds import BOTH
 from naive import run
-from scenes import pair, scene_of_case
+from scenes import pair
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh, expm
 from test_links import radius
@@ -24,7 +24,6 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.overview import overview
 
 A, B = FOUNDED.buildings
@@ -239,14 +238,6 @@ def test_what_is_told_of_the_row_is_of_the_whole():
     assert SCHEMES[plan.numerics.method].refuses(FOUNDED) is None
 
 
-def test_outputs_of_foundations_are_of_rows_on_them_only(stub_engine):
-    del stub_engine
-    cube = ps.Sweep(FOUNDED, motion(51), "kelvin_voigt", method="rk4", dt=2e-3, outputs=[*OUTPUTS]).run()
-    assert cube.foundation_sway_max.dims[-1] == "building"
-    cube = ps.Sweep(pair(), motion(51), "kelvin_voigt", method="rk4", dt=2e-3, outputs=[*OUTPUTS, "drift_max"]).run()
-    assert not set(OUTPUTS) & set(cube)
-
-
 def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
     del stub_engine
     from pounding_sweep.analysis.rebuild import OUTPUTS as CLOSING
@@ -281,18 +272,6 @@ def test_what_does_not_go_with_a_foundation_is_refused():
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------
-
-
-def test_one_scenario_of_a_sweep_has_its_foundation():
-    """Its masses, stiffnesses and dashpots follow the factors of the building, as those of the kernel do."""
-    case = Case(law="linear", period_factors={"a": 1.3}, mass_factors={"a": 0.5}, damping_ratio=0.06)
-    one = scene_of_case(FOUNDED, case)
-    row = Variants(FOUNDED, np.array([[1.3, 1.0]]), np.array([[0.5, 1.0]]), np.array([0.06]))
-    base = one.buildings[0].foundation
-    for name in ("masses", "stiffnesses", "dashpots"):
-        np.testing.assert_allclose(getattr(base, name), getattr(row, f"base_{name}")[0], rtol=1e-12)
-    assert one.buildings[0].periods[0] == pytest.approx(1.3 * A.periods[0])
-    assert one.buildings[0].rayleigh == pytest.approx([float(x[0]) for x in row.rayleigh(0)])
 
 
 @pytest.mark.slow

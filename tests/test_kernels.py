@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from against_twin import check_twin, error_by_step, errors, motion, simulate, truth, twins
+from kernels_used import SMOOTH, SMOOTHING
+from kinds import YIELDS
 from naive import modal_exact, run
-from scenes import EVERY
+from scenes import EVERY, pair, run_in_any_company
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
@@ -64,12 +66,15 @@ ROWS = {
 }
 
 
+#: Outputs of `simulate`.
+ALL = [name for name in VARIABLES if name != "closing_max"]
+
+
 def row_kernel(row, law, method, dt, locate=True, host=None):
     """The kernel that `simulate` compiles."""
-    outputs = [name for name in VARIABLES if name != "closing_max"]
     numerics = Numerics(method, dt, locate)
     host = None if host is None else LAWS[host]
-    return RowKernel(ROWS[row], LAWS[law], numerics, reducers_for(outputs), history=True, host=host)
+    return RowKernel(ROWS[row], LAWS[law], numerics, reducers_for(ALL), history=True, host=host)
 
 
 def run_lanes(kernel, record, scale, gaps, stiffness, restitution):
@@ -85,6 +90,7 @@ def run_lanes(kernel, record, scale, gaps, stiffness, restitution):
 
 
 # -- against the twin --------------------------------------------------------------------------------------------------
+
 
 # Largest error of any variable at the step of the test; two to four times what is measured.
 RK4_BOUND = dict.fromkeys(LAWS, 8e-6) | {"modified_kelvin_voigt": 2e-5}
@@ -144,7 +150,8 @@ def test_rows_hold_what_they_are_meant_to():
 
 # -- order of convergence ----------------------------------------------------------------------------------------------
 
-SMOOTH = (
+
+PEAKS = (
     "displacement_max",
     "displacement_min",
     "impact_force_max",
@@ -185,7 +192,7 @@ def test_what_happens_at_instants_needs_them_located(key):
 @pytest.mark.parametrize("method", SCHEMES)
 def test_order_of_convergence(method, law):
     """All laws, also those whose force jumps at the touch, or rises there like t^1.5 or t^1/4."""
-    order, total = error_by_step(PAIR, law, method, SMOOTH, [2e-3, 1e-3, 5e-4, 2.5e-4], 76)
+    order, total = error_by_step(PAIR, law, method, PEAKS, [2e-3, 1e-3, 5e-4, 2.5e-4], 76)
     assert order >= 0.9 * SCHEMES[method].order - 0.1 or total[-1] < (1e-8 if method == "exact" else 1e-10), (
         order,
         total,
@@ -223,7 +230,7 @@ def test_a_stiff_contact_has_steps_of_its_own():
 @pytest.mark.parametrize("method", ["rk4", "newmark"])
 @pytest.mark.parametrize("locate", [False])
 def test_unlocated_steps_converge_too(method, law, locate):
-    order, total = error_by_step(PAIR, law, method, SMOOTH, [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5], 76, locate=locate)
+    order, total = error_by_step(PAIR, law, method, PEAKS, [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5], 76, locate=locate)
     assert order >= 0.8, (order, total)
     assert total[-1] < 2e-3
 
@@ -238,50 +245,53 @@ def test_energy_residual_is_of_the_schemes_order(method, law, order):
 
 # -- lanes -------------------------------------------------------------------------------------------------------------
 
+
+#: Scheme, law, whether contacts are located, the row, and by day whether `simulate` runs it or flight without history.
 LANES_CASES = [
-    ("rk4", "hertz_damped", True),
-    ("rk4", "kelvin_voigt", True),
-    ("rk4", "nonlinear_viscoelastic", True),
-    ("newmark", "kelvin_voigt", True),
-    ("newmark", "hertz_damped", True),
-    ("newmark", "modified_kelvin_voigt", True),
-    ("exact", "linear", True),
-    ("exact", "hertz_damped", True),
-    ("exact", "kelvin_voigt", True),
-    ("exact", "hysteretic", True),
-    ("newmark", "hysteretic", True),
-    ("newmark", "stereomechanical", True),
-    ("newmark", "kelvin_voigt", False),
-    ("exact", "stereomechanical", True),
-    ("rk4", "hertz_damped", False),
-    ("newmark", "hertz_damped", False),
+    ("rk4", "hertz_damped", True, PAIR),
+    ("rk4", "kelvin_voigt", True, PAIR),
+    ("rk4", "nonlinear_viscoelastic", True, PAIR),
+    ("newmark", "kelvin_voigt", True, PAIR),
+    ("newmark", "hertz_damped", True, PAIR),
+    ("newmark", "modified_kelvin_voigt", True, PAIR),
+    ("exact", "linear", True, PAIR),
+    ("exact", "hertz_damped", True, PAIR),
+    ("exact", "kelvin_voigt", True, PAIR),
+    ("exact", "hysteretic", True, PAIR),
+    ("newmark", "hysteretic", True, PAIR),
+    ("newmark", "stereomechanical", True, PAIR),
+    ("newmark", "kelvin_voigt", False, PAIR),
+    ("exact", "stereomechanical", True, PAIR),
+    ("rk4", "hertz_damped", False, PAIR),
+    ("newmark", "hertz_damped", False, PAIR),
+    *((method, "kelvin_voigt", True, YIELDS) for method in ("rk4", "exact")),
+    *(pytest.param(method, "linear", True, SMOOTH) for method in SMOOTHING),
 ]
 
 
-@pytest.mark.parametrize(("method", "law", "locate"), LANES_CASES)
-def test_a_scenario_does_not_know_its_neighbours(method, law, locate):
-    kernel, record = row_kernel("pair", law, method, 2e-3, locate), motion(76)
+@pytest.mark.parametrize(("method", "law", "locate", "scene"), LANES_CASES)
+def test_a_scenario_does_not_know_its_neighbours(method, law, locate, scene):
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, 2e-3, locate), reducers_for(ALL), history=True)
+    found = run_in_any_company(kernel, motion(76), some_scenarios(CONTACT.reference(LAWS[law].exponent) or 0.0))
+    assert len(np.unique(found["umax"][:, 1])) == 70
+    assert 0 < np.count_nonzero(found["count"].sum(axis=1)) < 70
+
+
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scene", [pair(), YIELDS], ids=["pair", "yields"])
+def test_flown_scenarios_do_not_know_their_neighbours(scene, precision):
+    kernel = RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-4, precision=precision), reducers_for(EVERY))
+    found = run_in_any_company(kernel, motion(151), some_scenarios(8e5))
+    assert found["count"].sum() > 50
+    assert scene is not YIELDS or np.count_nonzero(found["travel"].sum(axis=1)) > 10
+
+
+def some_scenarios(stiffness, n=70):
     rng = np.random.default_rng(7)
-    n = 37
-    scale, gaps = rng.uniform(0.2, 2.0, n), rng.uniform(0.0, 0.02, (n, 1))
+    gaps = rng.uniform(0.0, 0.02, (n, 1))
     gaps[3], gaps[20] = 0.0, 1.0
-    k, e = (CONTACT.reference(LAWS[law].exponent) or 0.0) * 10 ** rng.uniform(-0.7, 0.7, n), rng.uniform(0.1, 1.0, n)
-    together = run_lanes(kernel, record, scale, gaps, k, e)
-    assert len(np.unique(together["umax"][:, 1])) == n
-    assert 0 < np.count_nonzero(together["count"].sum(axis=1)) < n
-    order = rng.permutation(n)
-    shuffled = run_lanes(kernel, record, scale[order], gaps[order], k[order], e[order])
-    for name, values in together.items():
-        assert np.array_equal(shuffled[name], values[order]), name
-    for i in (0, 3, 15, 16, 20, 31, 36):
-        one = slice(i, i + 1)
-        alone = run_lanes(kernel, record, scale[one], gaps[one], k[one], e[one])
-        for name, values in together.items():
-            assert np.array_equal(alone[name], values[one]), (i, name)
-    part = slice(5, 22)  # one full group and one lane
-    some = run_lanes(kernel, record, scale[part], gaps[part], k[part], e[part])
-    for name, values in together.items():
-        assert np.array_equal(some[name], values[part]), name
+    given = {"scale": rng.choice([-1.0, 1.0], n) * rng.uniform(0.2, 2.0, n), "gaps": gaps}
+    return given | {"stiffness": stiffness * 10 ** rng.uniform(-0.7, 0.7, n), "restitution": rng.uniform(0.1, 1.0, n)}
 
 
 def test_a_wild_neighbour_does_no_harm():

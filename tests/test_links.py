@@ -163,26 +163,6 @@ def test_the_limit_of_a_stiff_link_is_its_own():
 # -- what is compiled, described and planned ---------------------------------------------------------------------------
 
 
-def test_outputs_of_links_are_of_linked_rows_only(stub_engine):
-    del stub_engine
-    cube = ps.Sweep(LINKED, motion(51), "kelvin_voigt", dt=2e-3, outputs=["link_force_max", "energy_links"]).run()
-    assert cube.link_force_max.dims[-2:] == ("pair", "storey")
-    cube = ps.Sweep(pair(), motion(51), "kelvin_voigt", dt=2e-3, outputs=["link_force_max", "impact_count"]).run()
-    assert "link_force_max" not in cube
-
-
-def test_factors_keep_the_damping_of_dashpots():
-    """Times stretched by f: stiffness / f^2 and dashpots / f; mass factors leave the motion alone as it is."""
-    given = Variants(LINKED, np.array([[2.0, 1.0]]), np.array([[3.0, 1.0]]), np.array([np.nan]))
-    assert given.dashpots[0].tolist() == [450.0, 0.0, 0.0, 0.0]
-    single = ps.Scene([LINKED.buildings[0]])
-    _, c, k = matrices(single)
-    stretched = replace(single.buildings[0], stiffnesses=[x / 4.0 for x in A.stiffnesses], dashpots=[150.0, 0.0])
-    _, slow, soft = matrices(ps.Scene([stretched]))
-    np.testing.assert_allclose(slow, c / 2.0)
-    np.testing.assert_allclose(soft, k / 4.0)
-
-
 def test_linked_variants_have_the_modes_of_linked_matrices():
     rng = np.random.default_rng(2)
     period, mass, ratio = (
@@ -208,9 +188,6 @@ def test_linked_variants_have_the_modes_of_linked_matrices():
         shapes = shapes[:, order].real / np.sqrt(np.diag(shapes[:, order].T.real @ m @ shapes[:, order].real))
         np.testing.assert_allclose(found[0][i], np.sqrt(values.real[order]), rtol=1e-9)
         np.testing.assert_allclose(found[1][i], np.diag(shapes.T @ c @ shapes), rtol=1e-8)
-
-
-# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 # -- isolated buildings ------------------------------------------------------------------------------------------------
@@ -250,6 +227,3 @@ def test_the_example_is_that_building():
     plan = sweep.plan()
     assert plan.n_asked == 96 * 2 // 2
     assert plan.numerics.method == "exact"
-
-
-# -- sweeps ------------------------------------------------------------------------------------------------------------

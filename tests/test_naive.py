@@ -102,10 +102,6 @@ def test_restitution_knows_no_speed_mass_or_stiffness(law):
         (stiffness_of(law), 40.0, 900.0, V0),
     ]:
         assert two_mass_restitution(law, k, 0.55, m1, m2, v0) == pytest.approx(reference, rel=1e-9)
-
-
-@pytest.mark.parametrize("law", ALL_LAWS)
-def test_no_damping_at_unit_restitution(law):
     assert two_mass_restitution(law, stiffness_of(law), 1.0, M1, M2, V0) == pytest.approx(1.0, rel=1e-10)
 
 
@@ -165,16 +161,16 @@ def test_elastic_contacts_in_closed_form():
 # -- the same collision through the full solver ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("e", [0.2, 0.6])
+@pytest.mark.parametrize(("e", "gap"), [(0.2, 0.01), (0.6, 0.01), (0.6, 0.0)])
 @pytest.mark.parametrize("law", ALL_LAWS)
-def test_collision_in_a_row(law, e):
-    out = free_pair(law, e, dt=0.03)
+def test_collision_in_a_row(law, e, gap):
+    out = free_pair(law, e, gap=gap, dt=0.03)
     alone = two_mass_impact(law, stiffness_of(law), e, M1, M2, V0)
     v1, v2 = flat(out["velocity_final"])
     assert M1 * v1 + M2 * v2 == pytest.approx(M1 * V0, rel=1e-9)
     assert (v2 - v1) / V0 == pytest.approx(alone["restitution"], rel=1e-7)
     assert out["approach_speed_max"][0][0] == pytest.approx(V0, rel=1e-9)
-    assert out["first_impact_time"][0][0] == pytest.approx(0.01 / V0, rel=1e-9)
+    assert out["first_impact_time"][0][0] == pytest.approx(gap / V0, rel=1e-9)
     assert out["impact_count"][0][0] == 1
     assert out["event_count"] <= 5
     assert out["penetration_max"][0][0] == pytest.approx(alone["penetration_max"], rel=1e-8)
@@ -209,17 +205,6 @@ def test_force_jump_at_touch_is_a_peak():
     assert out["acceleration_max"][0][0] == pytest.approx(jump / M1, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_touching_at_the_start():
-    for law in ALL_LAWS:
-        out = free_pair(law, 0.6, gap=0.0, points=5)
-        assert out["first_impact_time"][0][0] == 0.0
-        assert out["impact_count"][0][0] == 1
-        assert out["approach_speed_max"][0][0] == pytest.approx(V0, rel=1e-12)
-        alone = two_mass_impact(law, stiffness_of(law), 0.6, M1, M2, V0)
-        assert out["impact_force_max"][0][0] == pytest.approx(alone["force_max"], rel=1e-8)
-
-
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"])
 def test_wall_is_an_infinite_mass(law):
     k = stiffness_of(law)
@@ -234,7 +219,6 @@ def test_wall_is_an_infinite_mass(law):
     assert other["displacement_min"][1][0] == pytest.approx(-out["displacement_max"][0][0], rel=1e-9)
 
 
-@pytest.mark.slow
 def test_resting_contact():
     """A mass pressed onto a wall from rest by a steady ground acceleration: one onset, at t = 0, with v0 = 0."""
     body, pull, seconds = NaiveBuilding([M1], [1e-7], damping_ratio=0.0), 2.0, 0.3
@@ -300,7 +284,6 @@ def test_rayleigh_damping_in_the_first_two_modes():
     np.testing.assert_allclose(given.matrices()[1], alpha * given.matrices()[0] + beta * given.matrices()[2])
 
 
-@pytest.mark.slow
 def test_row_without_contact_is_the_exact_linear_solution():
     ag = motion()
     buildings = [left_building(), shear([150.0] * 5, 4.0e5), right_building()]
@@ -338,7 +321,6 @@ def test_row_without_contact_is_the_exact_linear_solution():
 # -- rows that pound ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_linear_contact_against_matrix_exponentials():
     """Two one-storey buildings, undamped contact: piecewise linear, so exact between located switches."""
     m, k, gap, kc, dt = np.array([100.0, 160.0]), np.array([4.0e4, 2.0e4]), 0.004, 5.0e5, 0.02
@@ -400,50 +382,6 @@ def three(law, e, ag, **options):
     return run(row, [0.006, 0.008], ag, 0.01, law, stiffness_of(law), e, **options)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ALL_LAWS)
-def test_energy_balance_and_signs(law):
-    out = three(law, 0.6, motion(1.6, strength=1.6))
-    work = flat(out["contact_work"])
-    assert flat(out["impact_count"]).sum() > 10
-    total = max(1.0, np.abs(out["energy_input"]).max())
-    assert out["energy_transfer_final"].sum() == pytest.approx(work.sum(), abs=1e-8 * total)
-    if law in ("linear", "hertz"):
-        np.testing.assert_allclose(work, 0.0, atol=1e-7)
-    else:
-        assert np.all(work >= -1e-8)
-    assert np.all(out["energy_damping"] > 0)
-    assert np.all(out["energy_transfer_max"] >= out["energy_transfer_final"] - 1e-9)
-    assert np.all(out["energy_transfer_min"] <= out["energy_transfer_final"] + 1e-9)
-    assert np.all((flat(out["impact_force_max"]) > 0) == (flat(out["impact_count"]) > 0))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"])
-def test_mirrored_row_gives_the_mirrored_answer(law):
-    ag = motion(1.3, strength=1.6)
-    k = stiffness_of(law)
-    row = [WALL, left_building(), shear([160.0, 150.0], 2.5e5), right_building()]
-    gaps = [0.004, 0.003, 0.003]
-    out = run(row, gaps, ag, 0.01, law, k, 0.5)
-    back = run(row[::-1], gaps[::-1], -ag, 0.01, law, k, 0.5)
-    assert flat(out["impact_count"]).sum() > 10
-    for name, sign, twin in [
-        ("displacement_max", -1, "displacement_min"),
-        ("displacement_min", -1, "displacement_max"),
-        ("drift_max", 1, "drift_max"),
-        ("acceleration_max", 1, "acceleration_max"),
-        ("impact_force_max", 1, "impact_force_max"),
-        ("impulse", 1, "impulse"),
-        ("impact_count", 1, "impact_count"),
-    ]:
-        for a, b in zip(out[name], back[twin][::-1], strict=True):
-            np.testing.assert_allclose(a, sign * np.asarray(b), rtol=1e-6, atol=1e-9)
-    for a, b in zip(out["first_impact_time"], back["first_impact_time"][::-1], strict=True):
-        assert [x is None for x in a] == [x is None for x in b]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"])
 def test_converged_in_the_tolerance(law):
     ag = motion(0.9, strength=2.0)
@@ -452,19 +390,6 @@ def test_converged_in_the_tolerance(law):
     np.testing.assert_array_equal(flat(out["impact_count"]), flat(finer["impact_count"]))
     for name in ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "penetration_max", "impulse"]:
         np.testing.assert_allclose(flat(out[name]), flat(finer[name]), rtol=1e-6, atol=1e-8 * flat(finer[name]).max())
-
-
-@pytest.mark.slow
-def test_splitting_the_record_changes_nothing():
-    """Restarts at record points leave no trace: the same ground motion given at twice the points."""
-    ag = motion(1.2, strength=1.6)
-    fine = np.interp(np.arange(2 * len(ag) - 1) * 0.5, np.arange(len(ag)), ag)
-    row = [left_building(), right_building()]
-    a = run(row, [0.005], ag, 0.01, "kelvin_voigt", 2e6, 0.6)
-    b = run(row, [0.005], fine, 0.005, "kelvin_voigt", 2e6, 0.6)
-    assert flat(a["impact_count"]).sum() > 3
-    for name in ["displacement_max", "acceleration_max", "impact_force_max", "impulse", "impact_count"]:
-        np.testing.assert_allclose(flat(a[name]), flat(b[name]), rtol=1e-7, atol=1e-9)
 
 
 def test_identical_neighbours_never_meet():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import errors, motion, simulate, truth
+from against_twin import motion
 from kernels_used import LEANING, LEANING_YIELDS
 from scenes import scene_of_case
 from scipy.linalg import eigh
@@ -83,34 +83,6 @@ def test_a_period_factor_is_one_under_the_weights():
         k, taken = np.array(stiffer.stiffnesses), np.array(stiffer.geometric_stiffnesses)
         slopes = np.where(stiffer.yields, 0.1 * k - taken, 0.1 * (k - taken))
         np.testing.assert_allclose((row.hardenings * row.stiffnesses)[0, here], slopes, rtol=1e-12)
-
-
-# -- against the twin --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("method", "dt", "bound"), [("rk4", 5e-4, 1e-5), pytest.param("newmark", 2e-4, 3e-3, marks=pytest.mark.slow)]
-)
-def test_storeys_that_yield_equal_the_twins(method, dt, bound):
-    """Storeys soften under their weights, and stay up."""
-    got = simulate(LEANING_YIELDS, "kelvin_voigt", 251, method=method, dt=dt)
-    want = truth(LEANING_YIELDS, "kelvin_voigt", 251)
-    assert (
-        LEANING_YIELDS.buildings[0].hardening - np.array(LEANING_YIELDS.buildings[0].stability_coefficients)
-    ).max() < 0
-    assert int(got.status) == Status.OK
-    assert np.count_nonzero(got.ductility_max > 3.0) == 3
-    assert set(OUTPUTS) <= set(got.data_vars)
-    found = errors(got, want, LEANING_YIELDS)
-    assert max(found.values()) < bound, found
-    assert float(got.energy_residual) < bound
-    own = got.input - got.damping - got.strain - got.kinetic - got.hysteretic - got.transfer
-    assert np.abs(own).max() < 1e-9
-    # what the columns bear is the hysteresis of the storey alone
-    k, strength, r = 6e3, 150.0, 0.05
-    d, v = (got[name].values[:, 0, 0] for name in ("storey_drift", "storey_shear"))
-    assert np.abs(v - r * k * d).max() == pytest.approx((1.0 - r) * strength, rel=1e-9)
-    assert got.storey_shear_max.values[0, 0] == pytest.approx(np.abs(v).max(), rel=1e-4)
 
 
 # -- where a row falls -------------------------------------------------------------------------------------------------

@@ -245,7 +245,7 @@ def test_other_steps_find_the_same(name):
     )
     assert "count" not in right or right["count"].sum() >= case.least_touches
     default = case.near.get("")
-    for each in right if default else case.near:
+    for each in right.keys() - {"shortest"} if default else case.near:
         off = apart(found[each], right[each], by_lane=case.by_lane).max(axis=tuple(range(1, right[each].ndim)))
         assert np.quantile(off, case.quantile) <= case.near.get(each, default), each
     assert (
@@ -323,7 +323,7 @@ def test_floors_that_part_and_touch_again_within_a_step_are_counted():
     spec = draw(11, 29, [law for law in LAWS if LAWS[law].has_contact], earthquakes())
     case, record = spec.cases[2], spec.records[0]
     record = ps.Record("short", record.dt, record.acceleration[:887])
-    given = {"scale": case.scale, "gaps": [[case.gap]], "stiffness": case.stiffness, "restitution": case.restitution}
+    given = {"scale": case.scale, "gaps": [case.gap], "stiffness": case.stiffness, "restitution": case.restitution}
     counts = [
         lanes(spec.scene, case.law, ["impact_count"], record, numerics, **given)["count"][0]
         for numerics in (exact(record.dt), rk4(1e-4))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import both, errors, twins
-from naive import run
+from against_twin import both, errors, simulate, truth
 from scenes import EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
@@ -167,31 +166,21 @@ SCENES = {
 }
 
 
-@lru_cache
-def shaking(points):
-    el_centro = ps.find_record("el_centro")
-    return ps.Record("cut", el_centro.dt, 1.5 * el_centro.acceleration[50 : 50 + points])
-
-
-@lru_cache
-def truth(name):
-    scene, e, points = SCENES[name]
-    record = shaking(points)
-    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, "stereomechanical", None, e)
-    return {**found, "law": "stereomechanical"}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "within"), [("rk4", 1e-3), ("newmark", 2e-2), ("exact", 1e-3)])
 @pytest.mark.parametrize("name", SCENES)
 def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, within):
     scene, e, points = SCENES[name]
-    one = ps.simulate(scene, shaking(points), law="stereomechanical", restitution=e, method=method, dt=1e-3)
+    scene = replace(scene, contact=ps.ContactProperties(restitution=e))
+    one, want = (
+        simulate(scene, "stereomechanical", points, method=method, dt=1e-3),
+        truth(scene, "stereomechanical", points),
+    )
     assert int(one.status) == Status.OK
-    counts, expected = both(one, truth(name), scene)["impact_count"]
+    counts, expected = both(one, want, scene)["impact_count"]
     assert abs(counts - expected).max() <= (1 if method == "newmark" else 0)
     assert expected.max() > 5
-    found = errors(one, truth(name), scene)
+    found = errors(one, want, scene)
     del found["impact_count"]
     # which of several floors that are hardly pressed is open for a moment between walls is a matter of rounding
     assert found.pop("contact_time") < (within if name != "between walls" else 5.0 * within)

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from against_twin import motion, simulate, twins
-from kernels_used import YIELDING, YIELDING_SWEEP
+from against_twin import lane_values, motion, simulate, twins
+from kernels_used import LEANING_YIELDS, YIELDING, YIELDING_SWEEP
 from kinds import ALONE, STEPPED, YIELDS
 from naive import run
-from scenes import EVERY, motions, pair, run_in_any_company
+from scenes import EVERY, motions, pair
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.rebuild import stored_sweep
@@ -35,13 +35,16 @@ from pounding_sweep.spec.spec import scene_of
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(YIELDS)]
+
+
 # -- against the twin --------------------------------------------------------------------------------------------------
 
 
-def test_a_loop_is_bilinear():
+@pytest.mark.parametrize(("scene", "points"), [(YIELDS, 151), (LEANING_YIELDS, 251)], ids=["upright", "leaning"])
+def test_a_loop_is_bilinear(scene, points):
     """The shear follows drift along k and r k, never beyond what hardening allows, whatever the contacts do."""
-    one = simulate(YIELDS, "kelvin_voigt", 151, 1.5, dt=1e-3)
-    k, strength, r = YIELDS.buildings[0].stiffnesses[0], YIELDS.buildings[0].yield_strengths[0], 0.05
+    one = simulate(scene, "kelvin_voigt", points, dt=1e-3)
+    k, strength, r = scene.buildings[0].stiffnesses[0], scene.buildings[0].yield_strengths[0], 0.05
     d, v = (one[name].values[:, 0, 0] for name in ("storey_drift", "storey_shear"))
     assert np.abs(v - r * k * d).max() == pytest.approx((1.0 - r) * strength, rel=1e-9)
     moves = np.abs(np.diff(d)) > 1e-6
@@ -56,18 +59,9 @@ def test_a_loop_is_bilinear():
 # -- invariants --------------------------------------------------------------------------------------------------------
 
 
-def lanes(scene, scales, method="rk4", dt=1e-3, law="kelvin_voigt", points=101, gaps=None, stiffness=8e5):
-    kernel = RowKernel(scene, LAWS[law], Numerics(method, dt), reducers_for(OUTPUTS), history=True)
-    record, n = motion(points), len(scales)
-    raw = kernel.run(
-        record,
-        scale=np.asarray(scales, float),
-        gaps=np.tile(scene.gaps, (n, 1)) if gaps is None else gaps,
-        stiffness=np.full(n, stiffness),
-        restitution=np.full(n, 0.6),
-        history=np.zeros(((points - 1) * kernel.numerics.steps(record) + 1, 100)),
-    )
-    return raw, variables_of(kernel, raw, OUTPUTS, record)
+def lanes(scene, scales, method="rk4", dt=1e-3, law="kelvin_voigt", points=101, gaps=None):
+    given = {"scale": scales, "gaps": [scene.gaps] if gaps is None else gaps}
+    return lane_values(scene, law, OUTPUTS, motion(points), Numerics(method, dt), history=True, **given)
 
 
 def scaled(scene, factor, **changes):
@@ -85,21 +79,6 @@ def test_half_the_motion_at_half_the_strength_and_gap_is_half_the_answer(method)
     np.testing.assert_allclose(half["hysteretic_energy"], 0.25 * whole["hysteretic_energy"], rtol=1e-8)
     _, twice = lanes(YIELDS, [0.75], method)  # and at the same strength it is not
     assert np.abs(2.0 * twice["displacement_max"] - whole["displacement_max"]).max() > 1e-3
-
-
-def test_a_scenario_does_not_know_its_neighbours():
-    rng = np.random.default_rng(3)
-    scales, gaps = rng.uniform(0.1, 3.0, 21), rng.uniform(0.0, 0.02, (21, 1))
-    together, _ = lanes(YIELDS, scales, gaps=gaps)
-    order = rng.permutation(21)
-    shuffled, _ = lanes(YIELDS, scales[order], gaps=gaps[order])
-    assert 0 < np.count_nonzero(together["travel"].sum(axis=1)) < 21
-    for name, values in together.items():
-        assert np.array_equal(shuffled[name], values[order]), name
-    for i in (0, 5, 20):
-        alone, _ = lanes(YIELDS, scales[[i]], gaps=gaps[[i]])
-        for name, values in together.items():
-            assert np.array_equal(alone[name], values[[i]]), (i, name)
 
 
 # -- flight ------------------------------------------------------------------------------------------------------------
@@ -140,13 +119,6 @@ def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
         building = ALONE.buildings[b]
         want = -building.stiffness_matrix @ (u - c)[floors] / np.array(building.masses)[:, None]
         np.testing.assert_allclose(found, want, rtol=0, atol=1e-10 * np.abs(want).max())
-
-
-@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
-def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
-    kernel, record, given = flying(precision=precision), motion(151), some_scenarios()
-    found = run_in_any_company(kernel, record, given)
-    assert 10 < np.count_nonzero(found["travel"].sum(axis=1)) < 70
 
 
 @pytest.mark.parametrize("law", [pytest.param("kelvin_voigt_tension", marks=pytest.mark.slow), "modified_kelvin_voigt"])
@@ -241,9 +213,6 @@ def test_a_contact_beside_a_yielding_storey_needs_no_more_steps():
     for dt, status in ((5e-4, Status.OK), (1e-2, Status.UNDER_RESOLVED_MOTION)):
         _, one = lanes(YIELDS, [1.5], dt=dt, gaps=[[1e3]])
         assert one["status"].tolist() == [status], dt
-
-
-# -- what is compiled --------------------------------------------------------------------------------------------------
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,231 @@
+"""One source in all its forms: Python on NumPy arrays, compiled for any machine, row by row in loops."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kernels_used import FOUNDED, FRAMED, LINKED, SMOOTH, kernels, simulated
+from numba import config
+from scenes import pair
+
+import pounding_sweep as ps
+from pounding_sweep.engine import cache
+from pounding_sweep.engine import kernel as emitter
+from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.engine.kernel import width
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel import lanes, spec
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.variables import REDUCERS
+
+EL_CENTRO = ps.find_record("el_centro")
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[90:113])
+WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
+YIELDS = ps.Scene(
+    [ps.Building("a", [30.0], [2e4], yield_strengths=[40.0], hardening=0.1), ps.Building("b", [20.0], [2e4])], [0.002]
+)
+PADS = replace(pair(), bumpers=[ps.Bumper("a-b", "rubber_bumper", 3e8, 0.5, 0.001, storeys=[1])])
+#: Kernels that other tests of the default run have too, and some of their own, of every output.
+SHARED = [
+    ("newmark", "kelvin_voigt", False, pair()),
+    ("exact", "kelvin_voigt", True, pair()),
+    ("rk4", "kelvin_voigt", True, FRAMED),
+    ("rk4", "kelvin_voigt", True, LINKED),
+    ("rk4", "kelvin_voigt", True, FOUNDED),
+    ("rk4", "linear", True, SMOOTH),
+    ("newmark", "linear", True, SMOOTH),
+]
+OWN = [
+    ("rk4", "hertz_damped", True, WALL),
+    ("newmark", "hysteretic", True, WALL),
+    ("newmark", "stereomechanical", True, WALL),
+    ("central_difference", "nonlinear_viscoelastic", True, WALL),
+    ("rk4", "kelvin_voigt", True, YIELDS),
+    ("newmark", "none", True, YIELDS),
+    ("rk4", "kelvin_voigt", False, WALL),
+    ("rk4", "kelvin_voigt", True, PADS),
+    *(
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in [
+            ("newmark", "hertz", False, WALL),
+            ("newmark", "kelvin_voigt", True, FRAMED),
+            ("newmark", "stereomechanical", True, LINKED),
+            ("newmark", "stereomechanical", True, FOUNDED),
+            ("newmark", "hysteretic", True, PADS),
+            ("rk4", "linear", False, FRAMED),
+        ]
+    ),
+]
+
+
+@pytest.mark.parametrize(("method", "law", "locate", "scene"), [*SHARED, *OWN])
+def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatch):
+    shared = (method, law, locate, scene) in SHARED
+    reducers = simulated(method, law, located=locate, scene=scene).reducers if shared else frozenset(REDUCERS)
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, 1e-2, locate=locate), reducers, history=True)
+    assert not shared or kernel.shape in kernels()
+    one = {
+        "scale": np.ones(1),
+        "gaps": np.full((1, 1), 0.002),
+        "stiffness": np.full(1, 2e5 if LAWS[law].exponent == 1.0 else 2e6),
+        "restitution": np.full(1, 0.6),
+    }
+    found = []
+    for disabled in (False, True):
+        monkeypatch.setattr(config, "DISABLE_JIT", disabled)
+        get_kernel.cache_clear()
+        steps = (len(SHORT.acceleration) - 1) * kernel.numerics.steps(SHORT) + 1
+        history = np.zeros((steps, 100))
+        found.append({**kernel.run(SHORT, **one, history=history), "history": history})
+    get_kernel.cache_clear()
+    compiled, twin = found
+    assert compiled["count"].sum() > 1 if law != "none" and scene is not SMOOTH else compiled["travel"].sum() > 0
+    assert scene is not YIELDS or compiled["travel"].sum() > 0
+    for name, want in compiled.items():
+        size = np.abs(want).max()
+        np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * size + 1e-12, err_msg=name)
+
+
+MACHINES = {
+    "AVX2": ("haswell", "+avx2,+fma,+avx,+bmi,+bmi2,+popcnt,+lzcnt,+sse4.2"),
+    "no vector instructions beyond SSE2": ("x86-64", "+sse2"),
+}
+#: Prints all results of two kernels, bit by bit.
+RUN = """
+from test_kernel_forms import results
+for case in (("hertz_damped", "rk4", "float64"), ("linear", "newmark", "float64"), ("linear", "exact", "float32")):
+    for name, values in sorted(results(*case).items()):
+        print(name, values.tobytes().hex())
+"""
+
+
+def results(law, method, precision="float64", storeys=(2, 3, 2), walls=False, varied=False):
+    buildings = [
+        ps.Building(f"b{i}", [20.0 + 5.0 * i] * n, stiffnesses=[30e3 + 4e3 * i] * n, damping_ratio=0.04)
+        for i, n in enumerate(storeys)
+    ]
+    row = ps.Scene(
+        [ps.Wall("left"), *buildings, ps.Wall("right")] if walls else buildings,
+        gaps=[0.005] * (len(buildings) - 1 + 2 * walls),
+    )
+    t = np.arange(200) * 0.02
+    record = ps.Record("sweep", dt=0.02, acceleration=6.0 * np.sin(2.0 * np.pi * (0.5 + t) * t))
+    reducers = frozenset(
+        {"displacement", "drift", "acceleration", "closing", "energy", "force", "count", "work", "impulse", "transfer"}
+    )
+    found = RowKernel(row, ps.get_law(law), Numerics(method, 5e-3, precision=precision), reducers, varied=varied)
+    factors = np.linspace(0.8, 1.2, 16)[:, None] * np.ones(len(buildings))
+    variants = Variants(row, factors, factors, np.full(16, 0.02)) if varied else None
+    scale = np.linspace(0.5, 2.0, 16)
+    gaps = np.full((16, len(row.pair_names)), 0.005) * scale[::-1, None]
+    return found.run(
+        record, scale=scale, gaps=gaps, stiffness=1e5 * scale, restitution=np.full(16, 0.6), variants=variants
+    )
+
+
+def another_machine(monkeypatch, name):
+    """Keep kernels that are compiled from now on apart."""
+    surroundings = cache._surroundings() + name
+    monkeypatch.setattr(cache, "_surroundings", lambda: surroundings)
+    get_kernel.cache_clear()
+
+
+def _printed(machine, folder):
+    environment = dict(
+        os.environ, POUNDING_SWEEP_CACHE=str(folder), PYTHONPATH=os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    )
+    environment.update(zip(("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"), machine, strict=False))
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_bits_are_those_of_any_machine(tmp_path):
+    here = _printed((), tmp_path)
+    assert "fmax" in here
+    for name, machine in MACHINES.items():
+        assert _printed(machine, tmp_path) == here, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "method", "precision"),
+    [
+        ("hertz_damped", "rk4", "float64"),
+        ("linear", "newmark", "float32"),
+        ("linear", "exact", "float64"),
+        ("linear", "exact", "float32"),
+        ("hertz_damped", "exact", "float32"),
+        ("stereomechanical", "exact", "float64"),
+    ],
+)
+def test_bits_are_those_of_registers_of_another_width(law, method, precision, monkeypatch):
+    here, before = results(law, method, precision), width(precision)
+    wide = not lanes.has_wide_registers()
+    for module in (lanes, emitter):
+        monkeypatch.setattr(module, "has_wide_registers", lambda: wide)
+    another_machine(monkeypatch, "registers of another width")
+    assert width(precision) != before
+    there = results(law, method, precision)
+    get_kernel.cache_clear()
+    assert here["count"].sum() > 100
+    for name, values in here.items():
+        np.testing.assert_array_equal(there[name], values, err_msg=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "varied"), [("linear", False), ("stereomechanical", False), ("kelvin_voigt", True)])
+@pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
+def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, varied, method, monkeypatch):
+    scene = {"storeys": (2, 3, 2, 1), "walls": True, "varied": varied}
+    straight = results(law, method, **scene)
+    monkeypatch.setattr(spec, "FUSED_DOF", 0)
+    another_machine(monkeypatch, "rows in loops")
+    looped = results(law, method, **scene)
+    get_kernel.cache_clear()
+    assert straight["count"].sum() > 100
+    for name, values in straight.items():
+        size = max(np.nanmax(np.abs(values)), 1e-9)
+        np.testing.assert_allclose(looped[name], values, rtol=0, atol=1e-7 * size, err_msg=name)
+
+
+#: A wall; three buildings alike, two pairs that meet alike; a lower building, whose pair is another kind.
+ROW = ps.Scene(
+    [
+        ps.Wall(),
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+        ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
+        ps.Building("c", [100.0, 100.0], [1.1e5, 1.3e5]),
+        ps.Building("low", [140.0], [9.0e4]),
+    ],
+    gaps=[0.003, 0.004, 0.005, 0.004],
+    contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
+)
+
+
+@pytest.mark.release
+def test_unlocated_forces_are_those_of_the_motion():
+    """Behind a wall, the first floor belongs to two contacts."""
+    record = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[60:160])
+    one = ps.simulate(ROW, record, law="kelvin_voigt", method="rk4", dt=1e-3, locate=False)
+    u, v = (one[name].isel(storey=0) for name in ("displacement", "velocity"))
+    log_e = np.log(0.6)
+    share = -log_e / np.hypot(np.pi, log_e)
+    for i, (left, right) in enumerate((("a", "b"), ("b", "c")), start=1):
+        masses = [building.masses[0] for building in ROW.buildings if building.name in (left, right)]
+        damper = 2.0 * share * np.sqrt(8e5 / sum(1.0 / m for m in masses))
+        d = u.sel(building=left) - u.sel(building=right) - ROW.gaps[i]
+        rate = v.sel(building=left) - v.sel(building=right)
+        force = np.maximum(8e5 * d + damper * rate, 0.0).where(d > 0.0, 0.0)
+        assert float(force.max()) > 0.0
+        found = one.contact_force.isel(storey=0).sel(pair=f"{left}-{right}")
+        np.testing.assert_allclose(found, force, rtol=0, atol=1e-9 * float(force.max()))
