@@ -8,7 +8,8 @@ is known only after the runs without pounding.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,35 +23,22 @@ if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan
 
 
-def chunk_lines(chunks: Sequence[Chunk]) -> list[list[Any]]:
-    """Return what a folder says of the chunks of a stage: key, law, record and number of scenarios of each."""
-    return [[chunk.key, chunk.law, chunk.record, len(chunk.rows)] for chunk in chunks]
-
-
-def expected(plan: Plan, stages: Mapping[str, list[list[Any]]]) -> dict[str, Any]:
-    """Return what `survey` wants to find in a folder: the chunks of each stage, with the names of what they run."""
-    return {
+def expect(store: ChunkStore, plan: Plan, stage: str, chunks: Sequence[Chunk]) -> None:
+    """Note of which chunks a stage will consist; those noted by a run of the same plan stay. Raises `WriteError`."""
+    about = {
         "title": plan.spec.title,
         "asked": plan.n_asked,
         "at_most": plan.n_unique,
         "laws": [law.key for law in plan.laws],
         "records": [record.name for record in plan.spec.records],
-        "stages": dict(stages),
     }
-
-
-def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
-    """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known."""
-    try:
-        there = json.loads((folder / EXPECTED).read_bytes())
-        if {**there, "stages": {}} != expected(plan, {}):
-            return {}
-        return {
-            str(stage): [[str(key), int(law), int(record), int(n)] for key, law, record, n in chunks]
-            for stage, chunks in there["stages"].items()
-        }
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        return {}
+    stages: dict[str, Any] = {}
+    with suppress(OSError, ValueError, TypeError, KeyError):
+        noted = json.loads((store.folder / EXPECTED).read_bytes())
+        if noted == {**about, "stages": noted["stages"]}:
+            stages = noted["stages"]
+    stages[stage] = [[chunk.key, chunk.law, chunk.record, len(chunk.rows)] for chunk in chunks]
+    store.expect({**about, "stages": stages})
 
 
 @dataclass

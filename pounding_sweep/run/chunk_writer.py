@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.plan.chunks import Chunk
+from pounding_sweep.plan.plan import Plan
 from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.resume.survey import expect
 
 #: Seconds for which finished chunks are held in memory, and most bytes of them.
 HELD_SECONDS, HELD_BYTES = 2.0, 2**24
@@ -39,9 +41,9 @@ class ChunkWriter:
             except Exception as failure:  # what ended the run is told, not what followed
                 error.add_note(str(failure))
 
-    def expect(self, chunks: Mapping[str, Any]) -> None:
-        """Note of which chunks the sweep will consist."""
-        self._write(partial(self.store.expect, chunks))
+    def expect(self, plan: Plan, stage: str, chunks: Sequence[Chunk]) -> None:
+        """Note of which chunks a stage will consist."""
+        self._write(partial(expect, self.store, plan, stage, chunks))
 
     def save(
         self, chunk: Chunk, table: np.ndarray, moved: Callable[[Callable[[], np.ndarray]], None], **more: Any

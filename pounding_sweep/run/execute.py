@@ -31,7 +31,6 @@ from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
-from pounding_sweep.resume.survey import chunk_lines, expected, stages_before
 from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
@@ -170,8 +169,7 @@ def execute(
     outcome.taken_from = None if earlier is None else earlier.origin
     started = time.perf_counter()
     if shapes:
-        before = {} if store is None else stages_before(plan, store.folder)
-        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, earlier, before)
+        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, earlier)
         stages.without_pounding()
         stages.scenarios()
         if writer is not None and outcome.failures:
@@ -200,7 +198,6 @@ class _Stages:
     dispatcher: Dispatcher
     progress: Progress
     earlier: EarlierCube | None
-    expected: dict[str, list[list[Any]]]
 
     def without_pounding(self) -> None:
         """Run those that are worth it, and find the scenarios that never touch: they are answered by it."""
@@ -281,8 +278,7 @@ class _Stages:
                 known.append(chunk)
         waiting = cut(np.flatnonzero(missing))
         if self.writer is not None:
-            self.expected[stage] = chunk_lines([*known, *waiting])
-            self.writer.expect(expected(plan, self.expected))
+            self.writer.expect(plan, stage, [*known, *waiting])
 
         def task_of(position: int) -> ChunkTask:
             chunk = waiting[position]
