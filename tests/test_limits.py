@@ -35,7 +35,7 @@ from pounding_sweep.run.sweep import Sweep, load_sweep
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 #: Eight chunks of some tenths of a second, after one without pounding.
-SWEEP = LONG.replace("dt = 1e-6", "dt = 5e-6")
+SWEEP = LONG.replace("dt = 1e-6", "dt = 1.25e-6")
 RUN = ["run", "sweep.toml", "-o", "out.nc", "--workers", "1"]
 
 
@@ -103,7 +103,7 @@ def test_a_night(tmp_path, reference):
         process.kill()
     assert f"another run is at work in '{tmp_path / 'out.nc.parts'}': process {process.pid} on " in refused
     assert "wait for it, stop it, or give another output path" in refused
-    assert re.search(rf"^now +process {process.pid} on .* is at work on it$", seen, re.MULTILINE)
+    assert re.search(rf"^state +process {process.pid} on .* is at work on it$", seen, re.MULTILINE)
 
     found = survey(tmp_path / "out.nc.parts")
     assert found.now is None
