@@ -29,7 +29,7 @@ from pounding_sweep.outputs.differences import CHANGE, comparable, relative_erro
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.plan.chunks import ChunkTask, cut
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
-from pounding_sweep.plan.scenarios import BLOCK, changed, joined
+from pounding_sweep.plan.scenarios import changed, joined
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import ended, halved
 
@@ -115,10 +115,8 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
 
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     """Lane-steps of the scenarios `rows` in the sweep."""
-    points = np.array([record.n_points - 1 for record in plan.spec.records])
-    times = 1 if plan.spec.accuracy is None else REFINED
-    blocks = (rows[first : first + BLOCK] for first in range(0, len(rows), BLOCK))
-    return times * sum(int((plan.steps[some] * points[plan.unique.record[some]]).sum()) for some in blocks)
+    points = np.array([record.n_points - 1 for record in plan.spec.records])[plan.unique.record[rows]]
+    return (1 if plan.spec.accuracy is None else REFINED) * int((plan.steps[rows] * points).sum())
 
 
 def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, int]:

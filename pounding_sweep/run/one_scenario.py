@@ -139,23 +139,16 @@ def simulate_one(
     if not choice.keys() & {"stiffness", "stiffness_factor"}:
         _check_unit(spec, scenario, law)
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
-    parameters = SCHEMES[spec.method].parameters if spec.method else ()
+    settings = ["method", "dt", "accuracy", "locate", "force_unstable", "restitution_basis", "precision"]
+    settings += SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,
         spec.record(chosen.record).scaled(spec.case_value(chosen, "scale")),
         law=law,
         stiffness=None if law.exponent is None else stiffness,
         restitution=chosen.restitution,
-        method=spec.method,
-        dt=spec.dt,
-        accuracy=spec.accuracy,
-        locate=spec.locate,
-        beta=spec.beta if "beta" in parameters else None,
-        gamma=spec.gamma if "gamma" in parameters else None,
-        force_unstable=spec.force_unstable,
-        restitution_basis=spec.restitution_basis,
-        precision=spec.precision,
         output_step=output_step,
+        **{name: getattr(spec, name) for name in settings},
     )
     details = "; ".join(_details(spec, values, law, choice))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})

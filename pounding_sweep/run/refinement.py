@@ -89,7 +89,17 @@ def apart(kernel: RowKernel, table: Scenarios, found: Values) -> Scenarios:
 
 
 def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
-    """Run scenarios at the kernel's step; returns variables of shape (n, *inner), of one its states, too, if kept."""
+    """Run scenarios at the kernel's step, those together that fly in equally long steps whatever is run beside them.
+
+    Returns variables of shape (n, *inner), and where the kernel has a history the `STATES` of the one scenario.
+    """
+    if kernel.numerics.scheme.flies_exactly and kernel.varied:
+        flight_substeps = kernel.flight_substeps(record, variants)
+        if len(kinds := np.unique(flight_substeps)) > 1:
+            parts = [np.flatnonzero(flight_substeps == kind) for kind in kinds]
+            found = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
+            order = np.argsort(np.concatenate(parts), kind="stable")
+            return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
     states = None
     if kernel.history:
         instants = (record.n_points - 1) * kernel.numerics.steps(record) + 1
@@ -103,21 +113,8 @@ def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Vari
         variants=variants,
         history=states,
     )
-    found = variables_of(kernel, raw, outputs, record, variants)
-    return found if states is None else {**found, STATES: states[None]}
-
-
-def _run_alike(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
-) -> Values:
-    """`run_once`, those together that fly in equally long steps whatever is run beside them."""
-    if not kernel.numerics.scheme.flies_exactly or not kernel.varied:
-        return run_once(kernel, record, table, variants, outputs)
-    flight_substeps = kernel.flight_substeps(record, variants)
-    parts = [np.flatnonzero(flight_substeps == each) for each in np.unique(flight_substeps)]
-    found = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
-    order = np.argsort(np.concatenate(parts), kind="stable")
-    return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
+    result = variables_of(kernel, raw, outputs, record, variants)
+    return result if states is None else {**result, STATES: states[None]}
 
 
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
@@ -134,7 +131,7 @@ def amplification(
     kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str], found: Values
 ) -> np.ndarray:
     """How much more an output of what was `found` changes, relatively, than all inputs together, shape (n,)."""
-    moved = _run_alike(kernel, record, changed(table), variants, outputs)
+    moved = run_once(kernel, record, changed(table), variants, outputs)
     return differences(comparable(outputs), moved, found) / CHANGE
 
 
@@ -156,9 +153,9 @@ def run_refined(
         if halvings > SINGLE_HALVINGS:
             kernel = kernel.in_double
         mine, own = (table, variants) if halvings == 1 else (table[rows], variants[rows])
-        fine = _run_alike(kernel, record, mine, own, outputs)
+        fine = run_once(kernel, record, mine, own, outputs)
         if halvings == 1:
-            coarse = _run_alike(begun, record, apart(begun, table, fine), variants, outputs)
+            coarse = run_once(begun, record, apart(begun, table, fine), variants, outputs)
         if "amplification" in outputs:
             fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
         allowed = accuracy / strictness(fine)
@@ -171,7 +168,7 @@ def run_refined(
                 result[name][rows] = values
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     if not halvings:  # half the step is more of them than can be run
-        result = _run_alike(kernel, record, table, variants, outputs)
+        result = run_once(kernel, record, table, variants, outputs)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     result["error_estimate"] = estimate
     return result
@@ -194,7 +191,7 @@ def run_at_step(
         result["amplification"] = amplification(kernel, record, table, variants, outputs, result)
     if "error_estimate" not in outputs:
         return result
-    fine = _run_alike(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
+    fine = run_once(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
     estimate = differences(comparable(outputs), result, fine)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     result["error_estimate"] = estimate

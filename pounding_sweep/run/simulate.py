@@ -150,11 +150,15 @@ def simulate(
     )
     row = spec.scene
     outputs = tuple(name for name in outputs if any(row.yields) or not VARIABLES[name].of_yielding)
-    velocities = _velocities(row, initial_velocity)
-    plan = make_plan(spec, initial_speed=_approach(row, velocities))
+    velocities = None if initial_velocity is None else _velocities(row, initial_velocity)
+    approaches = [sum(share * velocities[i] for i, share in c.ends) for c in row.contacts if velocities]
+    plan = make_plan(spec, initial_speed=max([0.0, *approaches]))
     steps = int(plan.steps[0])
     if output_step is not None:
-        steps = max(steps, math.ceil(motion.dt / _checked_step(output_step) * (1.0 - 1e-9)))
+        if not (math.isfinite(output_step) and output_step > 0.0):
+            msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
+            raise InputError(msg)
+        steps = max(steps, math.ceil(motion.dt / output_step * (1.0 - 1e-9)))
     limit = float(plan.limit[0])
     if motion.dt / steps > limit and not force_unstable:
         msg = (
@@ -220,17 +224,8 @@ def peaks_shown(one: xr.Dataset) -> float:
     return min(shares)
 
 
-def _checked_step(output_step: float) -> float:
-    """Return an output step that is a positive number."""
-    if not (math.isfinite(output_step) and output_step > 0.0):
-        msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
-        raise InputError(msg)
-    return output_step
-
-
-def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] | None:
-    if given is None:
-        return None
+def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
+    """Return the velocity (m/s) of each floor, of one number or one for each floor of every building."""
     buildings = scene.buildings
     if len(given) != len(buildings):
         msg = f"initial_velocity has {len(given)} entries for {len(buildings)} buildings; give one per building (m/s)"
@@ -238,20 +233,11 @@ def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] 
     result: list[float] = []
     for building, values in zip(buildings, given, strict=True):
         floors = np.asarray(values, dtype=float)
-        if floors.ndim == 0:
-            floors = np.full(building.n_storeys, float(floors))
-        if floors.shape != (building.n_storeys,) or not np.isfinite(floors).all():
+        if floors.shape not in ((), (building.n_storeys,)) or not np.isfinite(floors).all():
             msg = (
                 f"initial_velocity of building {building.name!r} is {values!r}; "
                 f"give {building.n_storeys} finite numbers (m/s), bottom first"
             )
             raise InputError(msg)
-        result += [float(v) for v in floors]
+        result += np.broadcast_to(floors, building.n_storeys).tolist()
     return tuple(result)
-
-
-def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
-    """Largest speed (m/s) at which floors that can meet approach each other at the start."""
-    if velocities is None:
-        return 0.0
-    return max([0.0, *(sum(share * velocities[i] for i, share in contact.ends) for contact in scene.contacts)])
