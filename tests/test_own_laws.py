@@ -208,7 +208,7 @@ def test_a_law_file_is_looked_for_beside_the_sweep(tmp_path):
 
 def test_two_laws_of_one_key_are_refused(tmp_path):
     one, two = law_file(tmp_path), law_file(tmp_path, number=1.4, name="more.py")
-    with pytest.raises(SweepError, match=r"laws\[1\]: law 'my_law' is there already"):
+    with pytest.raises(SweepError, match=r"laws\[1\]: 'my_law' repeats value"):
         sweep(one, laws=[f"{one}:my_law", f"{two}:my_law"])
     cases = [{"law": f"{path}:my_law", "gap": 0.01} for path in (one, two)]
     with pytest.raises(SweepError, match=r"cases\[1\]\.law: law 'my_law' is another one than that of the same key"):

@@ -210,7 +210,7 @@ def test_bad_records(tmp_path):
     by_name = dict(zip([*names, "repeated", "number"], found, strict=True))
     assert "did you mean 'el_centro'" in by_name["el_centri"]
     assert "ngawest2.berkeley.edu" in by_name["arleta"]
-    assert "has the same name 'pulse' as records[7]" in by_name["repeated"]
+    assert "'pulse' repeats value [7]; give it another name" in by_name["repeated"]
 
 
 @pytest.mark.parametrize("huge", [Range(0.0, 1.0, 10**12), range(10**30), itertools.count()])

@@ -350,9 +350,15 @@ def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
     ("given", "message"),
     [
         ({"locate": False}, r"locate: storeys of building 'a' yield, .* give locate = true"),
-        ({"strength_factors": {"a": 0.0}}, r"strength_factors.a\[0\]: factor is 0.0; it must be in"),
-        ({"hardenings": {"a": 1.0}}, r"hardenings.a\[0\]: hardening is 1.0; it must be in \[0, 1\)"),
-        ({"hardenings": {"a": [[0.1, 0.2]]}}, r"hardenings.a\[0\]: \[0.1, 0.2\] is not a number"),
+        (
+            {"strength_factors": {"a": 0.0}},
+            r"strength_factors.a\[0\]: 0.0 won't do; it must be a factor on yield strengths",
+        ),
+        (
+            {"hardenings": {"a": 1.0}},
+            r"hardenings.a\[0\]: 1.0 won't do; it must be a hardening, at least 0 and below 1",
+        ),
+        ({"hardenings": {"a": [[0.1, 0.2]]}}, r"hardenings.a\[0\]: \[0.1, 0.2\] won't do; it must be a hardening"),
         ({"hardenings": {"c": 0.1}}, r"hardenings.c: unknown building 'c'"),
     ],
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -87,22 +88,39 @@ def _check_outputs(value: Any) -> tuple[str, ...]:
         what = f"must be a name or a list of names, not {shown(value)}" if items is None else "is empty"
         msg = f"{what}; give variables, 'default' or 'all'"
         raise InputError(msg)
+    found = read_each(items, lambda name: check_outputs([name])[0], single=isinstance(value, str))
+    return tuple(check_outputs(found))
+
+
+def read_each(
+    items: Iterable[Any],
+    read: Callable[[Any], Any],
+    key: Callable[[Any], Any] = lambda item: item,
+    *,
+    found: dict[Any, tuple[int, Any]] | None = None,
+    remedy: str = "give it once",
+    single: bool = False,
+) -> dict[Any, tuple[int, Any]]:
+    """Read each item of a list, which makes one thing or a list of them; no two have the same key.
+
+    Returns them by it, with the index of their item. A fault has its index; after many the rest is not looked at.
+    """
+    found = {} if found is None else found
     with Faults() as faults:
-        for index, item in _first_faults(items, faults):
-            place: Place = () if isinstance(value, str) else (index,)
-            faults.attempt(place, check_outputs, [item])
-            if item in items[:index]:
-                faults.add(place, f"{shown(item)} is there already")
-    return tuple(check_outputs(items))
-
-
-def _first_faults(items: Sequence[Any], faults: Faults) -> Iterator[tuple[int, Any]]:
-    """Go through a list with the indices of its items, up to so many faults that the others don't matter."""
-    for index, item in enumerate(items):
-        if len(faults.found) >= _MOST_FAULTS:
-            faults.add((), f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault")
-            return
-        yield index, item
+        for index, item in enumerate(items):
+            if len(faults.found) >= _MOST_FAULTS:
+                text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
+                faults.add((), text)
+                break
+            place: Place = () if single else (index,)
+            result = faults.attempt(place, read, item)
+            for each in result if isinstance(result, list) else () if result is None else (result,):
+                name = key(each)
+                if name in found:
+                    faults.add(place, f"{shown(name)} repeats value [{found[name][0]}]; {remedy}")
+                else:
+                    found[name] = index, each
+    return found
 
 
 class _Settings(Table):
@@ -256,17 +274,15 @@ class _Reader:
         if not items:
             msg = "no records: a sweep of zero scenarios; give records, names or files"
             raise InputError(msg)
-        found: dict[str, tuple[int, Record]] = {}
-        with Faults() as faults:
-            for index, item in _first_faults(items, faults):
-                for record in faults.attempt((index,), self._resolve, index, item) or ():
-                    if record.name in found:
-                        twin = f"records[{found[record.name][0]}]"
-                        faults.add((index,), f"has the same name {record.name!r} as {twin}; give it another name")
-                    else:
-                        found[record.name] = index, record
-            if self.left_out and not found and not faults.found:
-                faults.add((), f"none is left: {', '.join(self.left_out)} missing; get at least one of them")
+        found = read_each(
+            enumerate(items),
+            lambda pair: self._resolve(*pair),
+            lambda record: record.name,
+            remedy="give it another name",
+        )
+        if self.left_out and not found:
+            msg = f"none is left: {', '.join(self.left_out)} missing; get at least one of them"
+            raise InputError(msg)
         return [record for _, record in found.values()]
 
     def _resolve(self, index: int, item: Any) -> list[Record]:
@@ -314,15 +330,16 @@ class _Reader:
             what = "is missing" if value is None else "is empty: a sweep of zero scenarios"
             msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
             raise InputError(msg)
-        with Faults() as faults:
-            for index, item in _first_faults(items, faults):
-                place: Place = () if isinstance(value, (str, Law)) else (index,)
-                for name in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
-                    law = faults.attempt(place, self._law, name, {}, " (or the groups all, mate2015)")
-                    if law is not None and law.key in self.laws:
-                        faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
-                    elif law is not None:
-                        self.laws[law.key] = law
+
+        def read(item: Any) -> list[Law]:
+            names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
+            return [self._law(name, {}, " (or the groups all, mate2015)") for name in names]
+
+        found: dict[str, tuple[int, Law]] = {}
+        try:
+            read_each(items, read, lambda law: law.key, found=found, single=isinstance(value, (str, Law)))
+        finally:
+            self.laws |= {key: law for key, (_, law) in found.items()}
 
     def _check_parameters(self, dimensions: Collection[str]) -> None:
         """Note parameters of axes that are missing, or given without the axis; `dimensions`: those that there are."""
@@ -360,17 +377,8 @@ class _Reader:
         """Convert and check the values of one axis."""
         evenly = isinstance(sequence, Range)
         values = sequence.values() if isinstance(sequence, Range) else sequence
-        seen: dict[float, int] = {}
-        laws = list(self.laws.values())
-        with Faults() as faults:
-            for index, item in _first_faults(values, faults):
-                place: Place = () if evenly else (index,)
-                checked = faults.attempt(place, axis.check, item, laws, self.basis)
-                if checked in seen:
-                    faults.add(place, f"{checked!r} repeats value [{seen[checked]}]; the values of an axis must differ")
-                elif checked is not None:
-                    seen[checked] = index
-        return tuple(seen)
+        read = functools.partial(axis.check, laws=list(self.laws.values()), basis=self.basis)
+        return tuple(read_each(values, read, single=evenly, remedy="the values of an axis must differ"))
 
     def _by_building(self, given: Mapping[str, Any], faults: Faults) -> dict[tuple[str, Any], tuple[Place, Any]]:
         """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
@@ -608,7 +616,7 @@ class _Reader:
         def record_of(item: Any) -> Any:
             return item.get("record") if isinstance(item, dict) else getattr(item, "record", None)
 
-        remaining = [(index, item) for index, item in enumerate(items) if record_of(item) not in self.left_out]
+        remaining = [item for item in items if record_of(item) not in self.left_out]
         if len(remaining) < len(items):
             text = f"{len(items) - len(remaining)} of {len(items)} listed cases name records that are missing"
             if not remaining:
@@ -616,16 +624,13 @@ class _Reader:
                 raise InputError(msg)
             text += "; they are left out too, and the others are numbered anew"
             warnings.warn(text, UserWarning, stacklevel=2)
-        seen: dict[Case, int] = {}
+        seen: dict[Case, tuple[int, Case]] = {}
         known: dict[str, Law] = {}
-        faults = Faults()
-        for index, item in remaining:
-            case = faults.attempt((index,), self._case, item, known)
-            if case in seen:
-                faults.add((index,), f"is the same scenario as cases[{seen[case]}]")
-            elif case is not None:
-                seen[case] = index
-        self.faults.found += [(("cases", *place), text) for place, text in faults.found]
+
+        def read(item: Any) -> Any:
+            return [] if record_of(item) in self.left_out else self._case(item, known)
+
+        self.faults.attempt(("cases",), read_each, items, read, found=seen, remedy="list a scenario once")
         self._check_parameters(
             [pair[0].dimension for case in seen for column in COLUMNS if (pair := case.axis(column))]
         )

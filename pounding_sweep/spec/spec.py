@@ -141,41 +141,33 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
-#: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
-_BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen", "dashpots", "foundation")
+#: What of a building is always stored, and of one that yields too; the rest only if it is not as usual.
+_BUILDING = ("name", "masses", "stiffnesses", "storey_heights", "damping_ratio")
 _OF_YIELDING = ("hardening", "damping_stiffness")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
-def _unusual(item: Building | Scene, names: Sequence[str]) -> dict[str, Any]:
-    """Return those of some fields that are not as they are by default."""
+def _unusual(item: Building | Scene, names: Sequence[str], always: Sequence[str] = ()) -> dict[str, Any]:
+    """Return those of some fields that are not as they are by default, and those that are always stored."""
     usual = {each.name: each.default for each in fields(item)}
-    return {name: getattr(item, name) for name in names if getattr(item, name) != usual[name]}
+    return {name: getattr(item, name) for name in names if name in always or getattr(item, name) != usual[name]}
 
 
 def _building_data(building: Building) -> dict[str, Any]:
-    ratio = building.damping_ratio
-    found: dict[str, Any] = {
-        "name": building.name,
-        **{name: list(getattr(building, name)) for name in ("masses", "stiffnesses", "storey_heights")},
-        "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
-        **_unusual(building, _BUILDING_MORE),
-    }
-    if building.foundation:
-        found["foundation"] = vars(building.foundation)
-    if building.yield_strengths is not None:  # null of storeys that never yield
-        found["yield_strengths"] = [each if math.isfinite(each) else None for each in building.yield_strengths]
-        found |= {name: getattr(building, name) for name in _OF_YIELDING}
-    return found
+    strengths, foundation = building.yield_strengths, building.foundation
+    always = _BUILDING if strengths is None else (*_BUILDING, *_OF_YIELDING)
+    data = _unusual(building, [each.name for each in fields(building)], always)
+    if strengths is not None:  # null of storeys that never yield
+        data["yield_strengths"] = [each if math.isfinite(each) else None for each in strengths]
+    return data if foundation is None else {**data, "foundation": vars(foundation)}
 
 
 def _building_of(data: Mapping[str, Any]) -> Building:
-    given = {name: data[name] for name in (*_BUILDING_MORE, *_OF_YIELDING) if name in data}
-    if "yield_strengths" in data:
-        given["yield_strengths"] = [math.inf if each is None else each for each in data["yield_strengths"]]
-    ratio, heights = data["damping_ratio"], data["storey_heights"] or None
-    ratio = tuple(ratio) if isinstance(ratio, list) else ratio
-    return Building(data["name"], data["masses"], data["stiffnesses"], ratio, heights, **given)
+    ratio, strengths = data["damping_ratio"], data.get("yield_strengths")
+    if strengths is not None:
+        strengths = [math.inf if each is None else each for each in strengths]
+    changes = {"yield_strengths": strengths, "storey_heights": data["storey_heights"] or None}
+    return Building(**{**data, **changes, "damping_ratio": tuple(ratio) if isinstance(ratio, list) else ratio})
 
 
 def scene_data(scene: Scene) -> dict[str, Any]:
