@@ -243,19 +243,6 @@ def gathered(tmp_path_factory, data):
     assert (results.touched[rows] == known).all()
 
 
-def test_what_is_made_ahead_comes_in_order_and_says_what_went_wrong():
-    def made():
-        yield from [(0, "a"), (1, "b")]
-        msg = "no more"
-        raise WriteError(msg)
-
-    found = []
-    with pytest.raises(WriteError, match="no more"):
-        found.extend(filling._ahead(made()))
-    assert found == [(0, "a"), (1, "b")]
-    assert list(filling._ahead(iter([]))) == []
-
-
 # -- disk --------------------------------------------------------------------------------------------------------------
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +38,7 @@ def cube_in_memory(
     for name in outcome.results.names:
         kind = as_read(name, np.zeros(0, stored[name].base)).dtype
         data[name] = np.empty((*sizes, *stored[name].shape), kind)
-    for slab, values in _told(_slabs(plan, outcome, sizes, (1,) * len(sizes)), progress):
+    for slab, values in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
     attributes = {**global_attributes(plan, outcome), **more}
@@ -68,35 +67,24 @@ def write_cube_of(
     largest = max(table_type([name], scene).itemsize for name in kept)
     block = block_shape(sizes, BLOCK_BYTES // largest)
     blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
-    stored = (
+    whole = (
         (slab, {name: np.ascontiguousarray(each) for name, each in values.items()})
-        for slab, values in _slabs(plan, outcome, sizes, block)
+        for slab, values in _slabs(plan, outcome, sizes, block, progress)
     )
-    slabs = _told(_ahead(stored), progress)
-    write_in_slabs(add_to_cube(cube, plan, found), path, blocks, slabs, overwrite=overwrite, folder=folder)
+    write_in_slabs(add_to_cube(cube, plan, found), path, blocks, whole, overwrite=overwrite, folder=folder)
 
 
-def _ahead(items: Iterator[Slab]) -> Iterator[Slab]:
-    """Make what is iterated over in a thread of its own, the next one while one is used."""
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="slabs") as beside:
-        following = beside.submit(next, items, None)
-        while (item := following.result()) is not None:
-            following = beside.submit(next, items, None)
-            yield item
+def _slabs(
+    plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...], progress: Progress
+) -> Iterator[Slab]:
+    """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none.
 
-
-def _told(items: Iterator[Slab], progress: Progress) -> Iterator[Slab]:
-    """Count scenarios as done once they were used."""
-    for slab, values in items:
-        yield slab, values
-        progress.advance(values["status"].size)
-
-
-def _slabs(plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...]) -> Iterator[Slab]:
-    """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none."""
+    They count as done once they were used.
+    """
     row_of = plan.inverse.reshape(sizes)
     each = table_type(outcome.results.names, plan.spec.scene).itemsize
     for slab in slabs(sizes, slab_shape(sizes, block, SLAB_BYTES // (2 * each))):
         rows = row_of[slab]
         found = mask_invalid(outcome.results.gather(rows.ravel()))
         yield slab, {name: values.reshape(*rows.shape, *values.shape[1:]) for name, values in found.items()}
+        progress.advance(rows.size)
