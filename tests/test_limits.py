@@ -306,7 +306,7 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
     for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")]), [0]), lambda: store.expect({})):
         with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
             write_something()
-    assert store.completed() == set()
+    assert store.completed() == {}
 
 
 class At(Progress):

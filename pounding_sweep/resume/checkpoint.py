@@ -277,11 +277,11 @@ class ChunkStore:
                 entries[key] = entry
         return entries
 
-    def completed(self) -> set[str]:
-        """Return the keys of the chunks that the manifest lists and whose file is there; raises `OutputError`."""
+    def completed(self) -> dict[str, dict[str, Any]]:
+        """Return the manifest's lines of those chunks whose file is there, by key; raises `OutputError`."""
         entries = self._lines()
         self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
-        return {key for key in entries if self.path(key).is_file()}
+        return {key: entry for key, entry in entries.items() if self.path(key).is_file()}
 
     def rows(self, key: str) -> np.ndarray:
         """Return the numbers of the scenarios of a chunk."""
@@ -308,10 +308,6 @@ class ChunkStore:
                 raise ChunkCorrupt(msg)
             self._checked.add(key)
         return table
-
-    def manifest_entry(self, key: str) -> Mapping[str, Any]:
-        """Return the line of a chunk in the manifest."""
-        return self._entries[key]
 
     def size(self) -> int:
         """Bytes of the chunks that are complete, whoever removes them meanwhile."""

@@ -30,7 +30,7 @@ from pounding_sweep.plan.chunks import Chunk, ChunkTask
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
-from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
+from pounding_sweep.resume.checkpoint import ChunkCorrupt
 from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
@@ -156,7 +156,6 @@ def execute(
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
-    store = None if writer is None else writer.store
     progress = progress or Progress()
     shapes = plan.shapes()
     to_compile, _ = still_to_compile(shapes)
@@ -169,7 +168,7 @@ def execute(
     outcome.taken_from = None if earlier is None else earlier.origin
     started = time.perf_counter()
     if shapes:
-        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, earlier)
+        stages = _Stages(plan, outcome, writer, dispatcher, progress, earlier)
         stages.without_pounding()
         stages.scenarios()
         if writer is not None and outcome.failures:
@@ -193,7 +192,6 @@ class _Stages:
 
     plan: Plan
     outcome: Outcome
-    store: ChunkStore | None
     writer: ChunkWriter | None
     dispatcher: Dispatcher
     progress: Progress
@@ -298,11 +296,10 @@ class _Stages:
 
     def _stored(self, stage: str) -> Iterator[tuple[Chunk, np.ndarray, Callable[[], np.ndarray], Any]]:
         """Go through the finished chunks of a stage: table, what reads it again, and the cube it was taken from."""
-        store = self.store
-        if store is None:
+        if self.writer is None:
             return
-        for key in sorted(store.completed()):
-            entry = store.manifest_entry(key)
+        store = self.writer.store
+        for key, entry in sorted(store.completed().items()):
             if entry.get("stage") == stage:
                 try:
                     table = store.read(key)
