@@ -82,44 +82,31 @@ def test_runs_stand_one_after_another_and_tell_how_they_ended(tmp_path, monkeypa
     assert sum(line.startswith("begins: ") for line in lines(log)) == 3
 
 
-def test_a_run_that_may_not_begin_leaves_no_log(tmp_path):
+def test_a_run_in_memory_or_that_may_not_begin_leaves_no_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make().run()
     (tmp_path / "out.nc").write_text("precious")
     with pytest.raises(OSError, match="exists"):
         make().run(tmp_path / "out.nc")
     assert [path.name for path in tmp_path.iterdir()] == ["out.nc"]
 
 
-def test_a_sweep_in_memory_has_no_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    make().run()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_warnings_are_told_once_each_and_passed_on(tmp_path):
-    texts = ["mind the gap", "mind the gap", "mind the\nstep"]
-    with warnings.catch_warnings(record=True) as caught, RunLog(tmp_path / "log", Progress()):
-        warnings.simplefilter("always")
-        for text in texts:
-            warnings.warn(text, UserWarning, stacklevel=1)
-    assert [str(w.message) for w in caught] == texts
-    assert lines(tmp_path / "log")[:-1] == ["warning: mind the gap", "warning: mind the step"]
-
-
-def test_logs_of_runs_that_overlap(tmp_path):
-    """The first to begin ends first, as runs of two threads may: each log has its time."""
+def test_warnings_are_in_the_logs_of_runs_that_overlap(tmp_path):
+    """The first to begin ends first, as runs of two threads may: each log tells those of its time, once each."""
     shown = []
     with warnings.catch_warnings(), ExitStack() as first, ExitStack() as second:
         warnings.simplefilter("always")
         warnings.showwarning = lambda message, *args, **kwargs: shown.append(str(message))
         first.enter_context(RunLog(tmp_path / "first", Progress()))
-        warnings.warn("one", UserWarning, stacklevel=1)
-        second.enter_context(RunLog(tmp_path / "second", Progress()))
-        warnings.warn("two", UserWarning, stacklevel=1)
-        first.close()
-        warnings.warn("three", UserWarning, stacklevel=1)
-        second.close()
-        warnings.warn("four", UserWarning, stacklevel=1)
-    assert shown == ["one", "two", "three", "four"]
+        for text in ("one", "two", "two", "three", "four"):
+            if len(shown) == 1:
+                second.enter_context(RunLog(tmp_path / "second", Progress()))
+            if text == "three":
+                first.close()
+            if text == "four":
+                second.close()
+            warnings.warn(text, UserWarning, stacklevel=1)
+    assert shown == ["one", "two", "two", "three", "four"]
     assert lines(tmp_path / "first")[:-1] == ["warning: one", "warning: two"]
     assert lines(tmp_path / "second")[:-1] == ["warning: two", "warning: three"]
 
