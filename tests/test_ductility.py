@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from kernels_used import YIELDING_SWEEP
-from scenes import motions, pair, yielding_pair
+from scenes import motions, yielding_pair
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
@@ -124,21 +124,6 @@ def test_points_of_a_design_take_it():
     given = GIVEN | {"laws": ["none"], "records": motions()[0], "gaps": [1e3], "scales": [1.0]}
     cube = ps.Sweep(**given, design=design).run()
     np.testing.assert_allclose(reached(cube), np.repeat(cube.ductility.values[:, None], 2, axis=1), rtol=3e-4)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"scene": pair()}, "ductilities: no storey of this row yields; give its buildings yield_strengths"),
-        ({"ductilities": [2.0, 0.5]}, r"ductilities\[1\]: 0.5 won't do; it must be a ductility, at least 1"),
-        ({"strength_factors": {"a": 0.5}}, "ductilities and strength_factors exclude each other"),
-        ({"cases": [Case("none", ductility=0.9)], "laws": None, "gaps": None, "scales": None, "ductilities": None},
-         r"cases\[0\].ductility: 0.9 won't do; it must be a ductility, at least 1"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused(given, said):
-    with pytest.raises(SweepError, match=said):
-        ps.Sweep(**SWEEP | given)
 
 
 def test_a_ductility_that_is_not_reached_is_refused(monkeypatch):

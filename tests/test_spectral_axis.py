@@ -13,7 +13,7 @@ import pounding_sweep as ps
 from pounding_sweep.analysis import required_gap, response_spectrum, scaled_to_sa
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError, SweepError
+from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.spec.axes import DIMENSIONS, Case
 from pounding_sweep.spec.spec import to_json
@@ -73,22 +73,6 @@ def test_listed_cases_take_it_too():
     spec = ps.Sweep(pair(), motions()[0], cases=[Case("linear", sa=4.0), Case("linear", scale=2.0)], sa_period=1.0).spec
     found = response_spectrum(motions()[0], [1.0])["pseudo_acceleration"].item()
     assert [spec.case_value(case, "scale") for case in spec.cases] == pytest.approx([4.0 / found, 2.0])
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"sa_period": None}, "sa_period: is missing: sas needs it; give the period in s"),
-        ({"sas": None}, "sa_period: is of no use without sas; leave it out"),
-        ({"sa_period": 100.0}, "sa_period: 100.0 won't do; it must be a number in s, at least 0.01 and at most 20"),
-        ({"sa_period": "long"}, "sa_period: 'long' won't do; it must be a number in s"),
-        ({"pgas": [1.0]}, "pgas and sas exclude each other"),
-        ({"sas": [0.0]}, "0.0 won't do; it must be a spectral acceleration in m/s2, above 0"),
-    ],
-)
-def test_what_is_missing_or_wrong_is_said(given, said):
-    with pytest.raises(SweepError, match=said):
-        sweep(**given)
 
 
 def test_sweeps_without_it_stay_what_they_were():

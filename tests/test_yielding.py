@@ -346,27 +346,6 @@ def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"locate": False}, r"locate: storeys of building 'a' yield, .* give locate = true"),
-        (
-            {"strength_factors": {"a": 0.0}},
-            r"strength_factors.a\[0\]: 0.0 won't do; it must be a factor on yield strengths",
-        ),
-        (
-            {"hardenings": {"a": 1.0}},
-            r"hardenings.a\[0\]: 1.0 won't do; it must be a hardening, at least 0 and below 1",
-        ),
-        ({"hardenings": {"a": [[0.1, 0.2]]}}, r"hardenings.a\[0\]: \[0.1, 0.2\] won't do; it must be a hardening"),
-        ({"hardenings": {"c": 0.1}}, r"hardenings.c: unknown building 'c'"),
-    ],
-)
-def test_bad_sweeps_are_refused(given, message):
-    with pytest.raises(SweepError, match=message):
-        ps.Sweep(YIELDS, motions()[0], "kelvin_voigt", **given)
-
-
 @pytest.mark.parametrize("axis", ["strength_factors", "hardenings"])
 def test_axes_of_yielding_need_strengths(axis):
     with pytest.raises(SweepError, match=f"{axis}.a: building 'a' has no yield_strengths; give them, or leave it out"):

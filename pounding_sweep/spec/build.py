@@ -7,45 +7,17 @@ fault. Nothing is run and nothing of the sweep's size is allocated here.
 from __future__ import annotations
 
 import inspect
-import os
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Scene
-from pounding_sweep.records import Record
-from pounding_sweep.spec.axes import AXES, Case
+from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.faults import spell
-from pounding_sweep.spec.schema import read_sweep
-from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
+from pounding_sweep.spec.schema import Arguments, read_sweep
+from pounding_sweep.spec.spec import SweepSpec, sweep_error
 
 
-def build_spec(
-    *,
-    scene: Scene | str,
-    records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
-    laws: str | Law | Iterable[str | Law] | None = None,
-    cases: Iterable[Case | dict[str, Any]] | None = None,
-    method: str | None = None,
-    dt: float | None = None,
-    locate: bool = True,
-    outputs: str | Iterable[str] | None = None,
-    beta: float | None = None,
-    gamma: float | None = None,
-    force_unstable: bool = False,
-    title: str = "",
-    precision: str | None = None,
-    restitution_basis: str = "published",
-    accuracy: float | None = None,
-    audit: float = AUDIT_SHARE,
-    sa_period: float | None = None,
-    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
-    base: str | os.PathLike[str] | None = None,
-    skip_missing_records: bool = False,
-    design: dict[str, Any] | None = None,
-    **axes: Any,
-) -> SweepSpec:
+def build_spec(**arguments: Any) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
 
     Parameters
@@ -115,24 +87,27 @@ def build_spec(
     >>> spec.n_scenarios
     4
     """
-    given = {name: value for name, value in locals().items() if name != "axes"} | axes
-    spec, faults = read_sweep(given)
+    spec, faults = read_sweep(arguments)
     if spec is None:
         raise sweep_error([f"{spell(place)}: {text}" if place else text for place, text in faults])
     return spec
 
 
-def _with_axes(function: Callable[..., SweepSpec]) -> None:
-    """Put every axis of the registry into a function's signature and documentation, in the place of ``**axes``."""
-    signature, texts = inspect.signature(function), []
-    parameters = {name: parameter for name, parameter in signature.parameters.items() if name != "axes"}
+def _sign(function: Callable[..., SweepSpec]) -> None:
+    """Give a function the signature of `Arguments`, and every axis of the registry in the place of ``**axes``."""
+    texts = []
     for name, axis in AXES.items():
         kind = f"{'mapping of str to ' * axis.by_building}float, Range, or several, optional"
         texts += [f"{name} : {kind}", textwrap.fill(axis.meaning, 110, initial_indent="    ", subsequent_indent="    ")]
-        parameters[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None)
     doc = str(function.__doc__).replace("    **axes\n        AXES\n", textwrap.indent("\n".join(texts) + "\n", "    "))
     function.__doc__ = doc
-    function.__signature__ = signature.replace(parameters=list(parameters.values()))  # type: ignore[attr-defined]
+    keyword, missing = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
+    parameters = [
+        inspect.Parameter(name, keyword, default=missing if field.is_required() else field.default)
+        for name, field in Arguments.model_fields.items()
+        if name != "building"
+    ]
+    function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
 
 
-_with_axes(build_spec)
+_sign(build_spec)

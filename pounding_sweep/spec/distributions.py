@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
@@ -32,24 +33,22 @@ class Distribution(Table):
     low: Number | None = number("the lower end", None)
     high: _High | None = number("the upper end", None)
 
-    def _freeze(self, stats: Any) -> Any:
-        """Return it as `scipy.stats` has it."""
-        raise NotImplementedError
+    @property
+    def _frozen(self) -> Any:
+        from scipy import stats
+
+        return _FROZEN[self.distribution](stats, self)
 
     @property
     def within(self) -> tuple[float, float]:
         """Shares of the distribution below `low` and below `high`."""
-        from scipy import stats
-
         ends = (-np.inf if self.low is None else self.low, np.inf if self.high is None else self.high)
-        return tuple(self._freeze(stats).cdf(ends).tolist())
+        return tuple(self._frozen.cdf(ends).tolist())
 
     def values(self, shares: np.ndarray) -> np.ndarray:
         """Return the values below which the distribution has those shares."""
-        from scipy import stats
-
         first, last = self.within
-        return np.clip(self._freeze(stats).ppf(first + shares * (last - first)), self.low, self.high)  # within rounding
+        return np.clip(self._frozen.ppf(first + shares * (last - first)), self.low, self.high)  # within rounding
 
     @model_validator(mode="after")
     def _has_width(self) -> Distribution:
@@ -66,9 +65,6 @@ class Uniform(Distribution):
     low: Number = number("the lower end")
     high: _High = number("the upper end")
 
-    def _freeze(self, stats: Any) -> Any:
-        return stats.uniform(self.low, self.high - self.low)
-
 
 class LogUniform(Distribution):
     """The logarithm is uniform."""
@@ -76,18 +72,12 @@ class LogUniform(Distribution):
     low: Number = number("the lower end", gt=0.0)
     high: _High = number("the upper end", gt=0.0)
 
-    def _freeze(self, stats: Any) -> Any:
-        return stats.loguniform(self.low, self.high)
-
 
 class Normal(Distribution):
     """A normal distribution."""
 
     mean: Number = number("the mean")
     std: Number = number("the standard deviation", gt=0.0)
-
-    def _freeze(self, stats: Any) -> Any:
-        return stats.norm(self.mean, self.std)
 
 
 class Lognormal(Distribution):
@@ -97,10 +87,14 @@ class Lognormal(Distribution):
     dispersion: Number = number("the standard deviation of the logarithm", gt=0.0)
     low: Number | None = number("the lower end", None, ge=0.0)
 
-    def _freeze(self, stats: Any) -> Any:
-        return stats.lognorm(self.dispersion, scale=self.median)
 
-
+#: Distribution -> what makes it of `scipy.stats`.
+_FROZEN: dict[str, Callable[[Any, Any], Any]] = {
+    "uniform": lambda stats, it: stats.uniform(it.low, it.high - it.low),
+    "log_uniform": lambda stats, it: stats.loguniform(it.low, it.high),
+    "normal": lambda stats, it: stats.norm(it.mean, it.std),
+    "lognormal": lambda stats, it: stats.lognorm(it.dispersion, scale=it.median),
+}
 DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "uniform": Uniform,
     "log_uniform": LogUniform,

@@ -126,15 +126,15 @@ def read_each(
 class _Settings(Table):
     """Arguments but for the axes; those of type Any are checked together with others."""
 
+    scene: Any = key("a table [scene]")
+    records: Any = key("a list of names, files and tables")
+    laws: Any = key("a name or a list of names", None)
     folders: Any = None
     base: Any = None
     skip_missing_records: Flag = key("true or false", False)
     title: Annotated[str, AfterValidator(_check_title)] = key("a text", "")
-    scene: Any = key("a table [scene]")
-    records: Any = key("a list of names, files and tables")
     restitution_basis: Annotated[Any, one_of("restitution basis", RESTITUTION_BASES)] = key("a text", "published")
     sa_period: Number | None = number("a number in s", None, ge=0.01, le=20.0)
-    laws: Any = key("a name or a list of names", None)
     cases: Any = key("tables [[sweep.cases]]", None)
     design: Any = key("a table [design]", None)
     accuracy: Number | None = number(
