@@ -33,7 +33,7 @@ from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt
 from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.pool import Dispatcher
-from pounding_sweep.run.refinement import run_at_step, run_refined
+from pounding_sweep.run.refinement import run_scenarios
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -68,10 +68,7 @@ def run_chunk(
 ) -> np.ndarray | str:
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
     try:
-        if kernel.accuracy is not None:
-            found = run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
-        else:
-            found = run_at_step(kernel, record, table, variants, outputs)
+        found = run_scenarios(kernel, record, table, variants, outputs)
         return to_table(found, found, kernel.scene)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"

@@ -182,10 +182,12 @@ def strictness(found: Values) -> np.ndarray:
     return np.maximum(1.0, most / GRAZES)
 
 
-def run_at_step(
+def run_scenarios(
     kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
 ) -> Values:
-    """Run scenarios at the kernel's step, and what else their outputs ask for; variables of shape (n, *inner)."""
+    """Run scenarios to the kernel's accuracy, or at its step, and what else their outputs ask for; see `run_once`."""
+    if kernel.accuracy is not None:
+        return run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
     result = run_once(kernel, record, table, variants, outputs)
     if "amplification" in outputs:
         result["amplification"] = amplification(kernel, record, table, variants, outputs, result)

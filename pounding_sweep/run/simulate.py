@@ -19,7 +19,7 @@ from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.run.histories import histories
-from pounding_sweep.run.refinement import STATES, ended, run_once, run_refined
+from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.own_laws import find_law
@@ -168,8 +168,7 @@ def simulate(
         )
         raise StabilityError(msg)
     kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
-    scenario = motion, plan.unique, plan.variants, (*outputs, "time_step")
-    values = run_once(kernel, *scenario) if accuracy is None else run_refined(kernel, *scenario, accuracy)
+    values = run_scenarios(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step"))
     states, step = values.pop(STATES)[0], float(values.pop("time_step")[0])
     kernel = ended(kernel, motion, round(motion.dt / step))
     e, has = spec.restitutions[0], contact.has_contact
