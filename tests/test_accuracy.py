@@ -200,14 +200,6 @@ def test_the_cube_says_what_was_chosen(tmp_path):
     assert json.loads(cube.attrs["sweep"])["accuracy"] == 1e-3
 
 
-def test_schedulers_and_chunks_make_no_difference(monkeypatch):
-    first = make(accuracy=1e-2).run(scheduler="synchronous")
-    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
-    second = make(accuracy=1e-2).run(scheduler="threads", workers=3)
-    for name in first.variables:
-        np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=str(name))
-
-
 @pytest.mark.slow
 def test_long_records_of_undamped_buildings_take_smaller_steps():
     """The period error of a fixed step adds up over the record, which nothing forgets."""

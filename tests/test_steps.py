@@ -66,6 +66,11 @@ def some(n, gaps, pairs=1, seed=5):
     }
 
 
+def product(gaps, restitutions, scales):
+    gaps, restitution, scale = (x.ravel() for x in np.meshgrid(gaps, restitutions, scales, indexing="ij"))
+    return {"gaps": gaps[:, None], "restitution": restitution, "scale": scale}
+
+
 def stiffer(factor):
     return replace(pair(), row=[replace(b, stiffnesses=[factor * k for k in b.stiffnesses]) for b in pair().row])
 
@@ -228,6 +233,20 @@ SLOW = {
             ("rk4", "stereomechanical", 2e-4),
             ("newmark", "hertz_damped", 2e-4),
         )
+    },
+    "jumps of small motions": Case(  # hops of less than a micrometre are told from rounding by how far floors are
+        ps.Scene([ps.Building("a", [200.0] * 2, [4e5, 3.5e5], 0.02), ps.Building("b", [230.0], [2.8e5], 0.02)], [0.0]),
+        "stereomechanical", EL_CENTRO, exact(1e-3, precision="float32"), exact(1e-3),
+        COUNTS | {"umax": 1e-4, "impulse": 1e-4}, product(np.geomspace(2e-5, 2e-4, 8), [0.6, 0.9], [0.02, 0.05]),
+        ("displacement_max", "impact_count", "impulse"), least_touches=1000,
+    ),
+    **{
+        f"jumps, {one.method}, {other.dt}": Case(
+            ps.get_preset("mate2015"), "stereomechanical", EL_CENTRO, one, other, COUNTS,
+            product([5e-4, 2e-3, 1e-2], [0.2, 0.35, 0.5, 0.7, 0.9], [1.0]), ("impact_count",), least_touches=1000,
+        )
+        for make in (rk4, exact)
+        for one, other in ((make(1e-3), make(5e-4)), (make(1e-3), make(2.5e-4)))
     },
     "two contacts that end all but at once": Case(
         TWICE, "linear", EL_CENTRO, exact(0.02, precision="float32"), exact(0.02), COUNTS,
