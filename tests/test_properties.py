@@ -23,7 +23,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.advice import approach_speeds, highest_frequency, shortest_contact
@@ -110,18 +110,6 @@ def test_properties_are_those_of_buildings_built_so(scene):
             np.testing.assert_allclose(variants.frequencies(j)[i], building.frequencies, rtol=1e-12)
             found = [factor[i] for factor in variants.rayleigh(j)]
             np.testing.assert_allclose(found, building.rayleigh, rtol=1e-11, atol=1e-15)
-
-
-def test_a_period_factor_keeps_masses_and_a_mass_factor_keeps_periods():
-    scene = row()
-    slower = Variants(scene, np.array([[2.0, 1.0, 1.0]]), np.ones((1, 3)), np.array([np.nan]))
-    heavier = Variants(scene, np.ones((1, 3)), np.array([[2.0, 1.0, 1.0]]), np.array([np.nan]))
-    own = variants_of(scene)
-    assert slower.frequencies(0)[0, 0] == 0.5 * own.frequencies(0)[0, 0]
-    assert (slower.masses == own.masses).all()
-    assert heavier.frequencies(0)[0, 0] == own.frequencies(0)[0, 0]
-    assert heavier.masses[0].tolist() == [200.0, 80.0, 120.0]
-    assert heavier.contact_masses[0, 0] == pytest.approx(200.0 * 80.0 / 280.0)
 
 
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped"])
