@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
 from pounding_sweep.plan.chunks import ChunkTask
+from pounding_sweep.run.cluster import _run_there
 from pounding_sweep.run.execute import dispatcher_for
 from pounding_sweep.run.pool import Dispatcher
 
@@ -68,7 +69,7 @@ def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], ChunkTask]) -> l
         raise RuntimeError(failures[0])
     spans: dict[str, list[tuple[float, float]]] = {}
     for task in client.get_task_stream(start=begun):
-        if task["key"].startswith("chunk-"):
+        if task["key"].startswith(_run_there.__name__):
             spans.setdefault(task["worker"], []).extend(
                 (span["start"], span["stop"]) for span in task["startstops"] if span["action"] == "compute"
             )
