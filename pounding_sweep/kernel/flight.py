@@ -471,6 +471,11 @@ class Flight:
             self._bounds()
             for _ in when(self._undisturbed()):
                 self._begin()
+        if self.blocks is not None:
+            for _ in when(self.at.now < 1):
+                self._bounds()
+                for _ in when(self._undisturbed()):
+                    self._survey()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
@@ -720,6 +725,28 @@ class Flight:
             e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
 
+    def _survey(self) -> None:
+        """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
+        w, far, touches = self.rows, self.group.limit.far, self._touches
+        for part in self._watched_parts:
+            w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
+        free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
+        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
+            extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
+            met = self.times.lanes_where(False)
+            for part in range(-(-touches // self.lanes)):
+                met = met | ((extremes[part][0] >= w["high", part]) & (self._numbers(part) < float(touches)))
+            free.now = not_(any_lane(met))
+            for _ in when(free.now):
+                for part, (above, below) in enumerate(extremes):
+                    w["crest", part] = maximum(w["crest", part], above)
+                    w["trough", part] = minimum(w["trough", part], below)
+                block.now = block.now + 1
+        for _ in when(block.now > 0):
+            for part in self._watched_parts:
+                less = self._own("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds reach so far beyond points
+                self._take_peaks(part, w["crest", part] - less, w["trough", part] + less)
+
     # looking -------------------------------------------------------------------------------------------------------
 
     def _look(self, t: Any, room: Any) -> None:
@@ -934,6 +961,6 @@ def scratch(layout: Layout) -> dict[str, int]:
     if not layout.strides:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
-    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched)
+    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
     rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN) | {"decay": (layout.lanes + 1) * 4 * n}
     return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}
