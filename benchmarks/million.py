@@ -52,6 +52,5 @@ def run_file(path: Path = SWEEP) -> Run:
             seconds = time.perf_counter() - started
             messages.seek(0)
             if process.returncode:
-                msg = f"{' '.join(command)} failed: {messages.read()}"
-                raise RuntimeError(msg)
+                raise RuntimeError(f"{' '.join(command)} failed: {messages.read()}")
         return Run(load_sweep(path).spec.n_scenarios, seconds, peak, cube.stat().st_size)

@@ -71,8 +71,7 @@ def opensees(ops: Any, building: ps.Building, record: ps.Record, dt: float) -> n
         failed = ops.analyze((record.n_points - 1) * steps, record.dt / steps)
         ops.wipe()
         if failed:
-            msg = f"OpenSees did not converge at dt = {dt:g} s"
-            raise RuntimeError(msg)
+            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
         return np.asarray(np.loadtxt(file)[-1]).reshape(n, -1)[:, 0]
 
 

@@ -88,8 +88,7 @@ def opensees(ops: Any, scene: ps.Scene, record: ps.Record, dt: float) -> np.ndar
         failed = ops.analyze((record.n_points - 1) * steps, record.dt / steps)
         ops.wipe()  # closes the recorder's file
         if failed:
-            msg = f"OpenSees did not converge at dt = {dt:g} s"
-            raise RuntimeError(msg)
+            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
         return np.asarray(np.loadtxt(file)[-1])
 
 

@@ -137,8 +137,7 @@ def not_hanging(what: str, seconds: float = HANGING) -> Iterator[None]:
     """Raise TimeoutError after so much processor time of this process (not of the clock: other work does not count)."""
 
     def stop(*_: object) -> None:
-        msg = f"{what} took more than {seconds:g} s of processor time"
-        raise TimeoutError(msg)
+        raise TimeoutError(f"{what} took more than {seconds:g} s of processor time")
 
     before = signal.signal(signal.SIGVTALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, seconds)

@@ -67,8 +67,7 @@ def caught_by(name: str, text: str, fault: str, tests: str) -> str:
         path = package / name
         content = path.read_text(encoding="utf-8")
         if text not in content:
-            msg = f"{name} has no {text!r} any more"
-            raise SystemExit(msg)
+            raise SystemExit(f"{name} has no {text!r} any more")
         path.write_text(content.replace(text, fault), encoding="utf-8")
         known = [folder, *filter(None, [os.environ.get("PYTHONPATH")])]
         settings = ["-c", TESTS.parent / "pyproject.toml", "--rootdir", TESTS.parent, "-p", "no:cacheprovider"]

@@ -321,8 +321,7 @@ class _Row:
 
     def __init__(self, buildings, gaps, columns=False, links=(), only=()):
         if len(gaps) != len(buildings) - 1:
-            msg = f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}"
-            raise ValueError(msg)
+            raise ValueError(f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}")
         sizes = [0 if isinstance(b, str) else len(b.masses) for b in buildings]
         self.start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
         self.floors = floors = int(self.start[-1])
@@ -438,8 +437,7 @@ class _Solver:
         rule = None if law in ("none", "stereomechanical") else rule_of(law)
         self.k = (float(k) if k is not None else 0.0) / (1.0 + (k or 0.0) * np.array(row.softness))
         if rule is not None and rule.exponent != 1.0 and np.any(row.softness):
-            msg = f"a spring like d^{rule.exponent} before a column is not one like it"
-            raise ValueError(msg)
+            raise ValueError(f"a spring like d^{rule.exponent} before a column is not one like it")
         self.e = e
         z = np.nan  # no damping
         if rule is not None and rule.published is not None:
@@ -840,8 +838,7 @@ class _Solver:
                 solver = DOP853(self.rhs, tau, y, dt, rtol=self.rtol, atol=self.atol, first_step=first)
             message = solver.step()
             if solver.status == "failed":
-                msg = f"integration failed at t = {t_start + solver.t}: {message}"
-                raise RuntimeError(msg)
+                raise RuntimeError(f"integration failed at t = {t_start + solver.t}: {message}")
             dense = solver.dense_output()
             ts = np.linspace(tau, solver.t, SAMPLES)
             ys = dense(ts)
@@ -862,8 +859,9 @@ class _Solver:
                 continue
             events_here += 1
             if events_here > MAX_EVENTS_PER_INTERVAL:
-                msg = f"more than {MAX_EVENTS_PER_INTERVAL} events in one record interval at t = {t_start + tau}"
-                raise RuntimeError(msg)
+                raise RuntimeError(
+                    f"more than {MAX_EVENTS_PER_INTERVAL} events in one record interval at t = {t_start + tau}"
+                )
             y = ys[:, 0].copy() if end == tau else dense(end)
             tau = end
             y = self.enter(t_start + tau, y, *event[1:])
@@ -951,8 +949,7 @@ def run(
     s.h_next = None
     s.ag0, s.slope, s.t_start = ag[0], 0.0, 0.0
     if s.contact and np.any(row.gap < 0.0):
-        msg = "gaps must not be negative"
-        raise ValueError(msg)
+        raise ValueError("gaps must not be negative")
     s.peak = np.maximum(0.0, s.observe_now(0.0, y))
     history = [y[: 2 * row.n].copy()]
     for i in range(len(ag) - 1):

@@ -272,8 +272,7 @@ def test_an_audit_that_can_not_run_costs_no_sweep(monkeypatch):
 
     def run(self, record, **arguments):
         if self.numerics.dt < 0.005:
-            msg = "the machine is on fire"
-            raise MemoryError(msg)
+            raise MemoryError("the machine is on fire")
         return true_run(self, record, **arguments)
 
     monkeypatch.setattr(RowKernel, "run", run)

@@ -398,8 +398,7 @@ def fails(monkeypatch, when):
 
     def run(self, record, **arguments):
         if when(self, record):
-            msg = "the machine is on fire"
-            raise MemoryError(msg)
+            raise MemoryError("the machine is on fire")
         return true_run(self, record, **arguments)
 
     monkeypatch.setattr(RowKernel, "run", run)

@@ -56,12 +56,10 @@ class CKernel:
     ) -> Callable[[], dict[str, np.ndarray]]:
         """Return a function that runs whole groups of scenarios and returns their peaks; gaps have shape (n, 2)."""
         if [b.n_storeys for b in scene.buildings] != [3, 3, 3] or len(scene.contacts) != 6:
-            msg = "the C kernel is written for three buildings of three storeys that meet at every floor"
-            raise ValueError(msg)
+            raise ValueError("the C kernel is written for three buildings of three storeys that meet at every floor")
         groups, rest = divmod(len(scale), LANES)
         if rest:
-            msg = f"{len(scale)} scenarios are no whole number of groups of {LANES}"
-            raise ValueError(msg)
+            raise ValueError(f"{len(scale)} scenarios are no whole number of groups of {LANES}")
         row = _Row()
         row.inverse_mass[:] = [1.0 / m for b in scene.buildings for m in b.masses]
         row.stiffness[:] = [k for b in scene.buildings for k in b.stiffnesses]

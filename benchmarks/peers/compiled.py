@@ -93,8 +93,7 @@ def one_by_one(work: Work, integrate: Callable[..., bool], motion: Any, failure:
         peaks = empty_peaks(work, len(gaps))
         for s, gap in enumerate(gaps):
             if not integrate(float(gap), peaks.force[s], peaks.onsets[s], peaks.highest[s], peaks.lowest[s]):
-                msg = f"{failure}, gap = {gap:g} m"
-                raise RuntimeError(msg)
+                raise RuntimeError(f"{failure}, gap = {gap:g} m")
         return peaks
 
     run(np.array([1.0]))

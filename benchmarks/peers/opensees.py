@@ -91,8 +91,7 @@ def _prepare(work: Work, dt: float) -> Run:
             failed = ops.analyze(count, h)
             ops.wipe()  # closes the recorders' files
             if failed:
-                msg = f"OpenSees did not converge at dt = {h:g} s, gap = {gap:g} m"
-                raise RuntimeError(msg)
+                raise RuntimeError(f"OpenSees did not converge at dt = {h:g} s, gap = {gap:g} m")
             force = np.loadtxt(folder / "force", ndmin=2)
             closed = np.loadtxt(folder / "stress", ndmin=2) < 0.0
             lowest, highest, _ = np.loadtxt(folder / "floors", ndmin=2)

@@ -105,13 +105,11 @@ def certify(
     """
     nominal = np.array(list(restitutions), dtype=float)
     if not nominal.size or not (np.isfinite(nominal) & (nominal >= 0.0) & (nominal <= 1.0)).all():
-        msg = f"restitutions to certify are {nominal.tolist()}; give one or more in [0, 1]"
-        raise InputError(msg)
+        raise InputError(f"restitutions to certify are {nominal.tolist()}; give one or more in [0, 1]")
     chosen = [law for law in LAWS.values() if law.has_contact] if laws is None else [find_law(law) for law in laws]
     for law in chosen:
         if not law.has_contact:
-            msg = f"law {law.key!r} has no contact, so nothing rebounds; leave it out"
-            raise LawError(msg)
+            raise LawError(f"law {law.key!r} has no contact, so nothing rebounds; leave it out")
     pairs = list(product(chosen, RESTITUTION_BASES))
     forms = np.array([_closed_form(law, nominal, basis) for law, basis in pairs])
     slowest = float(np.min(forms[:, 0], where=forms[:, 0] > 0.0, initial=1.0))

@@ -112,11 +112,11 @@ def run_extremes(
     schemes = measured_schemes() if methods is None else tuple(methods)
     chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
     if not chosen:
-        msg = f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
-        raise InputError(msg)
+        raise InputError(
+            f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
+        )
     if scenes < 0 or seed < 0:
-        msg = f"scenes = {scenes} and seed = {seed} must not be negative"
-        raise InputError(msg)
+        raise InputError(f"scenes = {scenes} and seed = {seed} must not be negative")
     progress, start = progress or Progress(), time.perf_counter()
     batches = _batches(families, chosen, scenes, seed)
     runs = [(batch, method) for batch in batches for method in batch.schemes(schemes)]

@@ -127,8 +127,9 @@ def check_law(
     """
     checked = find_law(law)
     if checked.exponent is None or checked.yields:
-        msg = f"law {checked.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
-        raise LawError(msg)
+        raise LawError(
+            f"law {checked.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
+        )
     nominal = list(restitutions) if checked.takes_restitution else [1.0]
     certificate = certify(nominal, [checked], progress=progress)
     solved = np.full(certificate.measured.shape[1:], np.nan)

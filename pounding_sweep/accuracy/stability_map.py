@@ -29,15 +29,13 @@ def stability_map(
     """Run one scene at every contact stiffness and time step, and compare with converged runs."""
     chosen = get_law(law)
     if chosen.exponent is None:
-        msg = f"law {chosen.key!r} has no contact force to map; give one with a contact stiffness"
-        raise InputError(msg)
+        raise InputError(f"law {chosen.key!r} has no contact force to map; give one with a contact stiffness")
     chosen.check_restitution(restitution)
     k = np.asarray(np.logspace(3, 12, 19) if stiffnesses is None else stiffnesses, dtype=float)
     h = np.asarray(np.geomspace(1e-5, 2e-2, 12) if steps is None else steps, dtype=float)
     for name, values in (("stiffnesses", k), ("steps", h)):
         if not (values.size and np.all(np.isfinite(values)) and np.all(values > 0)):
-            msg = f"{name} = {values.tolist()} must be positive numbers"
-            raise InputError(msg)
+            raise InputError(f"{name} = {values.tolist()} must be positive numbers")
     batch = make_batch(
         "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=k, restitution=restitution, steps=tuple(h)
     )

@@ -24,8 +24,9 @@ LEAST_ORDER = 0.05
 def check_trade(dataset: xr.Dataset) -> None:
     """Raise `InputError` unless a dataset was made by `tradeoff`."""
     if dataset.attrs.get(KIND_ATTRIBUTE) != KIND:
-        msg = "this file is no speed-accuracy trade; make one with 'pounding-sweep tradeoff SWEEP.toml -o TRADE.nc'"
-        raise InputError(msg)
+        raise InputError(
+            "this file is no speed-accuracy trade; make one with 'pounding-sweep tradeoff SWEEP.toml -o TRADE.nc'"
+        )
 
 
 def leading_outputs(trade: xr.Dataset) -> list[str]:

@@ -181,8 +181,9 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
     table = plan.unique
     laws = np.unique(table.law[touching]).tolist()
     if not laws:
-        msg = "no scenario of this sweep can touch, so there is no contact to compare schemes by; give smaller gaps"
-        raise InputError(msg)
+        raise InputError(
+            "no scenario of this sweep can touch, so there is no contact to compare schemes by; give smaller gaps"
+        )
     size = min(LANES, -(-scenarios // len(laws)))
     n_groups = max(len(laws), round(scenarios / size))
     groups, timed = [], []
@@ -213,8 +214,9 @@ def measure(
     """Run a sample of a sweep's scenarios in every configuration of `axes`: errors and costs, not summed up yet."""
     outputs = comparable(spec.outputs)
     if not outputs:
-        msg = f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
-        raise InputError(msg)
+        raise InputError(
+            f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
+        )
     finest = axes["step"][-1]
     base = replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None)
     sample = draw(Sweep.from_spec(base).plan(), scenarios, seed)
@@ -492,8 +494,7 @@ def tradeoff(
     modes = tuple(dict.fromkeys(bool(value) for value in located))
     for name, count in (("scenarios", scenarios), ("repeats", repeats), ("located", len(modes))):
         if count < 1:
-            msg = f"{name} = {count!r} must be at least 1"
-            raise InputError(msg)
+            raise InputError(f"{name} = {count!r} must be at least 1")
     axes = {
         "scheme": _chosen("method", measured_schemes() if methods is None else methods, METHODS),
         "located": modes,
@@ -533,8 +534,7 @@ def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[
         if name not in valid:
             raise InputError(unknown(kind, name, valid))
     if not names:
-        msg = f"no {kind} is given; valid: {', '.join(valid)}"
-        raise InputError(msg)
+        raise InputError(f"no {kind} is given; valid: {', '.join(valid)}")
     return tuple(name for name in valid if name in names)
 
 
@@ -543,11 +543,11 @@ def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...
     by_cut: dict[tuple[int, ...], float] = {}
     for step in sorted((float(s) for s in steps), reverse=True):
         if not (math.isfinite(step) and step > 0):
-            msg = f"step {step!r} must be a positive number (s), such as 1e-3"
-            raise InputError(msg)
+            raise InputError(f"step {step!r} must be a positive number (s), such as 1e-3")
         cut = tuple(Numerics("rk4", step).steps(record) for record in spec.records)
         by_cut.setdefault(cut, step)
     if not by_cut:
-        msg = f"no steps are given; give one or more (s), such as {', '.join(f'{s:g}' for s in DEFAULT_STEPS)}"
-        raise InputError(msg)
+        raise InputError(
+            f"no steps are given; give one or more (s), such as {', '.join(f'{s:g}' for s in DEFAULT_STEPS)}"
+        )
     return tuple(by_cut.values())

@@ -43,9 +43,9 @@ def get_event(key: str, level: float | None) -> Event:
         raise InputError(unknown("event", key, EVENTS))
     event = EVENTS[key]
     if event.variable and (level is None or not math.isfinite(level) or level < 0.0):
-        msg = f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
-        raise InputError(msg)
+        raise InputError(
+            f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
+        )
     if not event.variable and level is not None:
-        msg = f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one"
-        raise InputError(msg)
+        raise InputError(f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one")
     return event

@@ -82,17 +82,16 @@ def export_nrml(
     the strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
     """
     if not limit_states:
-        msg = 'no limit states: give at least one, {"touch": ("touch", None)} for instance'
-        raise InputError(msg)
+        raise InputError('no limit states: give at least one, {"touch": ("touch", None)} for instance')
     for name in limit_states:
         if not name or _NO_NAME.search(name):
-            msg = f"limit state {name!r} is no name that NRML takes; give letters, digits, '_' and '-'"
-            raise InputError(msg)
+            raise InputError(f"limit state {name!r} is no name that NRML takes; give letters, digits, '_' and '-'")
     events = {name: get_event(event, level) for name, (event, level) in limit_states.items()}
     kinds = sorted({event.per for event in events.values()})
     if len(kinds) > 1:
-        msg = f"limit states are of one kind in a file, and these are of {' and '.join(kinds)}; write two files"
-        raise InputError(msg)
+        raise InputError(
+            f"limit states are of one kind in a file, and these are of {' and '.join(kinds)}; write two files"
+        )
     target = check_output(path, overwrite, netcdf=False)
     intensity = own_intensity(cube) if intensity is None else intensity
     measure, factor = _measure(cube, intensity)
@@ -130,8 +129,9 @@ def export_nrml(
             ElementTree.SubElement(function, "params", {"ls": name, **numbers})
     if model.find("fragilityFunction") is None:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
-        msg = f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
-        raise InputError(msg)
+        raise InputError(
+            f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
+        )
     root = ElementTree.Element("nrml", xmlns=NRML)
     root.append(model)
     ElementTree.indent(root, "    ")
@@ -144,8 +144,9 @@ def _measure(cube: xr.Dataset, intensity: str) -> tuple[str, float]:
     """Return what OpenQuake calls an intensity, and the factor to its unit there."""
     periods = list(periods_of(cube, intensity).values())
     if len(periods) > 1:
-        msg = f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
-        raise InputError(msg)
+        raise InputError(
+            f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
+        )
     return (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY) if periods else _MEASURES[intensity]
 
 
@@ -189,10 +190,9 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*TRIALS, "case")]
     mixed += ["law"] if "law" not in mixed and len(law_keys(cube)) > 1 else []
     if mixed:
-        msg = (
+        raise InputError(
             f"samples of several values of {', '.join(mixed)} would be mixed; choose one of each (--at {mixed[0]}=...)"
         )
-        raise InputError(msg)
     target = check_output(path, overwrite, netcdf=False)
     part = cube.sel(building=building)
     heights = np.diff(part["floor_elevation"].dropna("storey").values, prepend=0.0)
@@ -212,8 +212,9 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     table = pd.DataFrame({name: column for name, (_, column) in columns.items()})
     table = table[samples(trusted(part)) & np.isfinite(table).all(axis=1)].reset_index(drop=True)
     if table.empty:
-        msg = f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
-        raise InputError(msg)
+        raise InputError(
+            f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
+        )
     units = pd.DataFrame({name: [unit] for name, (unit, _) in columns.items()}, index=["Units"])
     with _written(path, target) as temporary:
         pd.concat([units, table.map(repr)]).to_csv(temporary, lineterminator="\r\n")
@@ -227,5 +228,4 @@ def _written(path: str | os.PathLike[str], target: Path) -> Iterator[Path]:
         with replacing(target) as temporary:
             yield temporary
     except OSError as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise OutputError(msg) from error
+        raise OutputError(f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced") from error

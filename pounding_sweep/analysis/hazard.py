@@ -82,8 +82,9 @@ class Hazard:
 
     def __post_init__(self) -> None:
         if len(self.intensity) != len(self.rate) or len(self.rate) < 2:
-            msg = f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
-            raise InputError(msg)
+            raise InputError(
+                f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
+            )
         check_points(self.intensity, self.rate, lambda place: f"point {place + 1} of the hazard")
 
     @classmethod
@@ -109,8 +110,7 @@ class Hazard:
         """
         for name, value in (("k0", k0), ("kappa", kappa)):
             if not (math.isfinite(value) and value > 0.0):
-                msg = f"{name} of the hazard is {value!r}; it must be a number above 0"
-                raise InputError(msg)
+                raise InputError(f"{name} of the hazard is {value!r}; it must be a number above 0")
         words = f"{k0:g} x^-{kappa:g}"
         return cls((1.0, math.e), (k0, k0 * math.exp(-kappa)), words, everywhere=True)
 
@@ -198,8 +198,7 @@ def check_points(intensity: Sequence[float], rate: Sequence[float], place: Calla
                 "intensities rise"
             )
         if fault:
-            msg = f"{place(i)}: {fault}"
-            raise InputError(msg)
+            raise InputError(f"{place(i)}: {fault}")
 
 
 def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazard:
@@ -231,8 +230,9 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
             lines = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
-        msg = f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
-        raise InputError(msg) from None
+        raise InputError(
+            f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
+        ) from None
     separator = next((sign for sign in ";\t" if lines and sign in lines[0][1]), ",")
     decimal = "." if separator == "," else ","
     rows = [(n, [cell.strip(" \t\"'") for cell in line.strip().split(separator)]) for n, line in lines]
@@ -241,18 +241,19 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
     heading = rows[0][1][0] if first else ""
     for (n, row), (_, point) in zip(rows[first : _MOST_POINTS + 1], numbers[first:], strict=False):
         if len(point) != 2 or None in point:
-            msg = f"{name}:{n}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
-            raise InputError(msg)
+            raise InputError(
+                f"{name}:{n}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
+            )
     if not 2 <= len(rows) - first <= _MOST_POINTS:
-        msg = f"{name}: {len(rows) - first} points; a hazard curve has 2 to {_MOST_POINTS}"
-        raise InputError(msg)
+        raise InputError(f"{name}: {len(rows) - first} points; a hazard curve has 2 to {_MOST_POINTS}")
     intensity, rate = zip(*(point for _, point in numbers[first:]), strict=True)
     check_points(intensity, rate, lambda i: f"{name}:{rows[first + i][0]}")
     measure, stated = _measure_and_unit(heading)
     factor, metric = _unit(units or stated, f"{name}:{lines[0][0]}", heading)
     if measure and metric != ("m s-1" if measure == "pgv" else "m s-2"):
-        msg = f"{name}:{lines[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}"
-        raise InputError(msg)
+        raise InputError(
+            f"{name}:{lines[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}"
+        )
     return Hazard(tuple(factor * x for x in intensity), rate, name, metric, measure=measure)
 
 
@@ -266,8 +267,7 @@ def hazard_of(given: str | os.PathLike[str] | Hazard, units: str | None = None) 
     match = re.fullmatch(r"\s*k0\s*=\s*([^,\s]+)\s*,\s*kappa\s*=\s*([^,\s]+)\s*", text)
     k0, kappa = map(_number, match.groups()) if match else (None, None)
     if k0 is None or kappa is None:
-        msg = f"hazard {text!r} won't do; give a CSV file, or k0=RATE,kappa=SLOPE such as k0=1e-3,kappa=2.5"
-        raise InputError(msg)
+        raise InputError(f"hazard {text!r} won't do; give a CSV file, or k0=RATE,kappa=SLOPE such as k0=1e-3,kappa=2.5")
     site = Hazard.power_law(k0, kappa)
     if units is None:
         return site
@@ -284,11 +284,10 @@ def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collect
     if spectral and np.allclose(list(periods(intensity)), float(measure[3:-1]), rtol=0.01):
         return
     name = "sa(PERIOD)" if measure == "sa" else measure
-    msg = (
+    raise InputError(
         f"the hazard {site.source} is of {measure} by its heading, the intensity is {intensity}; "
         f"name the curve's own intensity (--intensity {name!r}), or give a curve of {intensity}"
     )
-    raise InputError(msg)
 
 
 def _number(text: str) -> float | None:

@@ -34,8 +34,7 @@ def intensity_of(
     # by one of `NAMES`, or given for the records at scale 1; by default what they are scaled to. `records` are looked
     # through before others are looked for by name
     if "record" not in cube.coords:
-        msg = "the intensity of the ground motion needs the record of each scenario (coordinate 'record')"
-        raise InputError(msg)
+        raise InputError("the intensity of the ground motion needs the record of each scenario (coordinate 'record')")
     scaled_to = own_intensity(cube)
     intensity = scaled_to if intensity is None else intensity
     if isinstance(intensity, str) and intensity == scaled_to != "pga":
@@ -49,13 +48,11 @@ def intensity_of(
     else:
         base = _measured(cube, intensity, records, folders) if isinstance(intensity, str) else intensity
         if base.dims != ("record",) or "record" not in base.coords:
-            msg = f"the intensity has dimensions {base.dims}; it must be along 'record' alone, at scale 1"
-            raise InputError(msg)
+            raise InputError(f"the intensity has dimensions {base.dims}; it must be along 'record' alone, at scale 1")
         lacking = sorted(set(names) - {str(name) for name in base["record"].values})
         if lacking:
             which = f"record{'s' * (len(lacking) > 1)} {', '.join(lacking)}"
-            msg = f"the intensity is not given for the {which} of this cube"
-            raise InputError(msg)
+            raise InputError(f"the intensity is not given for the {which} of this cube")
         base = base.sel(record=record).assign_attrs(base.attrs)
     scale = abs(cube["scale"]) if "scale" in cube.coords else xr.DataArray(1.0)
     units, long_name = (str(base.attrs.get(key, other)) for key, other in (("units", "1"), ("long_name", "intensity")))
@@ -69,11 +66,10 @@ def _stored_pga(cube: xr.Dataset, names: Iterable[str]) -> xr.DataArray:
         record = cube["record"]
         return xr.DataArray(np.reshape([peaks[name] for name in names], record.shape), {"record": record}, record.dims)
     except (KeyError, TypeError, ValueError):
-        msg = (
+        raise InputError(
             "this cube does not say the peak ground accelerations of its records (coordinate 'record_pga'); give the "
             "intensity as a DataArray along 'record'"
-        )
-        raise InputError(msg) from None
+        ) from None
 
 
 def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = None, folders: Any = None) -> xr.Dataset:
@@ -133,8 +129,9 @@ def own_intensity(cube: xr.Dataset) -> str:
 def check_intensity(name: str) -> None:
     """Raise `InputError` unless a text names an intensity."""
     if name not in ("pga", "pgv") and not _SPECTRAL.fullmatch(name):
-        msg = f"unknown intensity {name!r}; valid: {NAMES}; or, from Python, a DataArray along 'record' with its units"
-        raise InputError(msg)
+        raise InputError(
+            f"unknown intensity {name!r}; valid: {NAMES}; or, from Python, a DataArray along 'record' with its units"
+        )
 
 
 def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
@@ -154,10 +151,9 @@ def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
     except ValueError:
         period = math.nan
     if not (math.isfinite(period) and period > 0.0):
-        msg = (
+        raise InputError(
             f"intensity 'sa({asked})': {asked!r} is no period above 0 s, and no building; there are {', '.join(first)}"
         )
-        raise InputError(msg)
     return {"": period}
 
 

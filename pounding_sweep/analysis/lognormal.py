@@ -178,8 +178,7 @@ def _likeliest(
     start = np.append((middle - log_medians) / dispersion, spread / dispersion)
     solution = root(slope, start, jac=True, method="hybr")
     if np.abs(solution.fun).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
-        msg = f"the maximum of the likelihood of {len(y)} trials was not found: {solution.message}"
-        raise PoundingSweepError(msg)
+        raise PoundingSweepError(f"the maximum of the likelihood of {len(y)} trials was not found: {solution.message}")
     *offsets, b = (float(p) for p in solution.x)
     fits = []
     for number, a in enumerate(offsets):

@@ -53,17 +53,15 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
         sweep: dict[str, Any] = json.loads(cube.attrs["sweep"])
         lacking = sorted(_KEYS - set(sweep))
     except (KeyError, TypeError, ValueError):
-        msg = (
+        raise InputError(
             "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known; "
             "give a cube as 'pounding-sweep run' wrote it"
-        )
-        raise InputError(msg) from None
+        ) from None
     if lacking:
-        msg = (
+        raise InputError(
             f"the sweep that this cube carries (attribute 'sweep') lacks {', '.join(lacking)}: the cube was made by "
             "another version of this package, or changed; run the sweep again"
         )
-        raise InputError(msg)
     return sweep
 
 
@@ -72,11 +70,10 @@ def stored_scene(one: xr.Dataset) -> Scene:
     try:
         return scene_of(json.loads(one.attrs["scene"]))
     except (AttributeError, KeyError, TypeError, ValueError):
-        msg = (
+        raise InputError(
             "this file does not carry its row of buildings (attribute 'scene'), from which the walls beside it would "
             "be known: it was made by another version of this package, or changed; simulate the scenario again"
-        )
-        raise InputError(msg) from None
+        ) from None
 
 
 def records_of(
@@ -96,11 +93,10 @@ def records_of(
             missing.append(f"{entry['name']!r} ({record})")
     if missing:
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-        msg = (
+        raise InputError(
             f"{len(missing)} of the {len(sweep['records'])} records of this cube's sweep can't be found again: "
             f"{', '.join(missing[:_NAMED])}{more}; give the folder of their files, or the records themselves"
         )
-        raise InputError(msg)
     return records
 
 
@@ -157,8 +153,9 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
         try:
             motions = records_of(sweep, resolve_records(records, folders), folders)
         except InputError as error:
-            msg = f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
-            raise InputError(msg) from None
+            raise InputError(
+                f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
+            ) from None
         scene, runs = _run(scene, motions, **_axes(sweep))
     if sweep["cases"] is not None:
         uncoupled = runs.isel(case=np.flatnonzero(runs["law"].values.astype(str) == NO_POUNDING))
@@ -171,8 +168,9 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
 def _with_columns(scene: Scene) -> Scene:
     """Return a row in which floors meet columns too."""
     if not scene.pair_names:
-        msg = "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
-        raise InputError(msg)
+        raise InputError(
+            "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
+        )
     row = replace(scene, contacts=CONTACTS[1])
     return scene if row == scene else row
 

@@ -67,8 +67,7 @@ def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bo
     which = "one of the outputs" if one and several else f"the output{'s' * several}"
     quoted = (" or " if one else ", ").join(map(repr, lacking))
     remedy = "them" if several and not one else "it"
-    msg = f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}"
-    raise InputError(msg)
+    raise InputError(f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}")
 
 
 def chosen_variables(
@@ -113,11 +112,10 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
     """Return the run without pounding that belongs to each scenario."""
     laws = law_keys(cube)
     if NO_POUNDING not in laws:
-        msg = (
+        raise InputError(
             f"{what} needs the runs without pounding (law {NO_POUNDING!r}), which this cube lacks: it has "
             f"{', '.join(laws) or 'no law'}. Add {NO_POUNDING!r} to the laws of the sweep and run it again"
         )
-        raise InputError(msg)
     if cube["law"].dims == ("law",):
         cube = cube.sel(law=NO_POUNDING, drop=True)
         lacking = cube["status"] == int(Status.NOT_RUN) if "status" in cube else xr.DataArray(False)
@@ -200,16 +198,14 @@ def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.nd
 def check_quantiles(quantiles: Sequence[float]) -> None:
     """Raise `InputError` unless there are quantiles, each in [0, 1]."""
     if not len(quantiles) or not all(0.0 <= q <= 1.0 for q in quantiles):
-        msg = f"quantiles are {list(quantiles)}; give one or more numbers in [0, 1]"
-        raise InputError(msg)
+        raise InputError(f"quantiles are {list(quantiles)}; give one or more numbers in [0, 1]")
 
 
 def check_levels(levels: Sequence[float], units: str) -> np.ndarray:
     """Return intensities; raises `InputError` unless there are some, each finite and above 0."""
     at = np.asarray(levels, dtype=float)
     if at.ndim != 1 or not at.size or not (np.isfinite(at) & (at > 0.0)).all():
-        msg = f"levels are {levels!r}; give one or more intensities above 0 ({units})"
-        raise InputError(msg)
+        raise InputError(f"levels are {levels!r}; give one or more intensities above 0 ({units})")
     return at
 
 

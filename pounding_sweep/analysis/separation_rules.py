@@ -56,12 +56,12 @@ class BehaviourFactors:
         """
         given = getattr(self, factor)
         if isinstance(given, Mapping) and building not in given:
-            msg = f"factor {factor!r} is given for {', '.join(given) or 'no building'}, but not for {building!r}"
-            raise InputError(msg)
+            raise InputError(
+                f"factor {factor!r} is given for {', '.join(given) or 'no building'}, but not for {building!r}"
+            )
         value = float(given[building] if isinstance(given, Mapping) else given)
         if not (np.isfinite(value) and value > 0):
-            msg = f"factor {factor!r} of building {building!r} is {value!r}; it must be a positive number"
-            raise InputError(msg)
+            raise InputError(f"factor {factor!r} of building {building!r} is {value!r}; it must be a positive number")
         return value
 
     def text(self, factor: str) -> str:

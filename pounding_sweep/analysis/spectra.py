@@ -89,8 +89,9 @@ def response_spectrum(
         given = Record("motion", dt=given[1], acceleration=given[0])
     records = [given] if isinstance(given, Record) else list(given)
     if not records or not all(isinstance(record, Record) for record in records):
-        msg = f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
-        raise InputError(msg)
+        raise InputError(
+            f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
+        )
     at, ratios = _periods_and_ratios(periods, damping_ratio)
     ordinates = np.array([_ordinates(record.acceleration, record.dt, at, ratios) for record in records])
     names = ("record", [record.name for record in records], {"long_name": "ground-motion record"})
@@ -141,20 +142,19 @@ def floor_spectra(
     ('building', 'storey', 'period')
     """
     if "acceleration" not in histories or "time" not in histories["acceleration"].dims:
-        msg = (
+        raise InputError(
             "floor spectra need 'acceleration' on 'time', which this dataset has not; give what simulate() returned "
             "(it holds no histories where the scenario diverged: see 'status')"
         )
-        raise InputError(msg)
     acceleration = histories["acceleration"].transpose(..., "time")
     time = histories["time"].values
     if time.size < 2:
-        msg = f"the histories have {time.size} time; a spectrum needs at least 2"
-        raise InputError(msg)
+        raise InputError(f"the histories have {time.size} time; a spectrum needs at least 2")
     dt = float(time[-1] - time[0]) / (time.size - 1)
     if not (dt > 0 and np.allclose(np.diff(time), dt, rtol=_UNEVEN, atol=0)):
-        msg = "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
-        raise InputError(msg)
+        raise InputError(
+            "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
+        )
     at, ratios = _periods_and_ratios(periods, damping_ratio)
     ordinates = np.full((len(ORDINATES), *acceleration.shape[:-1], len(ratios), at.size), np.nan)
     for place in np.ndindex(acceleration.shape[:-1]):
@@ -179,14 +179,11 @@ def _periods_and_ratios(periods: Numbers | None, damping_ratio: Numbers) -> tupl
         try:
             numbers = np.atleast_1d(np.asarray(given, dtype=float))
         except (TypeError, ValueError):
-            msg = f"{what} must be numbers, not {given!r}"
-            raise InputError(msg) from None
+            raise InputError(f"{what} must be numbers, not {given!r}") from None
         if numbers.ndim != 1 or numbers.size == 0:
-            msg = f"{what} must be a number or a list of at least one, not of shape {numbers.shape}"
-            raise InputError(msg)
+            raise InputError(f"{what} must be a number or a list of at least one, not of shape {numbers.shape}")
         if not (valid_ones := (numbers >= 0.0) & (numbers < upper)).all():
-            msg = f"{wrong.format(numbers[~valid_ones][0])}; {valid}"
-            raise InputError(msg)
+            raise InputError(f"{wrong.format(numbers[~valid_ones][0])}; {valid}")
         both.append(numbers)
     return both[0], both[1]
 
@@ -199,11 +196,10 @@ def _ordinates(signal: Array, dt: float, periods: Array, ratios: Array) -> Array
     shortest = STEPS_PER_PERIOD * dt / MOST_STEPS
     if moving.any():
         if periods[moving].min() < shortest:
-            msg = (
+            raise InputError(
                 f"period {periods[moving].min():g} s is too short for a motion in steps of {dt:g} s: "
                 f"give 0, or at least {shortest:g} s"
             )
-            raise InputError(msg)
         frequency = 2.0 * math.pi / periods[moving]
         for i, ratio in enumerate(ratios.tolist()):
             velocity, acceleration = oscillator_peaks(signal, dt, periods[moving], ratio)

@@ -58,11 +58,9 @@ def constant_ductility(
     """
     targets = np.atleast_1d(np.asarray(ductilities, float))
     if not (targets.size and np.isfinite(targets).all() and (targets >= 1.0).all()):
-        msg = f"ductilities are {shown(ductilities)}; give one or several numbers of at least 1"
-        raise InputError(msg)
+        raise InputError(f"ductilities are {shown(ductilities)}; give one or several numbers of at least 1")
     if not any(scene.yields):
-        msg = "no storey of this row yields; give its buildings yield_strengths"
-        raise InputError(msg)
+        raise InputError("no storey of this row yields; give its buildings yield_strengths")
     motions = resolve_records(records, folders=folders)
     rows = Variants(scene, *(np.repeat(column, len(targets), axis=0) for column in variants_of(scene).columns))
     found = np.stack([np.stack(strengths_for(rows, motion, targets, dt), axis=-1) for motion in motions])

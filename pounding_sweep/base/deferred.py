@@ -15,8 +15,7 @@ def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
     """Return a name of a package: its module-level ``__getattr__`` (PEP 562)."""
     if name in home:
         return getattr(import_module(home[name]), name)
-    msg = f"module {package!r} has no attribute {name!r}"
-    raise AttributeError(msg)
+    raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
 
 def key_of(module: str) -> str:

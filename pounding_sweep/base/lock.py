@@ -76,11 +76,10 @@ class FolderLock:
                 self._lock = acquire_lock(self.folder, PATIENCE)
                 self._sign()
             except Timeout:
-                msg = (
+                raise OutputError(
                     f"another run is at work in {str(self.folder)!r}: {running(self.folder) or 'it has just ended'}; "
                     "wait for it, stop it, or give another output path"
-                )
-                raise OutputError(msg) from None
+                ) from None
             except OSError as error:
                 self._release()
                 gone = isinstance(error, FileNotFoundError) and self.folder.parent.is_dir()

@@ -17,8 +17,9 @@ def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError)
     try:
         return Path(path).expanduser()
     except RuntimeError:
-        msg = f"{shown(os.fspath(path))}: the home folder that '~' stands for is not known here; write it out in full"
-        raise error(msg) from None
+        raise error(
+            f"{shown(os.fspath(path))}: the home folder that '~' stands for is not known here; write it out in full"
+        ) from None
 
 
 def absolute(path: str | os.PathLike[str]) -> Path:
@@ -27,8 +28,9 @@ def absolute(path: str | os.PathLike[str]) -> Path:
     try:
         return Path(os.path.realpath(found))
     except FileNotFoundError:
-        msg = f"{shown(os.fspath(path))}: the working folder was removed; change to another one, or give a whole path"
-        raise InputError(msg) from None
+        raise InputError(
+            f"{shown(os.fspath(path))}: the working folder was removed; change to another one, or give a whole path"
+        ) from None
 
 
 def near_file(path: Path) -> str:

@@ -167,8 +167,7 @@ def numbers_of(text: str, option: str, form: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        msg = f"{option} {text!r} is no list of {form}"
-        raise InputError(msg) from None
+        raise InputError(f"{option} {text!r} is no list of {form}") from None
 
 
 def axis_values(given: list[str]) -> dict[str, list[str]]:
@@ -177,8 +176,7 @@ def axis_values(given: list[str]) -> dict[str, list[str]]:
     for text in given:
         axis, equals, value = text.partition("=")
         if not equals:
-            msg = f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01"
-            raise InputError(msg)
+            raise InputError(f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01")
         values.setdefault(axis.strip(), []).append(value.strip())
     return values
 

@@ -108,12 +108,10 @@ class CompareOptions:
             takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and c.rows is None)]
             if name in arguments and not set(takers) & set(keys):
                 of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
-                msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
-                raise InputError(msg)
+                raise InputError(f"{option} is for {of}; leave it out, or add --what {takers[0]}")
         if self.hazard is None and (self.years is not None or self.hazard_units is not None):
             option = "--hazard-units" if self.years is None else "--years"
-            msg = f"{option} are those of a hazard; add --hazard, or leave them out"
-            raise InputError(msg)
+            raise InputError(f"{option} are those of a hazard; add --hazard, or leave them out")
         if self.quantiles:
             check_quantiles(self.quantiles)
         check_numbers(self.probabilities or PROBABILITIES, years=YEARS if self.years is None else self.years)
@@ -223,8 +221,9 @@ def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrit
             writer.writeheader()
             writer.writerows(rows)
     except OSError as error:
-        msg = f"can't write {str(table)!r} ({error.strerror or error}); give a folder that can be written to"
-        raise OutputError(msg) from error
+        raise OutputError(
+            f"can't write {str(table)!r} ({error.strerror or error}); give a folder that can be written to"
+        ) from error
     files = [table, write_cube(result, folder / f"{key}.nc", overwrite)]
     if COMPARISONS[key].figure:
         try:

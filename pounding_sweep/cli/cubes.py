@@ -119,18 +119,16 @@ def plot_command(
     """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
         if of_comparisons:
-            msg = (
+            raise InputError(
                 f"{', '.join(ARGUMENTS)} are options of comparisons; give them to "
                 "'pounding-sweep compare CUBE.nc -o FOLDER', which draws the figures as well"
             )
-            raise InputError(msg)
         from pounding_sweep.figures import FIGURES, SOURCES, plot
         from pounding_sweep.output.netcdf import open_cube
 
         if cube is None:
             if not only_list:
-                msg = "a file is missing; give CUBE.nc FIGURE -o FILE, or --list for the figures there are"
-                raise InputError(msg)
+                raise InputError("a file is missing; give CUBE.nc FIGURE -o FILE, or --list for the figures there are")
             rows = [[figure.key, figure.title, SOURCES[figure.source]] for figure in FIGURES.values()]
             print_table(["figure", "shows", "drawn from"], rows)
             return
@@ -139,8 +137,7 @@ def plot_command(
             if only_list or kind is None:
                 _print_figures(chosen)
             elif out is None:
-                msg = f"-o is missing; give the file to draw into, such as -o {kind}.png"
-                raise InputError(msg)
+                raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
             else:
                 settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
                 print(plot(chosen, kind, out, contours=contours or None, **settings))

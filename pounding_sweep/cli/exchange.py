@@ -66,14 +66,15 @@ def export_command(
         options = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
         if options and not fragility:
             also = "" if options[0] == "--limit-state" else " or --table"
-            msg = f"{options[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
-            raise InputError(msg)
+            raise InputError(
+                f"{options[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
+            )
         if fragility and len(intensities or ()) > 1:
-            msg = f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
-            raise InputError(msg)
+            raise InputError(
+                f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
+            )
         if (fragility or pelicun is not None) and (names or table):
-            msg = f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out"
-            raise InputError(msg)
+            raise InputError(f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out")
         with open_cube(cube) as dataset:
             part = select(dataset, axis_values(at or []))
             if pelicun is not None:
@@ -101,8 +102,9 @@ def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
     try:
         return name, (event, float(level) if level else None)
     except ValueError:
-        msg = f"--limit-state {text!r}: {level!r} is no level; give NAME=EVENT or NAME=EVENT:LEVEL, severe=drift:0.03"
-        raise InputError(msg) from None
+        raise InputError(
+            f"--limit-state {text!r}: {level!r} is no level; give NAME=EVENT or NAME=EVENT:LEVEL, severe=drift:0.03"
+        ) from None
 
 
 @command("merge")

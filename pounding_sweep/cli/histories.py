@@ -81,8 +81,7 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     )
     for name, values in axis_values(at or []).items():
         if choice.get(name) is not None:
-            msg = f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out"
-            raise InputError(msg)
+            raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)
     spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
     say_laws(spec.own_laws)
@@ -100,9 +99,7 @@ def _value(name: str, texts: list[str]) -> Any:
     try:
         values = [kind(text) for text in texts]
     except ValueError:
-        msg = f"--at {name}={texts[0]} is no {'whole ' * (name == 'case')}number"
-        raise InputError(msg) from None
+        raise InputError(f"--at {name}={texts[0]} is no {'whole ' * (name == 'case')}number") from None
     if len(values) > 1 and name != "gap":
-        msg = f"--at gives {len(values)} values of {name}, and one scenario has one; give one"
-        raise InputError(msg)
+        raise InputError(f"--at gives {len(values)} values of {name}, and one scenario has one; give one")
     return values if len(values) > 1 else values[0]

@@ -49,16 +49,16 @@ def laws_command(
 
         if check is not None:
             if restitution:
-                msg = "--check measures the restitution of its law too; leave out --restitution"
-                raise InputError(msg)
+                raise InputError("--check measures the restitution of its law too; leave out --restitution")
             print_check(check, nominal, as_json)
             return
         if restitution:
             print_certificate(nominal, as_json)
             return
         if nominal is not None:
-            msg = f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it"
-            raise InputError(msg)
+            raise InputError(
+                f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it"
+            )
         rows = [{name: str(getattr(law, name) or "") for name in _COLUMNS} for law in LAWS.values()]
         for row in rows:
             row["relation"] = RELATIONS[row["relation"]].text if row["relation"] else ""

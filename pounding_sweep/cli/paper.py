@@ -48,8 +48,9 @@ def paper_command(
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            msg = f"the folder {str(out)!r} can't be made ({error.strerror or error}); give another one"
-            raise OutputError(msg) from None
+            raise OutputError(
+                f"the folder {str(out)!r} can't be made ({error.strerror or error}); give another one"
+            ) from None
         target = check_output(out / REPORT, overwrite)
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
         with closing(make_progress(quiet)) as progress:

@@ -159,8 +159,7 @@ def scaled_to_sa(record: Record, sa: float, period: float) -> Record:
     shortest = STEPS_PER_PERIOD * record.dt / MOST_STEPS
     if period < shortest or record.pga == 0.0:
         why = "it is zero throughout" if record.pga == 0.0 else f"give a period of {shortest:g} s or more"
-        msg = f"{what} it can't be scaled to a spectral acceleration at {period:g} s; {why}"
-        raise RecordError(msg)
+        raise RecordError(f"{what} it can't be scaled to a spectral acceleration at {period:g} s; {why}")
     return record.scaled(sa / spectral_acceleration(record, period))
 
 

@@ -191,23 +191,22 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     if kind not in figures:
         raise InputError(unknown("figure", kind, figures))
     if not _DPI[0] <= dpi <= _DPI[1]:
-        msg = f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}"
-        raise InputError(msg)
+        raise InputError(f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}")
     options = {name: value for name, value in options.items() if value is not None}
     for name in options:
         if name not in figures[kind].options:
             takers = ", ".join(key for key, item in figures.items() if name in item.options)
-            msg = f"figure {kind!r} takes no {name}; " + (f"{takers} do" if takers else "nor does any other")
-            raise InputError(msg)
+            raise InputError(
+                f"figure {kind!r} takes no {name}; " + (f"{takers} do" if takers else "nor does any other")
+            )
     target = expanded(path)
     figure = figures[kind].draw(dataset, **options)
     try:
         figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:
-        msg = (
+        raise OutputError(
             f"can't write {str(target)!r} ({error}); give a file in a folder that exists, ending in .png, .svg or .pdf"
-        )
-        raise OutputError(msg) from error
+        ) from error
     return target
 
 
@@ -217,8 +216,7 @@ def __getattr__(name: str) -> Any:
         return import_module("pounding_sweep.figures.animation").animate
     key = name.replace("_", "-")
     if name != "FIGURES" and (name.startswith("_") or key not in _figures()):
-        msg = f"module {__name__!r} has no attribute {name!r}"
-        raise AttributeError(msg)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _figures() if name == "FIGURES" else _figures()[key].draw
 
 

@@ -108,8 +108,7 @@ def animate(
                         cursor.set_xdata([time[number]] * 2)
                     writer.grab_frame()
         except (OSError, ValueError) as error:
-            msg = f"can't write {str(target)!r} ({error}); give a file in a folder that exists"
-            raise OutputError(msg) from error
+            raise OutputError(f"can't write {str(target)!r} ({error}); give a file in a folder that exists") from error
     return target
 
 
@@ -126,17 +125,15 @@ def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) 
     """Raise `InputError` or `OutputError` where an animation can't be made, before anything is run for it."""
     suffix = Path(path).suffix.lower()
     if suffix not in (".gif", ".mp4"):
-        msg = f"can't write {os.fspath(path)!r}; give a file ending in .gif or .mp4"
-        raise OutputError(msg)
+        raise OutputError(f"can't write {os.fspath(path)!r}; give a file ending in .gif or .mp4")
     if suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        msg = f"can't write {os.fspath(path)!r}: there is no ffmpeg here; install it, or give a file ending in .gif"
-        raise OutputError(msg)
+        raise OutputError(
+            f"can't write {os.fspath(path)!r}: there is no ffmpeg here; install it, or give a file ending in .gif"
+        )
     if frames < 2:
-        msg = f"frames is {frames!r}; an animation needs at least 2"
-        raise InputError(msg)
+        raise InputError(f"frames is {frames!r}; an animation needs at least 2")
     if speed is not None and not speed > 0.0:
-        msg = f"speed is {speed!r}; it must be a positive number of record seconds per second"
-        raise InputError(msg)
+        raise InputError(f"speed is {speed!r}; it must be a positive number of record seconds per second")
 
 
 def _choose_window(one: xr.Dataset, start: float | None, end: float | None) -> tuple[float, float]:
@@ -150,6 +147,7 @@ def _choose_window(one: xr.Dataset, start: float | None, end: float | None) -> t
     end = start + PERIODS * period if end is None else end
     first, last = max(float(time[0]), start), min(float(time[-1]), end)
     if not first < last:
-        msg = f"nothing lies between {start:g} s and {end:g} s; the record runs from {time[0]:g} s to {time[-1]:g} s"
-        raise InputError(msg)
+        raise InputError(
+            f"nothing lies between {start:g} s and {end:g} s; the record runs from {time[0]:g} s to {time[-1]:g} s"
+        )
     return first, last

@@ -125,8 +125,7 @@ def check_drawn(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
     if axis in dataset.coords and SEVERAL in dataset[axis].attrs and dataset.sizes.get(axis, 1) > most:
         shows = "takes one value of that axis" if most == 1 else f"shows {most} of them at most"
         asked = f"{dataset.sizes[axis]} values of {axis} are asked for"
-        msg = f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE"
-        raise InputError(msg)
+        raise InputError(f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE")
 
 
 def select_lines(result: xr.Dataset, axis: str) -> list[int]:
@@ -156,11 +155,10 @@ def with_dims(cube: xr.Dataset, *axes: str, absent: Any = None) -> xr.Dataset:
     """Return a cube with those axes as dimensions, of one value if it is a scalar coordinate, or `absent`."""
     for axis in axes:
         if axis in cube.coords and cube[axis].ndim and axis not in cube.dims:
-            msg = (
+            raise InputError(
                 f"the figure needs the axis {axis!r}, and this cube lists its scenarios as cases; draw one of them, "
                 "with --at case=N, or give the axes of the sweep"
             )
-            raise InputError(msg)
         if axis not in cube.dims:
             cube = cube.expand_dims(axis if axis in cube.coords or absent is None else {axis: [absent]})
     return cube
@@ -178,8 +176,7 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
     name = value or next(iter(drawable), None)
     if name is None:
         names = ", ".join(RESPONSES)
-        msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
-        raise InputError(msg)
+        raise InputError(f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks")
     unit, factor = drawn_unit(cube[name].attrs)
     words = str(cube[name].attrs.get("long_name", name.replace("_", " "))) if value else RESPONSES[name]
     per = next((dim for dim in ("pair", "building") if dim in cube[name].dims), "scenario")
@@ -231,8 +228,9 @@ def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Da
     if part.sizes["time"] < 2:
         time = one["time"].values
         asked = f"from {time[0] if start is None else start:g} s to {time[-1] if end is None else end:g} s"
-        msg = f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
-        raise InputError(msg)
+        raise InputError(
+            f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
+        )
     return part
 
 
@@ -280,13 +278,13 @@ def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()
     name = asked if asked in axes else next((name for name in axes if name.startswith(f"{asked}_")), asked)
     if name in result.coords and len(dims := result[name].dims) > 1:
         varied = " and ".join(map(str, dims))
-        msg = f"{name} varies with {varied}; choose one value of all but one of them with --at, such as {dims[0]}=..."
-        raise InputError(msg)
+        raise InputError(
+            f"{name} varies with {varied}; choose one value of all but one of them with --at, such as {dims[0]}=..."
+        )
     if name not in axes:
         raise InputError(unknown("axis to draw along", asked, axes))
     if axes[name].dim in but:
-        msg = f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}"
-        raise InputError(msg)
+        raise InputError(f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}")
     return axes[name]
 
 

@@ -56,11 +56,10 @@ def subplots(
     elif rows * columns == 1:
         figure, axes = ax, np.array([[ax]], dtype=object)
     else:
-        msg = (
+        raise InputError(
             f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
             "are for (pair, building, law or response), or leave ax out"
         )
-        raise InputError(msg)
     for panel in axes.flat:
         panel.set_prop_cycle(styles)
     return figure, axes

@@ -175,8 +175,7 @@ class Value:
         self.trace, self.value = trace, value
 
     def __bool__(self) -> bool:
-        msg = "a traced value is not known while it is traced: use `where`, `when` or `when_any`"
-        raise TypeError(msg)
+        raise TypeError("a traced value is not known while it is traced: use `where`, `when` or `when_any`")
 
     @classmethod
     def lift(cls, trace: Tracer, x: Any) -> Any:
@@ -548,8 +547,7 @@ class Rows:
     def _row(self, key: Any) -> Any:
         name, i = key if isinstance(key, tuple) else (key, 0)
         if isinstance(i, int) and not 0 <= i < self.count[name]:
-            msg = f"row {name}[{i}] of {self.count[name]}"
-            raise IndexError(msg)
+            raise IndexError(f"row {name}[{i}] of {self.count[name]}")
         return self.first[name] + i
 
     def row(self, i: Any) -> Any:

@@ -80,8 +80,7 @@ def rubber_bumper(
         ("exponent", exponent, "in [1, 10]", lambda x: 1.0 <= x <= 10.0),
     ):
         if not (isinstance(value, int | float) and not isinstance(value, bool) and holds(value)):
-            msg = f"rubber bumper {key!r}: {what} is {shown(value)}; it must be {valid}"
-            raise LawError(msg)
+            raise LawError(f"rubber bumper {key!r}: {what} is {shown(value)}; it must be {valid}")
     flat = limit * thickness
     rubber, beyond = f"(d - max(d - {flat!r}, 0.0))**{exponent!r}", f"max(d - {flat!r}, 0.0)"
     slope = stop * exponent * flat ** (exponent - 1.0)
@@ -157,21 +156,19 @@ class Bumper:
         if self.thickness is None:
             object.__setattr__(self, "thickness", law.thickness)
         elif law.thickness and self.thickness != law.thickness:
-            msg = f"{owner}: thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
-            raise SceneError(msg)
+            raise SceneError(
+                f"{owner}: thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
+            )
         if self.stiffness is None:
             object.__setattr__(self, "stiffness", law.reference_stiffness)
         if self.stiffness is None:
-            msg = f"{owner}: law {law.key!r} needs a stiffness ({law.stiffness_unit})"
-            raise SceneError(msg)
+            raise SceneError(f"{owner}: law {law.key!r} needs a stiffness ({law.stiffness_unit})")
         if self.restitution is not None and not law.takes_restitution:
-            msg = f"{owner}: law {law.key!r} takes no restitution; leave it out"
-            raise SceneError(msg)
+            raise SceneError(f"{owner}: law {law.key!r} takes no restitution; leave it out")
         self.check_restitution("published")
         storeys = tuple(self.storeys) if isinstance(self.storeys, Iterable) else (self.storeys,)
         if not all(isinstance(s, numbers.Integral) and not isinstance(s, bool) for s in storeys):
-            msg = f"{owner}: storeys are {shown(self.storeys)}; give a list of whole numbers"
-            raise SceneError(msg)
+            raise SceneError(f"{owner}: storeys are {shown(self.storeys)}; give a list of whole numbers")
         object.__setattr__(self, "storeys", tuple(map(int, storeys)))
 
     def check_restitution(self, basis: str) -> None:
@@ -179,12 +176,10 @@ class Bumper:
         e = self.restitution
         try:
             if e is not None and (isinstance(e, bool) or not isinstance(e, numbers.Real)):
-                msg = f"restitution {shown(e)} is no number; give {self.law.validity}"
-                raise LawError(msg)
+                raise LawError(f"restitution {shown(e)} is no number; give {self.law.validity}")
             self.law.check_restitution(None if e is None else float(e), basis)
         except LawError as error:
-            msg = f"bumper of pair {shown(self.pair)}: {error}"
-            raise SceneError(msg) from None
+            raise SceneError(f"bumper of pair {shown(self.pair)}: {error}") from None
 
     def damping_coefficient(self, mass: np.ndarray, basis: str) -> np.ndarray:
         """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
@@ -213,23 +208,20 @@ def _law(given: Any, thickness: float | None, owner: str) -> Law:
     """Return the law of a bumper that is given as such, as JSON holds it, or by its key."""
     if given == RUBBER:
         if not thickness:
-            msg = f"{owner}: law {RUBBER!r} needs the thickness of the rubber (m), a positive number"
-            raise SceneError(msg)
+            raise SceneError(f"{owner}: law {RUBBER!r} needs the thickness of the rubber (m), a positive number")
         return rubber_bumper(thickness)
     try:
         law = law_of(given) if isinstance(given, Mapping) else given
     except (LawError, TypeError) as error:
-        msg = f"{owner}: {error}"
-        raise SceneError(msg) from None
+        raise SceneError(f"{owner}: {error}") from None
     if isinstance(law, str) and law in LAWS:
         law = LAWS[law]
     if not isinstance(law, Law):
-        msg = f"{owner}: {unknown('contact law', given, LAWS)}, or {RUBBER!r}"
-        raise SceneError(msg)
+        raise SceneError(f"{owner}: {unknown('contact law', given, LAWS)}, or {RUBBER!r}")
     if law.exponent is None:
-        msg = f"{owner}: law {law.key!r} has no force that a bumper could have; give another law"
-        raise SceneError(msg)
+        raise SceneError(f"{owner}: law {law.key!r} has no force that a bumper could have; give another law")
     if LAWS.get(law.key) is not law and not (law.number is None or isinstance(law.number, str)):
-        msg = f"{owner}: law {law.key!r} gives its damping number as a function; give it as text, a formula of e"
-        raise SceneError(msg)
+        raise SceneError(
+            f"{owner}: law {law.key!r} gives its damping number as a function; give it as text, a formula of e"
+        )
     return law

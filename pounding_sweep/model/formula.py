@@ -53,8 +53,7 @@ def read(text: str) -> ast.expr:
     try:
         return ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError) as error:
-        msg = f"the formula {text!r} is no formula: {getattr(error, 'msg', error)}"
-        raise LawError(msg) from None
+        raise LawError(f"the formula {text!r} is no formula: {getattr(error, 'msg', error)}") from None
 
 
 def _function(part: ast.Call) -> str:
@@ -75,11 +74,10 @@ def check(text: str, names: tuple[str, ...]) -> None:
             value(read(text), dict.fromkeys(names, np.ones(1)), {name: ON_ARRAYS[name] for name in (*functions, "pow")})
     except _ForeignPartError as error:
         part = error.part
-        msg = (
+        raise LawError(
             f"the formula {text!r} holds {ast.unparse(part)!r} at column {part.col_offset + 1}; it may hold numbers, "
             f"{', '.join(names)}, + - * /, ** with a number, {', '.join(functions)}"
-        )
-        raise LawError(msg) from None
+        ) from None
 
 
 def _number(part: ast.expr) -> float | None:
@@ -174,8 +172,9 @@ def _slope(part: ast.expr) -> str:
         case ast.Call(args=[only]) if _function(part) == "sqrt":
             inner, base = _slope(only), ast.unparse(only)
             return f"0.5*sqrt({base})/max({base}, 1e-30)*({inner})" if inner else ""
-    msg = f"the slope of {ast.unparse(part)!r} is not known; write it beside the formula (elastic_slope, damper_slope)"
-    raise LawError(msg)
+    raise LawError(
+        f"the slope of {ast.unparse(part)!r} is not known; write it beside the formula (elastic_slope, damper_slope)"
+    )
 
 
 class _Cut(ast.NodeTransformer):

@@ -51,18 +51,15 @@ def hertz_stiffness(
     """
     if radii is None:
         if mass_1 is None or mass_2 is None:
-            msg = "hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)"
-            raise LawError(msg)
+            raise LawError("hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)")
         positive = {"mass_1": mass_1, "mass_2": mass_2, "density": density}
     else:
         positive = {"radii[0]": radii[0], "radii[1]": radii[1]}
     for name, value in {**positive, "young_modulus": young_modulus}.items():
         if not (math.isfinite(value) and value > 0):
-            msg = f"hertz_stiffness: {name} = {value!r} must be a positive number"
-            raise LawError(msg)
+            raise LawError(f"hertz_stiffness: {name} = {value!r} must be a positive number")
     if not 0 <= poisson_ratio < 0.5:
-        msg = f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)"
-        raise LawError(msg)
+        raise LawError(f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)")
     if radii is None:
         assert mass_1 is not None
         assert mass_2 is not None

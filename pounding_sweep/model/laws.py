@@ -152,8 +152,7 @@ class Law:
             for name, found in _completed(self).items():
                 object.__setattr__(self, name, found)
         except LawError as error:
-            msg = f"law {shown(self.key)}: {error}"
-            raise LawError(msg) from None
+            raise LawError(f"law {shown(self.key)}: {error}") from None
 
     @property
     def described(self) -> dict[str, Any]:
@@ -218,12 +217,10 @@ class Law:
         if not self.takes_restitution:
             return
         if e is None:
-            msg = f"law {self.key!r} needs a coefficient of restitution; give {self.validity}"
-            raise LawError(msg)
+            raise LawError(f"law {self.key!r} needs a coefficient of restitution; give {self.validity}")
         low_ok = e >= 0 if self.zero_restitution else e > 0
         if not (math.isfinite(e) and low_ok and e <= 1):
-            msg = f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}"
-            raise LawError(msg)
+            raise LawError(f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}")
         if basis == "realised":
             check_realisable(self, e)
 
@@ -289,34 +286,29 @@ _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 def _completed(law: Law) -> dict[str, Any]:
     """Check a law, and return what it leaves out."""
     if not isinstance(law.key, str) or not _KEY.fullmatch(law.key):
-        msg = f"its key is {shown(law.key)}; it must be a name of letters, digits and _"
-        raise LawError(msg)
+        raise LawError(f"its key is {shown(law.key)}; it must be a name of letters, digits and _")
     found: dict[str, Any] = {"title": law.title or law.key.replace("_", " ").capitalize()}
     if law.exponent is None or law.damping in ("jump", "yield"):
         defaults = {"elastic": "0.0", "elastic_slope": "0.0", "damper_slope": "0.0"}
         found |= {name: text for name, text in defaults.items() if not getattr(law, name)}
         return {**found, "damper_exponent": 0.0, "relation": law.relation or ""}
     if not (isinstance(law.thickness, int | float) and 0.0 <= law.thickness < math.inf):
-        msg = f"its thickness is {shown(law.thickness)} m; it must be zero or a positive number"
-        raise LawError(msg)
+        raise LawError(f"its thickness is {shown(law.thickness)} m; it must be zero or a positive number")
     n = law.exponent
     if isinstance(n, bool) or not isinstance(n, int | float) or not 1.0 <= n <= 10.0:
-        msg = f"its exponent is {shown(n)}; it must be a number in [1, 10]"
-        raise LawError(msg)
+        raise LawError(f"its exponent is {shown(n)}; it must be a number in [1, 10]")
     elastic = law.elastic or ("k*d" if n == 1.0 else f"k*d**{n:g}")
     if law.damping not in ("none", "viscous", "elastic"):
         raise LawError(unknown("damping", law.damping, ("none", "viscous", "elastic")))
     if bool(law.damper) != (law.damping != "none") or (law.number is not None and not law.damper):
-        msg = (
+        raise LawError(
             "damper and damping belong together: give both (damping 'viscous' or 'elastic') and its number, or none of "
             "them for a law without damping"
         )
-        raise LawError(msg)
     for name in ("elastic", "damper", "elastic_slope", "damper_slope"):
         value = getattr(law, name)
         if not isinstance(value, str):
-            msg = f"its {name} is {shown(value)}; give a formula as text, such as 'k*d**1.5'"
-            raise LawError(msg)
+            raise LawError(f"its {name} is {shown(value)}; give a formula as text, such as 'k*d**1.5'")
     slopes = {}
     for name, force in (("elastic", elastic), ("damper", law.damper)):
         text = getattr(law, f"{name}_slope")
@@ -324,8 +316,7 @@ def _completed(law: Law) -> dict[str, Any]:
             if each:
                 formulas.check(each, formulas.FORCE_NAMES)
         if text and force and not _is_slope(text, force):
-            msg = f"{name}_slope {text!r} is not the derivative of {force!r} by d; leave it out"
-            raise LawError(msg)
+            raise LawError(f"{name}_slope {text!r} is not the derivative of {force!r} by d; leave it out")
         slopes[f"{name}_slope"] = text or (formulas.slope(force) if force else "0.0")
     damper, shape = law.damper, elastic
     if damper and not law.damper_slope:  # floors that are open don't act on each other
@@ -339,13 +330,11 @@ def _completed(law: Law) -> dict[str, Any]:
             numbers = formulas.on_arrays(number, e=_NOMINAL)
         if not (np.isfinite(numbers) & (numbers >= 0.0)).all():
             at = _NOMINAL[~(np.isfinite(numbers) & (numbers >= 0.0))][0]
-            msg = f"its damping number {number!r} at e = {at:.3g} must be a number >= 0 for every 0 < e <= 1"
-            raise LawError(msg)
+            raise LawError(f"its damping number {number!r} at e = {at:.3g} must be a number >= 0 for every 0 < e <= 1")
     spring = _force(elastic, n, "elastic")
     power = float(np.round(np.log2(spring[1] / spring[0]), 6))
     if power != round(n, 6):
-        msg = f"elastic {elastic!r} begins as d^{power:g}, and the exponent is {n:g}; make them agree"
-        raise LawError(msg)
+        raise LawError(f"elastic {elastic!r} begins as d^{power:g}, and the exponent is {n:g}; make them agree")
     exponent = law.damper_exponent
     if damper:
         dashpot = _force(damper, None, "damper")
@@ -357,17 +346,15 @@ def _completed(law: Law) -> dict[str, Any]:
     elif relation and relation not in RELATIONS:
         raise LawError(unknown("relation", relation, RELATIONS))
     if number == SOLVED and not relation:
-        msg = (
+        raise LawError(
             "number is missing, and no closed form is known of the rebound: it may depend on the approach velocity; "
             "give the damping number as published, a formula of e"
         )
-        raise LawError(msg)
     ends = number == SOLVED and math.isfinite(RELATIONS[relation or ""].at_zero)
     pressing = f"{shape} + {law.damper}*v" if damper else shape
     free = law.approach_only or law.tension or not damper
     if law.approach_only and law.rebound_only:
-        msg = "its damper can't act on approach only and on rebound only; leave one of them out"
-        raise LawError(msg)
+        raise LawError("its damper can't act on approach only and on rebound only; leave one of them out")
     text = f"F = {pressing if free else f'max(0, {pressing})'}"
     text += f" on approach, {shape} on rebound" * law.approach_only
     text = f"F = {shape} on approach, max(0, {pressing}) on rebound" if law.rebound_only else text
@@ -405,17 +392,14 @@ def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
     values, twice = _tried(text, _DEPTHS), _tried(text, _DEPTHS, 2.0)
     wrong = ~(np.isfinite(values) & (values > 0.0))
     if wrong.any():
-        msg = (
+        raise LawError(
             f"{what} {text!r} is {values[wrong][0]:g} at d = {_DEPTHS[wrong][0]:.3g} m, with k = c = 1; it must be > 0"
         )
-        raise LawError(msg)
     if not np.allclose(twice, 2.0 * values, rtol=_ALIKE, atol=0.0):
         name = "c" if exponent is None else "k"
-        msg = f"{what} {text!r} must be proportional to {name}, which carries the unit"
-        raise LawError(msg)
+        raise LawError(f"{what} {text!r} must be proportional to {name}, which carries the unit")
     if exponent is not None and not (np.diff(values) > 0.0).all():
-        msg = f"{what} {text!r} must grow with d"
-        raise LawError(msg)
+        raise LawError(f"{what} {text!r} must grow with d")
     return values
 
 
@@ -662,11 +646,10 @@ def check_realisable(law: Law, e: float) -> None:
     if not law.takes_restitution or law.impulsive:
         return
     if law.relation not in RELATIONS:
-        msg = (
+        raise LawError(
             f"law {law.key!r} has damping but names no relation to the realised restitution "
             f"({', '.join(RELATIONS)}); give restitution_basis='published'"
         )
-        raise LawError(msg)
     relation = RELATIONS[law.relation]
     smallest = 0.0 if math.isfinite(relation.at_zero) else relation.smallest
     if not smallest <= e <= 1.0:

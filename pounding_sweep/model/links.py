@@ -54,8 +54,9 @@ class Link:
         for what, unit in UNITS.items():
             object.__setattr__(self, what, quantity(getattr(self, what), f"link: {what}", unit))
         if not (self.stiffness or self.damping):
-            msg = f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"
-            raise SceneError(msg)
+            raise SceneError(
+                f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"
+            )
         object.__setattr__(self, "storeys", _storeys(self.storeys))
 
     @property
@@ -97,8 +98,7 @@ def _storeys(given: Sequence[int | Sequence[int]]) -> tuple[int | tuple[int, int
             found.clear()
             break
     if not found:
-        msg = (
+        raise SceneError(
             f"link: storeys are {shown(given)}; give a list of whole numbers, or of two, the left and the right storey"
         )
-        raise SceneError(msg)
     return tuple(found)

@@ -17,8 +17,7 @@ def quantity(value: Any, what: str, unit: str, *, positive: bool = False, why: s
         found = math.inf
     if not (found < math.inf and (found > 0 if positive else found >= 0)):
         must = "a positive number" if positive else "zero or a positive number"
-        msg = f"{what} is {shown(value)} {unit}; it must be {must}{why}"
-        raise SceneError(msg)
+        raise SceneError(f"{what} is {shown(value)} {unit}; it must be {must}{why}")
     return found
 
 
@@ -26,6 +25,5 @@ def fraction(value: Any, what: str) -> float:
     """Return a number in [0, 1); raise `SceneError` for anything else."""
     real = isinstance(value, numbers.Real) and not isinstance(value, bool)
     if not (real and 0 <= value < 1):
-        msg = f"{what} is {shown(value)}; it must be in [0, 1)"
-        raise SceneError(msg)
+        raise SceneError(f"{what} is {shown(value)}; it must be in [0, 1)")
     return float(value)

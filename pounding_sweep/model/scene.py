@@ -38,8 +38,7 @@ def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]
             raise TypeError
         return tuple(float(v) for v in values)
     except (TypeError, ValueError, OverflowError):
-        msg = f"{what} must be a list of numbers ({unit}), not {shown(values)}"
-        raise SceneError(msg) from None
+        raise SceneError(f"{what} must be a list of numbers ({unit}), not {shown(values)}") from None
 
 
 class BoucWen(NamedTuple):
@@ -86,22 +85,18 @@ def _bouc_wen(given: Any) -> BoucWen | None:
     try:
         law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
     except TypeError:
-        msg = f"bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
-        raise SceneError(msg) from None
+        raise SceneError(f"bouc_wen is {shown(given)}; give n, beta and gamma, each a number") from None
     for name, value in law._asdict().items():
         if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
-            msg = f"{name} of bouc_wen is {shown(value)}; it must be a number"
-            raise SceneError(msg)
+            raise SceneError(f"{name} of bouc_wen is {shown(value)}; it must be a number")
     law = BoucWen(*map(float, law))
     if not 1.0 <= law.n <= MOST_SHARP:
-        msg = f"n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
-        raise SceneError(msg)
+        raise SceneError(f"n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]")
     if not -law.beta < law.gamma <= law.beta:
-        msg = (
+        raise SceneError(
             f"gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
             "stays bounded, and at most beta, so that no energy is won"
         )
-        raise SceneError(msg)
     return law
 
 
@@ -112,10 +107,9 @@ def _foundation(given: Any) -> Foundation | None:
     except TypeError:
         found = None
     if not (given is None or isinstance(found, Foundation)):
-        msg = (
+        raise SceneError(
             f"foundation is {shown(given)}; give a Foundation of {', '.join(each.name for each in fields(Foundation))}"
         )
-        raise SceneError(msg)
     return found
 
 
@@ -124,8 +118,7 @@ def _damping_ratio(given: Any) -> float | tuple[float, float]:
     values = given.tolist() if isinstance(given, np.ndarray) else given
     ratios = tuple(values) if isinstance(values, tuple | list) else (values,)
     if len(ratios) not in (1, 2):
-        msg = f"damping_ratio is {shown(given)}; it must be one or two numbers"
-        raise SceneError(msg)
+        raise SceneError(f"damping_ratio is {shown(given)}; it must be one or two numbers")
     found = [fraction(ratio, "damping_ratio") for ratio in ratios]
     return (found[0], found[1]) if len(found) == 2 else found[0]
 
@@ -133,11 +126,9 @@ def _damping_ratio(given: Any) -> float | tuple[float, float]:
 def check_name(kind: str, name: str) -> str:
     """Return the name of a building or wall; `SceneError` where it is none."""
     if not isinstance(name, str) or not name.strip():
-        msg = f"a {kind} needs a name, a non-empty text, not {shown(name)}"
-        raise SceneError(msg)
+        raise SceneError(f"a {kind} needs a name, a non-empty text, not {shown(name)}")
     if fault := label_fault(name):
-        msg = f"the name {shown(name)} of a {kind} {fault}; give it another one"
-        raise SceneError(msg)
+        raise SceneError(f"the name {shown(name)} of a {kind} {fault}; give it another one")
     return name
 
 
@@ -318,8 +309,7 @@ class Building:
     def _refuse(self, faults: Iterable[Fault]) -> None:
         """Raise the first fault."""
         for place, text in faults:
-            msg = f"building {self.name!r}: {text}"
-            raise SceneError(msg, place)
+            raise SceneError(f"building {self.name!r}: {text}", place)
 
     def _faults(self) -> Iterator[Fault]:
         """Tell what only the building shows, its parts being valid."""
@@ -531,8 +521,7 @@ class ContactProperties:
         if self.restitution is not None and not (
             isinstance(self.restitution, numbers.Real) and 0 <= self.restitution <= 1
         ):
-            msg = f"contact: restitution is {self.restitution!r}; it must be in [0, 1]"
-            raise SceneError(msg)
+            raise SceneError(f"contact: restitution is {self.restitution!r}; it must be in [0, 1]")
 
     def reference(self, exponent: float) -> float | None:
         """Return the reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
@@ -665,38 +654,37 @@ class Scene:
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
-            msg = f"a row is a list of Building and Wall objects, not {shown(self.row)}"
-            raise SceneError(msg)
+            raise SceneError(f"a row is a list of Building and Wall objects, not {shown(self.row)}")
         row = tuple(self.row)
         if not isinstance(self.contact, ContactProperties):
-            msg = f"contact must be ContactProperties, not {shown(self.contact)}"
-            raise SceneError(msg)
+            raise SceneError(f"contact must be ContactProperties, not {shown(self.contact)}")
         for item in row:
             if not isinstance(item, (Building, Wall)):
-                msg = f"a row holds Building and Wall objects, not {shown(item)}"
-                raise SceneError(msg)
+                raise SceneError(f"a row holds Building and Wall objects, not {shown(item)}")
         if not any(isinstance(item, Building) for item in row):
-            msg = "a scene needs at least one building"
-            raise SceneError(msg)
+            raise SceneError("a scene needs at least one building")
         for i, item in enumerate(row):
             if isinstance(item, Wall) and 0 < i < len(row) - 1:
-                msg = f"wall {item.name!r} is number {i + 1} of the row; a wall may only be the first or the last"
-                raise SceneError(msg)
+                raise SceneError(
+                    f"wall {item.name!r} is number {i + 1} of the row; a wall may only be the first or the last"
+                )
         if len(row) > 1 and all(isinstance(row[i], Wall) for i in (0, -1)) and row[0].name == row[-1].name:
             row = (Wall(f"left {row[0].name}"), *row[1:-1], Wall(f"right {row[-1].name}"))
         names = [item.name for item in row]
         repeated = sorted({n for n in names if names.count(n) > 1})
         if repeated:
-            msg = f"names must differ within a row; repeated: {', '.join(map(repr, repeated))}"
-            raise SceneError(msg)
+            raise SceneError(f"names must differ within a row; repeated: {', '.join(map(repr, repeated))}")
         object.__setattr__(self, "row", row)
         if len(set(self.pair_names)) < len(self.pair_names):
-            msg = f"two pairs of the row have the same name ({', '.join(self.pair_names)}); rename a building"
-            raise SceneError(msg)
+            raise SceneError(
+                f"two pairs of the row have the same name ({', '.join(self.pair_names)}); rename a building"
+            )
         gaps = _numbers("gaps", "m", self.gaps)
         if len(gaps) != len(row) - 1:
-            msg = f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)"
-            raise SceneError(msg, ("gaps",))
+            raise SceneError(
+                f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)",
+                ("gaps",),
+            )
         for name, gap in zip(self.pair_names, gaps, strict=True):
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
@@ -710,8 +698,7 @@ class Scene:
         found = tuple(given) if isinstance(given, Iterable) else (given,)
         for each in found:
             if not isinstance(each, kind):
-                msg = f"{name} must be {kind.__name__} objects, not {shown(each)}"
-                raise SceneError(msg)
+                raise SceneError(f"{name} must be {kind.__name__} objects, not {shown(each)}")
             if each.pair not in self.pair_names:
                 raise SceneError(unknown(f"pair in {name}", each.pair, self.pair_names))
         object.__setattr__(self, name, found)
@@ -726,12 +713,10 @@ class Scene:
             for storey in bumper.storeys or ([] if there else [1]):
                 if storey not in there:
                     where = f"give some of {', '.join(map(str, sorted(there)))}" if there else "none of the pair do"
-                    msg = f"bumper of pair {bumper.pair!r}: no floors meet at storey {storey}; {where}"
-                    raise SceneError(msg)
+                    raise SceneError(f"bumper of pair {bumper.pair!r}: no floors meet at storey {storey}; {where}")
             for storey in bumper.storeys or there:
                 if found[there[storey]] is not None:
-                    msg = f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one"
-                    raise SceneError(msg)
+                    raise SceneError(f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one")
                 found[there[storey]] = bumper
         object.__setattr__(self, "_bumper_of", tuple(found))
 
@@ -741,23 +726,20 @@ class Scene:
             pair = self.pair_names.index(link.pair)
             for side, item in enumerate(self.row[pair : pair + 2]):
                 if isinstance(item, Wall):
-                    msg = f"pair {link.pair!r} has a wall; links join floors of two buildings"
-                    raise SceneError(msg)
+                    raise SceneError(f"pair {link.pair!r} has a wall; links join floors of two buildings")
                 for each in link.floors:
                     if not 1 <= each[side] <= item.n_storeys:
-                        msg = (
+                        raise SceneError(
                             f"pair {link.pair!r} is linked at storey {each[side]} of {item.name!r}, which is not "
                             f"there; give one of 1 to {item.n_storeys}"
                         )
-                        raise SceneError(msg)
         places = [(each.pair, each.storey) for each in self.linked_floors]
         for pair, storey in places:
             if places.count((pair, storey)) > 1:
-                msg = (
+                raise SceneError(
                     f"storey {storey} of {self.row[pair].name!r} has {places.count((pair, storey))} links to "
                     f"{self.row[pair + 1].name!r}; give one, of their sum"
                 )
-                raise SceneError(msg)
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
@@ -774,11 +756,9 @@ class Scene:
             for storey in limits.get(name, ()):
                 if storey not in there:
                     where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
-                    msg = f"storeys of pair {name!r}: storey {shown(storey)} meets nothing; {where}"
-                    raise SceneError(msg)
+                    raise SceneError(f"storeys of pair {name!r}: storey {shown(storey)} meets nothing; {where}")
             if not there and not self.allow_unmet:
-                msg = f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}"
-                raise SceneError(msg)
+                raise SceneError(f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}")
             for label, group in groups:
                 kept = [contact for contact in group if contact.storey in limits.get(name, there)]
                 if kept or label == name:
@@ -786,8 +766,9 @@ class Scene:
                     labels.append((label, pair))
         for contact in contacts:
             if contact.struck >= 0 and (fault := self._column_fault((contact.left, contact.right)[contact.struck])):
-                msg = f'floors of pair {names[contact.pair]!r} strike columns of {fault} contacts = "floors"'
-                raise SceneError(msg)
+                raise SceneError(
+                    f'floors of pair {names[contact.pair]!r} strike columns of {fault} contacts = "floors"'
+                )
         storeys = ((name, tuple(map(int, limits[name]))) for name in names if name in limits)
         object.__setattr__(self, "storeys", tuple(storeys))
         object.__setattr__(self, "_labels", tuple(labels))
@@ -809,14 +790,14 @@ class Scene:
         try:
             limits = {name: tuple(listed) for name, listed in dict(self.storeys).items()}
         except (TypeError, ValueError):
-            msg = f"storeys must be lists of storeys by the names of their pairs, not {shown(self.storeys)}"
-            raise SceneError(msg) from None
+            raise SceneError(
+                f"storeys must be lists of storeys by the names of their pairs, not {shown(self.storeys)}"
+            ) from None
         for name, listed in limits.items():
             if name not in self.pair_names:
                 raise SceneError(unknown("pair in storeys", name, self.pair_names))
             if not listed:
-                msg = f"storeys of pair {name!r} are none; name those that meet, or leave the pair out"
-                raise SceneError(msg)
+                raise SceneError(f"storeys of pair {name!r} are none; name those that meet, or leave the pair out")
         return limits
 
     def _elevations_of(self, pair: int) -> str:
@@ -991,11 +972,10 @@ class Scene:
         for mine, other, side in ((left, right, 0), (right, left, 1)):
             floors = [ends[side] for ends in level]
             if several := sorted({s for s in floors if floors.count(s) > 1}):
-                msg = (
+                raise SceneError(
                     f"floor {several[0] + 1} of {mine.name!r} is level with {floors.count(several[0])} floors of "
                     f"{other.name!r}; give smaller slab_depths or a smaller tolerance, so that it meets one"
                 )
-                raise SceneError(msg)
 
 
 #: What to do about neighbours whose floors don't meet.
@@ -1008,5 +988,4 @@ _UNMET_REMEDY = (
 def check_gap(gap: float, what: str = "gap") -> None:
     """Raise `SceneError` unless `gap` (m) is finite and not negative."""
     if not (math.isfinite(gap) and gap >= 0):
-        msg = f"{what} is {gap!r} m; a gap must be zero or positive"
-        raise SceneError(msg)
+        raise SceneError(f"{what} is {gap!r} m; a gap must be zero or positive")

@@ -107,8 +107,7 @@ def export_cube(
     needs, write = _WRITERS[ending]
     names = [names] if isinstance(names, str) else list(names)
     if table and ending == ".zarr":
-        msg = f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table"
-        raise InputError(msg)
+        raise InputError(f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table")
     if needs:
         _need(needs, ending)
     target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite, netcdf=False)
@@ -119,8 +118,7 @@ def export_cube(
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+        raise WriteError(f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced") from error
     return target
 
 
@@ -165,12 +163,11 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
         if len(sets) > 1:
             sizes = {dims: math.prod(cube.sizes[dim] for dim in dims) for dims in sets}
             listed = [f"({', '.join(dims)}), {sizes[dims]:,} rows: {', '.join(some)}" for dims, some in sets.items()]
-            msg = (
+            raise InputError(
                 f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: "
                 f"{'; '.join(listed)}. Name those of one set by --var, such as --var {next(iter(sets.values()))[0]}; "
                 "variables of several sets that are named make a table for each set"
             )
-            raise InputError(msg)
         table = long_table(chosen)
     if table.n_rows > MANY_ROWS:
         size = bytes_text(table.n_rows * len(table.columns) * CELL_BYTES)
@@ -187,18 +184,16 @@ def _need(module: str, ending: str) -> None:
     try:
         import_module(module)
     except ImportError:
-        msg = (
+        raise InputError(
             f"{ending} needs the package {module}, which is not installed; "
             "install it with: pip install 'pounding-sweep[export]'"
-        )
-        raise InputError(msg) from None
+        ) from None
 
 
 def _new_folder(path: str | os.PathLike[str]) -> Path:
     target = expanded(path)
     if target.exists() or target.is_symlink():
-        msg = f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path"
-        raise OutputError(msg)
+        raise OutputError(f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path")
     return check_output(target, netcdf=False)
 
 
@@ -224,8 +219,9 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
             written = True
     except OSError as error:
         if written:  # two names can't change at once
-            msg = f"{str(path)!r} is complete, but {failure(f'writing {str(description)!r}', error)}, with --overwrite"
-            raise WriteError(msg) from error
+            raise WriteError(
+                f"{str(path)!r} is complete, but {failure(f'writing {str(description)!r}', error)}, with --overwrite"
+            ) from error
         raise
 
 

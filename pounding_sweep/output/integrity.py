@@ -36,8 +36,9 @@ def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
     """Return what a cube says of its sweep."""
     text = str(cube.attrs["sweep"])
     if hashlib.sha256(text.encode()).hexdigest() != cube.attrs.get("sweep_sha256"):
-        msg = f"{path!r} does not say what its sweep was: its attribute 'sweep' is damaged; make the cube again"
-        raise InputError(msg)
+        raise InputError(
+            f"{path!r} does not say what its sweep was: its attribute 'sweep' is damaged; make the cube again"
+        )
     return dict(json.loads(text))
 
 
@@ -52,16 +53,16 @@ def check_axes(path: str, cube: xr.Dataset, expected: Mapping[str, Sequence[Any]
     """Raise `InputError` if a cube has other axes than its sweep, or other values on them; its labels are read."""
     axis_names = outer_dims(cube)
     if set(axis_names) != set(expected):
-        msg = f"{path!r} has the axes {', '.join(axis_names) or 'none'}, its sweep had {', '.join(expected)}; {REMEDY}"
-        raise InputError(msg)
+        raise InputError(
+            f"{path!r} has the axes {', '.join(axis_names) or 'none'}, its sweep had {', '.join(expected)}; {REMEDY}"
+        )
     with reading(path):
         for name in cube.coords:
             cube[name].load()
     for name, values in expected.items():
         labels = cube[name].values.tolist() if name in cube.coords else []
         if isinstance(values, int) and len(labels) != values:
-            msg = f"{path!r} has {len(labels)} values of {name}, its sweep had {values}; {REMEDY}"
-            raise InputError(msg)
+            raise InputError(f"{path!r} has {len(labels)} values of {name}, its sweep had {values}; {REMEDY}")
         if not isinstance(values, int) and labels != list(values):
             raise other_values(path, name)
 

@@ -77,11 +77,10 @@ def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
     for name, cube in others:
         if ("period_factor" in cube.coords) != ("period_factor" in base.coords):
             has, lacks = (first, name) if "period_factor" in base.coords else (name, first)
-            msg = (
+            raise InputError(
                 f"{has!r} varies building properties and {lacks!r} doesn't, so they ran in different kernels: add "
                 "a case with such a property to the sweep of the second and run it again"
             )
-            raise InputError(msg)
 
 
 def number_cases(
@@ -107,14 +106,14 @@ def number_cases(
             other_key, other, at = labels.setdefault(label, (key, file, position))
             if labelled and other_key != key:
                 one, two = case_name(parts[other].coords, at), case_name(cube.coords, position)
-                msg = f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
-                raise InputError(msg)
+                raise InputError(
+                    f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
+                )
         chosen = cube if len(positions) == cube.sizes[CASE] else cube.isel(case=list(positions.values()))
         result[file] = chosen.assign_coords({CASE: [numbers[key] for key in positions]})
     kinds = sorted({type(label).__name__ for label in labels})
     if len(kinds) > 1:
-        msg = f"some cases have labels of type {kinds[0]}, others of type {kinds[1]}; give all of them text"
-        raise InputError(msg)
+        raise InputError(f"some cases have labels of type {kinds[0]}, others of type {kinds[1]}; give all of them text")
     return result, list(labels) if labelled else list(range(1, len(numbers) + 1)), described
 
 
@@ -156,12 +155,14 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     """Return what cubes of one study say of their sweeps."""
     for name, cube in parts.items():
         if "status" not in cube.data_vars or "sweep" not in cube.attrs:
-            msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
-            raise InputError(msg)
+            raise InputError(
+                f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
+            )
         strange = [str(key) for key in scenario_variables(cube) if key not in VARIABLES]
         if strange:
-            msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
-            raise InputError(msg)
+            raise InputError(
+                f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
+            )
     _check_makers(parts, mix_sources=mix_sources)
     sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
@@ -170,18 +171,16 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
         if lists_cases(base) != lists_cases(cube):
             cases, axes = (first, name) if lists_cases(base) else (name, first)
-            msg = (
+            raise InputError(
                 f"{cases!r} lists its scenarios as cases, {axes!r} has axes. List those scenarios of the second that "
                 f"you want as cases, run that sweep with --extend {axes}, which takes their results from it, and merge "
                 "the cube so made with the first"
             )
-            raise InputError(msg)
         for what, here, there in _differences(base, cube, sweeps[0], sweep):
-            msg = (
+            raise InputError(
                 f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
                 f"{shown(there)} in the second; run one of them again with the other's"
             )
-            raise InputError(msg)
     if lists_cases(base):
         check_cases(parts, sweeps)
     labels = [
@@ -190,8 +189,7 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     for (name, _), keys in zip(others, labels[1:], strict=True):
         for key in sorted(map(str, keys ^ labels[0])):
             has, lacks = (first, name) if key in labels[0] else (name, first)
-            msg = f"coordinate {key!r} of {has!r} is missing in {lacks!r}; give the cubes as they were made"
-            raise InputError(msg)
+            raise InputError(f"coordinate {key!r} of {has!r} is missing in {lacks!r}; give the cubes as they were made")
     return sweeps
 
 
@@ -271,8 +269,9 @@ def merge_values(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     for a, b in pairwise(rising):
         near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
         if near and not any(a in part and b in part for part in held):  # a part with both means them apart
-            msg = f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
-            raise InputError(msg)
+            raise InputError(
+                f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
+            )
     if all(a < b for part in parts for a, b in pairwise(part)):
         return rising
     return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
@@ -298,11 +297,10 @@ def merge_labels(parts: Parts, axes: Mapping[str, list[Any]]) -> dict[str, xr.Va
                 earlier = next(
                     f for f, each in labels.items() if each[name].transpose(*dims).notnull().values[differs][0]
                 )
-                msg = (
+                raise InputError(
                     f"coordinate {name!r} is {one!r} in {earlier!r}, and {two!r} at the same place in {file!r}; "
                     "cubes of one study agree in it, so one is damaged or was changed: run it again"
                 )
-                raise InputError(msg)
             whole = whole.where(whole.notnull(), values)
         if dtype.kind == "U":
             whole = whole.where(whole.notnull(), "").astype(np.str_)
@@ -507,8 +505,7 @@ def merge_cubes(
     once, in the order given, numbered anew; labels that a user gave them in place of numbers are kept.
     """
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
-        msg = f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}"
-        raise InputError(msg)
+        raise InputError(f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}")
     _check_distinct(paths)
     target = check_output(out, overwrite)
     with ExitStack() as files:
@@ -614,11 +611,10 @@ class _Merge:
             yield slab, values
         if self.conflicts:
             more = self.n_conflicts - len(self.conflicts)
-            msg = (
+            raise InputError(
                 f"parts have different results of {self.n_conflicts} scenarios: {'; '.join(self.conflicts)}"
                 f"{f'; and {more} more' if more else ''}. Leave one of the parts out, or allow a larger tolerance"
             )
-            raise InputError(msg)
 
     def _read(self, file: str, labels: Mapping[str, list[Any]]) -> dict[str, np.ndarray] | None:
         """Return what a part has of a slab, as it is stored and missing elsewhere; None if it has nothing of it."""

@@ -88,18 +88,16 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
         return target, None
     except (OSError, ValueError, RuntimeError) as error:
         reason = "no UTF-8" if isinstance(error, UnicodeError) else getattr(error, "strerror", None) or error
-        msg = f"path {os.fspath(path)!r} is not usable ({reason}); give another path"
-        raise OutputError(msg) from None
+        raise OutputError(f"path {os.fspath(path)!r} is not usable ({reason}); give another path") from None
 
 
 def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
     """Check, before a long run, that a cube can be written to `path`; leftovers of killed writers are removed."""
     if netcdf and Path(path).suffix.lower() in _OTHER_ENDINGS:
-        msg = (
+        raise OutputError(
             f"output {str(path)!r} won't do: netCDF is written here, such as {str(Path(path).with_suffix('.nc'))!r}; "
             "tables are made of a cube by 'pounding-sweep export'"
         )
-        raise OutputError(msg)
     target, mode = _target(path)
     folder = target.parent
     fault = ""
@@ -115,16 +113,16 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcd
         what = "is not a folder" if folder.exists() else "does not exist"
         fault = f"is in the folder {str(folder)!r}, which {what}; make it first or give another path"
     if fault:
-        msg = f"output {str(path)!r} {fault}"
-        raise OutputError(msg)
+        raise OutputError(f"output {str(path)!r} {fault}")
     remove_leftovers(folder)
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         reason = error.strerror or error
-        msg = f"the folder {str(folder)!r} of output {str(path)!r} can't be written ({reason}); give another path"
-        raise OutputError(msg) from None
+        raise OutputError(
+            f"the folder {str(folder)!r} of output {str(path)!r} can't be written ({reason}); give another path"
+        ) from None
     return target
 
 
@@ -147,11 +145,10 @@ def check_space(folder: Path, needed: int, what: str) -> None:
     """Raise `OutputError` if the disk of `folder` has less than `needed` bytes free for `what`."""
     free = free_space(folder)
     if free is not None and needed > free:
-        msg = (
+        raise OutputError(
             f"{what} needs about {bytes_text(needed)} of disk, {bytes_text(free)} are free in "
             f"{str(folder)!r}; free some space, give a path on another disk, or take fewer values on an axis"
         )
-        raise OutputError(msg)
 
 
 def _access_fault(path: Path, remedy: str = "copy the cube to another drive") -> str | None:
@@ -253,16 +250,14 @@ def write_in_slabs(
                 file = netCDF4.Dataset(temporary, "w")
             except OSError as error:
                 if temporary.exists() and (fault := _access_fault(temporary, "give a path on another drive")):
-                    msg = f"{str(path)!r} can't be written: {fault}"
-                    raise WriteError(msg) from error
+                    raise WriteError(f"{str(path)!r} can't be written: {fault}") from error
                 raise
             with file:
                 _write(file, cube, blocks, slabs)
     except OutputError:  # what is written can't be read
         raise
     except (OSError, RuntimeError) as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+        raise WriteError(f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced") from error
     return target
 
 
@@ -392,15 +387,13 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     target, mode = _target(path)
     if mode is None and os.path.isfile(f"{target}{_UNFINISHED}"):
-        msg = (
+        raise OutputError(
             f"cube {str(path)!r} is not finished: its chunks wait in {f'{target}.parts'!r}; the same 'run' command "
             f"completes it, 'pounding-sweep info {path}' tells what is missing"
         )
-        raise OutputError(msg)
     if mode is None or not stat.S_ISREG(mode):
         what = "does not exist" if mode is None else "is not a file"
-        msg = f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'"
-        raise OutputError(msg)
+        raise OutputError(f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'")
     try:
         with NETCDF_LOCK:
             dataset = _open(target)
@@ -408,11 +401,10 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         raise unreadable("cube", path, error) from None
     if VERSION_ATTRIBUTE not in dataset.attrs:
         dataset.close()
-        msg = (
+        raise OutputError(
             f"{str(path)!r} is a netCDF file, but not one of this package (no attribute {VERSION_ATTRIBUTE!r}); "
             "give a file made by 'pounding-sweep run'"
         )
-        raise OutputError(msg)
     return dataset
 
 

@@ -62,16 +62,14 @@ def select(
     for axis, given in values.items():
         if axis in audit:
             more = "; variables are chosen by their names (--var of export)" if axis == "output" else ""
-            msg = f"{axis!r} is a dimension of the cube's audit, no axis of its scenarios{more}"
-            raise InputError(msg)
+            raise InputError(f"{axis!r} is a dimension of the cube's audit, no axis of its scenarios{more}")
         of_cases = [str(name) for name, label in cube.coords.items() if label.dims == (_CASE,) and name != _CASE]
         if axis not in (*cube.dims, *of_cases):
             raise InputError(unknown("axis", axis, (*(str(d) for d in cube.sizes if d not in audit), *of_cases)))
         there = cube[axis].values
         wanted = [given] if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) else given
         if not len(wanted):
-            msg = f"no value of {axis} is given; give one or several"
-            raise InputError(msg)
+            raise InputError(f"no value of {axis} is given; give one or several")
         if axis in of_cases:
             each, inverse = np.unique(there, return_inverse=True)
             found = [_place(axis, each, value) for value in wanted]
@@ -95,11 +93,11 @@ def _place(axis: str, there: np.ndarray, value: str | float) -> int:
         found = np.flatnonzero(np.isclose(there, number, rtol=NEAR, atol=0.0))
     if found.size > 1:
         near = ", ".join(map(repr, there[found[:_FEW]].tolist()))
-        msg = f"{axis} {shown(value)} is within {NEAR:g} of {found.size} values ({near}); give all figures of one"
-        raise InputError(msg)
+        raise InputError(
+            f"{axis} {shown(value)} is within {NEAR:g} of {found.size} values ({near}); give all figures of one"
+        )
     if not found.size:
-        msg = f"{axis} {shown(value)} is not on the axis; {_has(there, number)}"
-        raise InputError(msg)
+        raise InputError(f"{axis} {shown(value)} is not on the axis; {_has(there, number)}")
     return int(found[0])
 
 
@@ -111,8 +109,7 @@ def _number(axis: str, there: np.ndarray, value: str | float) -> float:
                 return int(value)
         return float(value) if there.dtype.kind == "f" or isinstance(value, str) else value + 0
     except (ValueError, TypeError, OverflowError):
-        msg = f"{axis} {shown(value)} is no number; {_has(there, np.nan)}"
-        raise InputError(msg) from None
+        raise InputError(f"{axis} {shown(value)} is no number; {_has(there, np.nan)}") from None
 
 
 def _has(there: np.ndarray, number: float) -> str:

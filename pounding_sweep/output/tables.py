@@ -50,8 +50,7 @@ def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
         if name not in cube.data_vars:
             raise InputError(unknown("variable", name, map(str, cube.data_vars)))
     if not cube.data_vars:
-        msg = "the cube has no variables; give one made by 'pounding-sweep run'"
-        raise InputError(msg)
+        raise InputError("the cube has no variables; give one made by 'pounding-sweep run'")
     return cube[requested or list(cube.data_vars)]
 
 
@@ -81,11 +80,10 @@ def with_histories(histories: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     requested = names or [str(name) for name, array in histories.data_vars.items() if TIME in array.dims]
     peaks = [name for name in requested if name in histories.data_vars and TIME not in histories[name].dims]
     if peaks:
-        msg = (
+        raise InputError(
             f"{', '.join(peaks)} {'has' if len(peaks) == 1 else 'have'} no history, and others have; export what "
             "has one and what has none apart, by --var"
         )
-        raise InputError(msg)
     return scenarios_of(histories, requested)
 
 
@@ -239,8 +237,7 @@ class ScenarioTable(WideTable):
 
     def __init__(self, cube: xr.Dataset, names: Sequence[str] = ()) -> None:
         if has_histories(cube):
-            msg = "this is one scenario with its histories; give a cube of a sweep"
-            raise InputError(msg)
+            raise InputError("this is one scenario with its histories; give a cube of a sweep")
         chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
         super().__init__(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)))
         self._audit = _AuditErrors(cube) if has_audit(cube) else None

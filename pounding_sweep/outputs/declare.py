@@ -55,8 +55,9 @@ def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:
     """Put a value for each floor, contact, ... where it belongs in a cube; no copy if there is one for every place."""
     values, places = np.asarray(values), _places(scene, per)
     if values.ndim == 0 or values.shape[-1] != len(places):
-        msg = f"the last dimension of the values must be the scene's {len(places)} {per}s, not shape {values.shape}"
-        raise InputError(msg)
+        raise InputError(
+            f"the last dimension of the values must be the scene's {len(places)} {per}s, not shape {values.shape}"
+        )
     sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
     inner = [sizes[dim] for dim in DIMS[per]]
     if places == list(range(math.prod(inner))):

@@ -83,8 +83,7 @@ def get_variable(name: str | Variable) -> Variable:
 def check_outputs(names: Iterable[str]) -> tuple[str, ...]:
     """Check the names of outputs, drop repeated ones and put them into the order of the registry."""
     if isinstance(names, str) or not isinstance(names, Iterable):
-        msg = f"outputs must be a list of names, not {names!r}; write [{names!r}] for a single one"
-        raise InputError(msg)
+        raise InputError(f"outputs must be a list of names, not {names!r}; write [{names!r}] for a single one")
     asked = {get_variable(name).name for name in names}
     return tuple(name for name in VARIABLES if name in asked)
 
@@ -120,8 +119,7 @@ def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
 def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Remove the values of scenarios that have none: diverged, refused or not run."""
     if "status" not in arrays:
-        msg = f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}"
-        raise InputError(msg)
+        raise InputError(f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}")
     status = np.asarray(arrays["status"])
     bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
     result: dict[str, np.ndarray] = {}

@@ -220,8 +220,9 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
             figure.savefig(path, dpi=DPI)
             figure.savefig(path.with_suffix(".svg"))
         except OSError as error:
-            msg = f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
-            raise OutputError(msg) from error
+            raise OutputError(
+                f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
+            ) from error
         pictures.append(Picture(one.number, one.title, path))
         progress.advance(1)
     return pictures

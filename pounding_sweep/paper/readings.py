@@ -125,19 +125,18 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
     try:
         scene = json.loads(cube.attrs["sweep"])["scene"]
     except (KeyError, ValueError):
-        msg = f"{name} does not say which scene it was run for; make it with 'pounding-sweep run sweeps/mate2015.toml'"
-        raise InputError(msg) from None
+        raise InputError(
+            f"{name} does not say which scene it was run for; make it with 'pounding-sweep run sweeps/mate2015.toml'"
+        ) from None
     lacking = [output for output in OUTPUTS if output not in cube]
     if lacking:
-        msg = f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml"
-        raise InputError(msg)
+        raise InputError(f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml")
     for reading in READINGS.values():
         spec = build_spec(scene=reading.preset, records="el_centro", laws="none")
         if json.loads(to_json(spec))["scene"] == scene:
             return reading
     presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
-    msg = (
+    raise InputError(
         f"{name} was run for another row of buildings; make it with 'pounding-sweep run sweeps/mate2015.toml', as the "
         f"report compares the presets {presets}"
     )
-    raise InputError(msg)

@@ -51,8 +51,9 @@ def write_report(contents: Mapping[str, Any], pictures: Sequence[Picture], path:
         with replacing(path) as temporary:
             temporary.write_text(page, encoding="utf-8")
     except OSError as error:
-        msg = f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
-        raise OutputError(msg) from error
+        raise OutputError(
+            f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
+        ) from error
     return path
 
 

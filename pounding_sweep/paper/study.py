@@ -118,8 +118,7 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     if by_reading:
         records, missing = _at_hand(list(by_reading.values()), records, missing)
         if not records:
-            msg = f"no record of the cubes can be used: {'; '.join(missing.values())}"
-            raise InputError(msg)
+            raise InputError(f"no record of the cubes can be used: {'; '.join(missing.values())}")
     else:
         by_reading = {key: sweep_of(reading, records).run(progress=progress) for key, reading in READINGS.items()}
     readings = [READINGS[key] for key in by_reading]
@@ -147,8 +146,9 @@ def _by_reading(cubes: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
     for number, cube in enumerate(cubes, start=1):
         key = reading_of(cube, f"cube {number}").key
         if key in by_reading:
-            msg = f"cube {number} is of the reading {READINGS[key].label!r}, as one before it; give one of each reading"
-            raise InputError(msg)
+            raise InputError(
+                f"cube {number} is of the reading {READINGS[key].label!r}, as one before it; give one of each reading"
+            )
         by_reading[key] = cube
     return {key: by_reading[key] for key in READINGS if key in by_reading}
 
@@ -179,18 +179,16 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
             continue
         at = np.flatnonzero(np.isclose(cube[axis].values, value, rtol=1e-9))
         if not len(at):
-            msg = (
+            raise InputError(
                 f"the cube has no {axis} of {value:g}, the paper's; its values are {cube[axis].values.tolist()}. "
                 "Make it with 'pounding-sweep run sweeps/mate2015.toml'"
             )
-            raise InputError(msg)
         cube = cube.isel({axis: int(at[0])}, drop=True)
     for axis, names in (("law", MATE2015_MODELS), ("record", RECORDS)):
         present = [name for name in names if name in cube[axis].values]
         if axis == "law" and len(present) < len(names):
             lacking = ", ".join(sorted(set(names) - set(present)))
-            msg = f"the cube lacks the laws {lacking}; run the sweep with laws 'mate2015'"
-            raise InputError(msg)
+            raise InputError(f"the cube lacks the laws {lacking}; run the sweep with laws 'mate2015'")
         cube = cube.sel({axis: present})
     return cube[[*OUTPUTS, "status"]].reset_coords(drop=True).load()
 

@@ -286,8 +286,7 @@ def advise(
         may_be = spec.method is None or SCHEMES[spec.method].ladder
         how = ", or measure them, from a clone: python -m benchmarks.calibrate" if may_be else ""
         whose = spec.method or "any scheme that runs this row"
-        msg = f"accuracy: no errors of {whose} were measured; give dt instead{how}"
-        raise SweepError(msg)
+        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead{how}")
     costs: dict[SchemeAndFormat, float] = {}
     best: tuple[SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray] | None = None
     reached: list[str] = []
@@ -301,12 +300,11 @@ def advise(
         if best is None or costs[scheme] < costs[best[0]]:
             best = scheme, need, steps, no_contact  # the steps of the others are let go
     if best is None:
-        msg = (
+        raise SweepError(
             f"accuracy {spec.accuracy:g} was not reached when errors were measured "
             f"({', '.join(reached)}); ask for less, for other laws or another method, or give dt and see the "
             "audit of the cube"
         )
-        raise SweepError(msg)
     scheme, need, steps, no_contact = best
     others = {name: cost / costs[scheme] for name, cost in costs.items() if name != scheme and costs[scheme] > 0}
     return Advice(
@@ -344,11 +342,10 @@ def _needed(
         similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
         places = [(*scheme, key, kind) for key in similar for kind in classes_of(spec.outputs)]
         if any(place not in measured.curves for place in places):
-            msg = (
+            raise SweepError(
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
                 "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
             )
-            raise SweepError(msg)
         curves = [measured.curves[place] for place in places]
         # the run that is kept has half the step
         ordered = not law.impulsive and spec.accuracy <= ORDERLY
@@ -427,8 +424,7 @@ class _Demand:
             steps[rows] = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
         for r, each in enumerate(spec.records):
             if fault := step_fault(each, float(most[r]) * each.dt):
-                msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
-                raise SweepError(msg)
+                raise SweepError(f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it")
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         np.maximum(steps, least[table.record, table.variant], out=steps)
         return steps, np.maximum(uncoupled, least).astype(np.int32)

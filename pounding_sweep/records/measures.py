@@ -145,8 +145,7 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
     import xarray as xr
 
     if not records:
-        msg = "no records: give at least one"
-        raise RecordError(msg)
+        raise RecordError("no records: give at least one")
     shape = (len(records), max(record.n_points for record in records))
     time, acceleration = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, record in enumerate(records):

@@ -204,8 +204,7 @@ def not_acceleration(quantity: str, where: str) -> str:
 
 def fail(path: Path, text: str) -> NoReturn:
     """Raise `RecordError` of a file."""
-    msg = f"{printable(str(path))}: {text}"
-    raise RecordError(msg)
+    raise RecordError(f"{printable(str(path))}: {text}")
 
 
 def in_quotes(word: str) -> str:
@@ -247,8 +246,7 @@ def load_text(file: Path, record: str) -> RecordText:
         status = file.stat()
     except FileNotFoundError:
         about = "check the path; by name alone a sweep finds records in the folders of POUNDING_SWEEP_RECORDS"
-        msg = f"{file}: no such file; {near_file(file)}{about}"
-        raise MissingRecordError(msg, record) from None
+        raise MissingRecordError(f"{file}: no such file; {near_file(file)}{about}", record) from None
     except (OSError, ValueError) as error:
         fail(file, f"can't be read: {getattr(error, 'strerror', None) or error}")
     if stat.S_ISDIR(status.st_mode):

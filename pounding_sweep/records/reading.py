@@ -88,11 +88,9 @@ def read_record(
     try:
         file = expanded(path, RecordError)
     except TypeError:
-        msg = f"a record's path must be a text or a path, not {shown(path)}"
-        raise RecordError(msg) from None
+        raise RecordError(f"a record's path must be a text or a path, not {shown(path)}") from None
     if pga is not None and scale != 1.0:
-        msg = f"{file}: scale={scale!r} and pga={pga!r} exclude each other; give one of them"
-        raise RecordError(msg)
+        raise RecordError(f"{file}: scale={scale!r} and pga={pga!r} exclude each other; give one of them")
     wanted = None if units is None else require_unit(units)
     step = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
     if layout is not None and layout not in LAYOUTS:

@@ -37,11 +37,9 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        msg = f"{what} must be a number, not {shown(value)}"
-        raise RecordError(msg) from None
+        raise RecordError(f"{what} must be a number, not {shown(value)}") from None
     if not math.isfinite(result) or (positive and result <= 0):
-        msg = f"{what} must be {'positive and ' if positive else ''}finite, not {shown(value)}"
-        raise RecordError(msg)
+        raise RecordError(f"{what} must be {'positive and ' if positive else ''}finite, not {shown(value)}")
     return result
 
 
@@ -55,22 +53,20 @@ def _samples(name: str, acceleration: Any) -> npt.NDArray[np.float64]:
             raise TypeError
         values = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        msg = f"record {name!r}: acceleration must be a sequence of real numbers in m/s2"
-        raise RecordError(msg) from None
+        raise RecordError(f"record {name!r}: acceleration must be a sequence of real numbers in m/s2") from None
     if values.ndim != 1:
-        msg = f"record {name!r}: acceleration has shape {values.shape}; give one component as a 1-D array in m/s2"
-        raise RecordError(msg)
+        raise RecordError(
+            f"record {name!r}: acceleration has shape {values.shape}; give one component as a 1-D array in m/s2"
+        )
     if values.size == 0:
-        msg = f"record {name!r} is empty; it needs at least 1 point"
-        raise RecordError(msg)
+        raise RecordError(f"record {name!r} is empty; it needs at least 1 point")
     bad = ~np.isfinite(values)
     if bad.any():
         nans = int(np.isnan(values).sum())
-        msg = (
+        raise RecordError(
             f"record {name!r}: {int(bad.sum())} of {values.size} accelerations are not finite ({nans} NaN, "
             f"{int(bad.sum()) - nans} inf), the first at index {int(bad.argmax())}; mend or cut the record"
         )
-        raise RecordError(msg)
     values += 0.0  # -0.0 becomes 0.0, so that equal motions have equal digests
     values.flags.writeable = False
     return values
@@ -122,11 +118,9 @@ class Record:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a record's name must be a non-empty text, not {shown(self.name)}"
-            raise RecordError(msg)
+            raise RecordError(f"a record's name must be a non-empty text, not {shown(self.name)}")
         if fault := label_fault(self.name):
-            msg = f'the record\'s name {shown(self.name)} {fault}; give it another one: name = "..."'
-            raise RecordError(msg)
+            raise RecordError(f'the record\'s name {shown(self.name)} {fault}; give it another one: name = "..."')
         object.__setattr__(self, "dt", number(self.dt, f"record {self.name!r}: dt (s)", positive=True))
         object.__setattr__(self, "scale", number(self.scale, f"record {self.name!r}: scale"))
         object.__setattr__(self, "source", printable(str(self.source)))
@@ -206,8 +200,7 @@ class Record:
         """
         pga = number(pga, f"record {self.name!r}: the PGA to scale to (m/s2)", positive=True)
         if self.pga == 0:
-            msg = f"record {self.name!r} is zero throughout and can't be scaled to a PGA of {pga:g} m/s2"
-            raise RecordError(msg)
+            raise RecordError(f"record {self.name!r} is zero throughout and can't be scaled to a PGA of {pga:g} m/s2")
         return self.scaled(pga / self.pga)
 
     def renamed(self, name: str) -> Record:

@@ -20,8 +20,7 @@ _SEEDS = 2**64
 
 def _points(duration: float, dt: float) -> int:
     if duration / dt > MOST_POINTS:
-        msg = f"duration {duration:g} s at dt {dt:g} s is more than {MOST_POINTS} points; take a larger dt"
-        raise RecordError(msg)
+        raise RecordError(f"duration {duration:g} s at dt {dt:g} s is more than {MOST_POINTS} points; take a larger dt")
     return math.ceil(duration / dt * (1 - 1e-12)) + 1
 
 
@@ -29,11 +28,9 @@ def _steps(what: str, of: str, dt: float, coarsest: float, duration: float | Non
     """Return the numbers of the steps of a pulse; raises `RecordError` where they are too coarse or too few."""
     duration = length if duration is None else number(duration, "duration (s)", positive=True)
     if dt > coarsest * (1 + 1e-9):
-        msg = f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {coarsest:g} s"
-        raise RecordError(msg)
+        raise RecordError(f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {coarsest:g} s")
     if duration < length * (1 - 1e-9):
-        msg = f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that"
-        raise RecordError(msg)
+        raise RecordError(f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that")
     return np.arange(_points(duration, dt))
 
 
@@ -105,8 +102,7 @@ def synthetic_record(
     Record('synthetic-1', 2001 points, dt=0.01 s, PGA 2 m/s2)
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < _SEEDS:
-        msg = f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}"
-        raise RecordError(msg)
+        raise RecordError(f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}")
     numbers = {
         "duration (s)": duration,
         "dt (s)": dt,
@@ -120,14 +116,15 @@ def synthetic_record(
     duration, dt, pga, wg, zg, wf, zf, end_level = (number(x, what, positive=True) for what, x in numbers.items())
     rise, strong = number(rise, "rise"), number(strong, "strong")
     if duration < dt:
-        msg = f"duration must be at least dt = {dt:g} s, not {duration:g} s"
-        raise RecordError(msg)
+        raise RecordError(f"duration must be at least dt = {dt:g} s, not {duration:g} s")
     if rise < 0 or strong < 0 or rise + strong > 1 or end_level > 1:
-        msg = f"rise={rise:g} and strong={strong:g} must be >= 0 with a sum <= 1, and end_level={end_level:g} <= 1"
-        raise RecordError(msg)
+        raise RecordError(
+            f"rise={rise:g} and strong={strong:g} must be >= 0 with a sum <= 1, and end_level={end_level:g} <= 1"
+        )
     if wg >= math.pi / dt:
-        msg = f"ground_frequency {wg:g} rad/s is above the Nyquist frequency {math.pi / dt:g} rad/s; take a smaller dt"
-        raise RecordError(msg)
+        raise RecordError(
+            f"ground_frequency {wg:g} rad/s is above the Nyquist frequency {math.pi / dt:g} rad/s; take a smaller dt"
+        )
     n = _points(duration, dt)
     # Filtering on a circle of twice the length makes a stationary process: no start-up transient to wait for.
     size = 2 ** max(4, (2 * n - 1).bit_length())
@@ -319,8 +316,7 @@ def near_fault_record(
     cycles = number(cycles, "cycles")
     dt, phase = number(dt, "dt (s)", positive=True), number(phase, "phase (degrees)")
     if cycles <= 1.0:
-        msg = f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1"
-        raise RecordError(msg)
+        raise RecordError(f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1")
     length = cycles * period
     time = _steps("near-fault pulse", f"period {period:g} s", dt, period / _STEPS_PER_PULSE, duration, length) * dt
     x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)

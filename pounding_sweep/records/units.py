@@ -82,8 +82,7 @@ def require_unit(text: object) -> str:
     """Find the unit of `UNITS` that `text` spells, or raise `RecordError`."""
     unit = match_unit(text) if isinstance(text, str) else None
     if unit is None:
-        msg = unknown("acceleration unit", text, [*UNITS, "gal", "m/s^2", "m/s**2", "cm/s^2", "cm/s/s"])
-        raise RecordError(msg)
+        raise RecordError(unknown("acceleration unit", text, [*UNITS, "gal", "m/s^2", "m/s**2", "cm/s^2", "cm/s/s"]))
     return unit
 
 
@@ -177,13 +176,11 @@ def choose_unit(
     remedy = f"give units= one of {', '.join(map(repr, UNITS))}"
     if len(units) > 1 or (units and unreadable):
         both = " and ".join(f"{item.text!r} ({item.where})" for item in (*units.values(), *unreadable.values()))
-        msg = f"states several units: {both}; {remedy}"
-        raise RecordError(msg)
+        raise RecordError(f"states several units: {both}; {remedy}")
     if units:
         ((unit, item),) = units.items()
         return unit, item.where
     if default and not unreadable:
         return default
     header = ", ".join(f"{item.text!r} ({item.where})" for item in unreadable.values()) or shown
-    msg = f"its units are not known{f'; its header says {header}' if header else ''}; {remedy}"
-    raise RecordError(msg)
+    raise RecordError(f"its units are not known{f'; its header says {header}' if header else ''}; {remedy}")

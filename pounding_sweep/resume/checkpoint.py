@@ -154,8 +154,9 @@ class ChunkStore:
         except OSError as error:
             if isinstance(error, OutputError):
                 raise
-            msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
-            raise OutputError(msg) from error
+            raise OutputError(
+                f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
+            ) from error
         return self
 
     def _check(self) -> bool:
@@ -169,12 +170,11 @@ class ChunkStore:
             there = found.get("details")
             differing = differing_in(there if isinstance(there, dict) else {}, self.details)
             what = f"they differ in {', '.join(differing)}; " if differing else ""
-            msg = (
+            raise OutputError(
                 f"the chunks in {str(self.folder)!r} belong to another sweep: {what}identity "
                 f"{str(found.get('identity'))[:12]!r} there, {self.identity[:12]!r} here. "
                 "Give another output path, go back to the sweep that began there, or remove the folder"
             )
-            raise OutputError(msg)
         return True
 
     def _identity(self) -> dict[str, Any] | None:
@@ -188,19 +188,18 @@ class ChunkStore:
             others = self._others()
             if not others or IDENTITY in others:  # another run has begun there just now
                 return None
-            msg = (
+            raise OutputError(
                 f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
                 f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
-            )
-            raise OutputError(msg) from None
+            ) from None
         except NotADirectoryError:
-            msg = f"{str(self.folder)!r} is not a folder; give another output path"
-            raise OutputError(msg) from None
+            raise OutputError(f"{str(self.folder)!r} is not a folder; give another output path") from None
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
         except (ValueError, TypeError):
-            msg = f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
-            raise OutputError(msg) from None
+            raise OutputError(
+                f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
+            ) from None
 
     def _manifest_text(self) -> bytes:
         try:
@@ -304,8 +303,7 @@ class ChunkStore:
             table_checksum = zlib.crc32(np.ascontiguousarray(table).view(np.uint8).data)
             checksum = zlib.crc32(self.rows(key).data, table_checksum)
             if checksum != entry["crc32"]:
-                msg = f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}"
-                raise ChunkCorrupt(msg)
+                raise ChunkCorrupt(f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}")
             self._checked.add(key)
         return table
 
@@ -338,5 +336,4 @@ class ChunkStore:
             for path in paths:
                 path.unlink(missing_ok=True)
         except OSError as error:
-            msg = f"{error.filename!r} can't be removed ({error.strerror}); remove it by hand"
-            raise OutputError(msg) from error
+            raise OutputError(f"{error.filename!r} can't be removed ({error.strerror}); remove it by hand") from error

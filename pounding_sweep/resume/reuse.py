@@ -44,18 +44,16 @@ if TYPE_CHECKING:
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest: str) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
     if "merged_from" in cube.attrs and not set(MAKER_ATTRIBUTES) <= set(cube.attrs):
-        msg = (
+        raise InputError(
             f"{path!r} can't be extended: it was merged from cubes that several states of the package's source, or "
             "several versions of numba, llvmlite or numpy, made (see its merged_from). Extend those of them that the "
             "installed ones made, or run the sweep without it"
         )
-        raise InputError(msg)
     if "sweep" not in cube.attrs or "status" not in cube.data_vars or SOURCE_ATTRIBUTE not in cube.attrs:
-        msg = (
+        raise InputError(
             f"{path!r} does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
             f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
         )
-        raise InputError(msg)
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
     free = AXIS_KEYS | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
     sweeps = differing_laws(there, here) + [
@@ -75,11 +73,10 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest
     ):
         differing = [f"{what} is {shown(old)} there and {shown(new)} here" for what, old, new in each if old != new]
         if differing:
-            msg = (
+            raise InputError(
                 f"{path!r} can't be extended by this sweep: {'; '.join(differing)}. "
                 f"{remedy}, or run the sweep without it"
             )
-            raise InputError(msg)
 
 
 def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
@@ -110,8 +107,7 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     scene = spec.scene
     names = [name for name in cube_variables(spec.outputs) if VARIABLES[name].exists_in(scene)]
     if missing := [name for name in names if name not in cube.data_vars]:
-        msg = f"{path!r} has no variable {', '.join(missing)}; give a cube of a sweep with the same outputs"
-        raise InputError(msg)
+        raise InputError(f"{path!r} has no variable {', '.join(missing)}; give a cube of a sweep with the same outputs")
     labels = {
         "building": [building.name for building in scene.buildings],
         "pair": list(scene.pair_labels),
@@ -262,8 +258,7 @@ class EarlierCube:
         elif spec.accuracy is not None and ran != [plan.numerics.method, plan.numerics.precision]:
             what = f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
         if what:
-            msg = f"{self.path!r} can't be extended: {what}; run the sweep without it"
-            raise InputError(msg)
+            raise InputError(f"{self.path!r} can't be extended: {what}; run the sweep without it")
 
     def _slab(self, cube: xr.Dataset, where: Mapping[str, slice], kind: np.dtype) -> np.ndarray:
         """Return the results of scenarios that lie side by side as rows of a table."""

@@ -132,15 +132,17 @@ def survey(folder: Path) -> Survey:
         if (folder / EXPECTED).exists():
             _count(found, json.loads((folder / EXPECTED).read_bytes()))
     except FileNotFoundError:
-        msg = f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
-        raise OutputError(msg) from None
+        raise OutputError(
+            f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
+        ) from None
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(unreadable(folder, error)) from None
     except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
-        msg = f"what {str(folder)!r} says of itself can't be read ({error}); run the sweep again, or remove the folder"
-        raise OutputError(msg) from None
+        raise OutputError(
+            f"what {str(folder)!r} says of itself can't be read ({error}); run the sweep again, or remove the folder"
+        ) from None
     return found
 
 

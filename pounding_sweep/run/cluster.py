@@ -65,11 +65,10 @@ def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
         try:
             client = Client(scheduler, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:  # the last two: of tls:// and ucx://
-            msg = (
+            raise ClusterError(
                 f"no dask scheduler answers at {scheduler!r} ({error}); start one with 'dask scheduler' and give the "
                 "address that it prints, or run with the scheduler 'threads'"
-            )
-            raise ClusterError(msg) from None
+            ) from None
         with client:
             yield client
         return
@@ -259,11 +258,10 @@ class ClusterWorkers:
         try:
             self.client.run_on_scheduler(fingerprint)
         except (ImportError, AttributeError) as error:
-            msg = (
+            raise ClusterError(
                 f"the dask scheduler at {self.client.scheduler.address!r} can't load the package ({error}); install "
                 f"{fingerprint()} in its environment, as here"
-            )
-            raise ClusterError(msg) from None
+            ) from None
         except OSError as error:
             raise self._gone(error) from None
 
@@ -314,11 +312,10 @@ class ClusterWorkers:
         if now - self._alone_since > ALONE_SECONDS:
             if self._unfit and not self._unanswered:
                 address, versions = next(iter(self._unfit.items()))
-                msg = (
+                raise ClusterError(
                     f"none of the {len(self._unfit)} dask workers can take part: {address} has {versions}; it must be "
                     f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
                 )
-                raise ClusterError(msg)
             where = self.client.scheduler.address
             msg = f"no workers at {where}; waiting for some to join"
             if self._unanswered:

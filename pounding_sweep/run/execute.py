@@ -92,26 +92,26 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     if not is_client(scheduler):
         _check_name(scheduler)
     elif getattr(scheduler, "asynchronous", False):
-        msg = "the dask client is asynchronous; give one made without asynchronous=True, or the scheduler's address"
-        raise InputError(msg)
+        raise InputError(
+            "the dask client is asynchronous; give one made without asynchronous=True, or the scheduler's address"
+        )
     if scheduler == "processes":
         check_main_guard()
     if workers is None:
         return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
     if not isinstance(workers, int | np.integer) or workers < 1:
-        msg = f"workers = {workers!r} must be a whole number, at least 1"
-        raise InputError(msg)
+        raise InputError(f"workers = {workers!r} must be a whole number, at least 1")
     return int(workers)
 
 
 def _check_name(scheduler: object) -> None:
     """Raise `InputError` unless a text names a scheduler."""
     if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
-        msg = unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"])
-        raise InputError(msg)
+        raise InputError(unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"]))
     if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
-        msg = f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
-        raise InputError(msg)
+        raise InputError(
+            f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
+        )
 
 
 def check_main_guard() -> None:
@@ -128,12 +128,11 @@ def check_main_guard() -> None:
     has_guard = any("__name__" in each for each in lines)
     if not line or (has_guard and (line[0].isspace() or "__name__" in line)):
         return
-    msg = (
+    raise RunError(
         f"{file}:{lines.index(line) + 1}: the new processes import this script and would run this line again. Put it "
         f'below a guard:\n\n    if __name__ == "__main__":\n        {line.strip()}\n\n'
         'or run with scheduler="threads"'
     )
-    raise RunError(msg)
 
 
 def dispatcher_for(

@@ -26,13 +26,11 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
     """Return the scenario in the middle of a sweep, or a listed case and its number: values by `selectors`."""
     if spec.cases is None:
         if case is not None:
-            msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
-            raise InputError(msg)
+            raise InputError(f"case {case} is not there; the sweep is a product of axes, choose by their values")
         law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
         return {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values} | {"law": law}
     if case is not None and not 1 <= case <= len(spec.cases):
-        msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
-        raise InputError(msg)
+        raise InputError(f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}")
     case = case or next((i for i, item in enumerate(spec.cases, 1) if spec.law(item.law).has_contact), 1)
     listed = spec.cases[case - 1]
     values = {name: _value(listed, *field) for name, field in selectors(spec).items()}
@@ -73,8 +71,7 @@ def _checked(spec: SweepSpec, choice: Mapping[str, Any]) -> dict[str, Any]:
             axis.check(value, (), "")
     for column in COLUMNS:
         if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
-            msg = f"{' and '.join(ways)} exclude each other; give one of them"
-            raise InputError(msg)
+            raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
     return choice
 
 
@@ -185,12 +182,11 @@ def _check_unit(spec: SweepSpec, scenario: Mapping[str, Any], law: Law) -> None:
     stiffness, exponent = scenario.get("stiffness"), spec.law(scenario["law"]).exponent
     if stiffness is None or exponent is None or law.exponent is None or exponent == law.exponent:
         return
-    msg = (
+    raise InputError(
         f"the stiffness of this scenario, {stiffness:g} {_unit(exponent)}, is that of law {scenario['law']!r}, and law "
         f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor on "
         "the scene's reference"
     )
-    raise InputError(msg)
 
 
 def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mapping[str, Any]) -> Iterator[str]:

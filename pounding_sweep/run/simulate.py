@@ -127,8 +127,9 @@ def simulate(
         if gaps is not None:
             row = replace(row, gaps=[gaps] * len(row.gaps) if isinstance(gaps, int | float) else gaps)
         if law is None and row.gaps:
-            msg = f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
-            raise InputError(msg)
+            raise InputError(
+                f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
+            )
     contact = find_law(law or "none")
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
@@ -156,17 +157,15 @@ def simulate(
     steps = int(plan.steps[0])
     if output_step is not None:
         if not (math.isfinite(output_step) and output_step > 0.0):
-            msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
-            raise InputError(msg)
+            raise InputError(f"output_step is {output_step!r}; it must be a positive number of seconds")
         steps = max(steps, math.ceil(motion.dt / output_step * (1.0 - 1e-9)))
     limit = float(plan.limit[0])
     if motion.dt / steps > limit and not force_unstable:
-        msg = (
+        raise StabilityError(
             f"the step {motion.dt / steps:.6g} s is beyond the stability limit of {plan.numerics.method} for this "
             f"scene and contact stiffness; give dt <= {limit:.6g} s, {plan.numerics.scheme.without_limit} or "
             "force_unstable=True"
         )
-        raise StabilityError(msg)
     kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
     values = run_scenarios(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step"))
     states, step = values.pop(STATES)[0], float(values.pop("time_step")[0])
@@ -227,16 +226,16 @@ def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
     """Return the velocity (m/s) of each floor, of one number or one for each floor of every building."""
     buildings = scene.buildings
     if len(given) != len(buildings):
-        msg = f"initial_velocity has {len(given)} entries for {len(buildings)} buildings; give one per building (m/s)"
-        raise InputError(msg)
+        raise InputError(
+            f"initial_velocity has {len(given)} entries for {len(buildings)} buildings; give one per building (m/s)"
+        )
     result: list[float] = []
     for building, values in zip(buildings, given, strict=True):
         floors = np.asarray(values, dtype=float)
         if floors.shape not in ((), (building.n_storeys,)) or not np.isfinite(floors).all():
-            msg = (
+            raise InputError(
                 f"initial_velocity of building {building.name!r} is {values!r}; "
                 f"give {building.n_storeys} finite numbers (m/s), bottom first"
             )
-            raise InputError(msg)
         result += np.broadcast_to(floors, building.n_storeys).tolist()
     return tuple(result)

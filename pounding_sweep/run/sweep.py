@@ -246,8 +246,9 @@ class Sweep:
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
-                msg = f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
-                raise WriteError(msg) from error
+                raise WriteError(
+                    f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
+                ) from error
             finally:
                 progress.close()
             outcome.results.let_go()
@@ -283,11 +284,10 @@ def _check_results(outcome: Outcome, target: Path) -> None:
 
     status = outcome.results.status
     if outcome.failures and ((status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)).all():
-        msg = (
+        raise RunError(
             f"no scenario has a result, all {len(outcome.failures)} chunks failed ({outcome.failures[0]}): "
             f"{str(target)!r} stays as it was; see to what failed and run again"
         )
-        raise RunError(msg)
 
 
 def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
@@ -297,12 +297,11 @@ def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
 
     free = free_memory()
     if scenarios * each > free.bytes:
-        msg = (
+        raise SweepError(
             f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
             f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
             "or go where more is free"
         )
-        raise SweepError(msg)
 
 
 def load_sweep(

@@ -81,8 +81,7 @@ def check_laws_restitution(value: float, laws: Sequence[Law], basis: str) -> Non
             refused.append(f"law {law.key!r} ({realised_validity(law) if realised else law.validity})")
     if refused:
         fault = "can't be realised by" if realised else "is outside the validity of"
-        msg = f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out"
-        raise LawError(msg)
+        raise LawError(f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out")
 
 
 #: Property of `ContactProperties` that holds a force exponent's reference stiffness.

@@ -18,8 +18,7 @@ _LEAST_WITHIN = 1e-6
 def _above_low(high: float | None, info: ValidationInfo) -> float | None:
     low = info.data.get("low")
     if high is not None and low is not None and low >= high:
-        msg = f"is {high!r}; it must be above low = {low!r}"
-        raise InputError(msg)
+        raise InputError(f"is {high!r}; it must be above low = {low!r}")
     return high
 
 
@@ -54,8 +53,7 @@ class Distribution(Table):
     def _has_width(self) -> Distribution:
         first, last = self.within
         if last - first < _LEAST_WITHIN:
-            msg = f"has less than {_LEAST_WITHIN:g} of itself between low and high; give wider ends"
-            raise InputError(msg)
+            raise InputError(f"has less than {_LEAST_WITHIN:g} of itself between low and high; give wider ends")
         return self
 
 

@@ -83,8 +83,9 @@ class Table(BaseModel):
     @classmethod
     def _in_our_words(cls, given: Any, read: ModelWrapValidatorHandler[Any]) -> Any:
         if not isinstance(given, dict):
-            msg = f"must be a {cls.model_config['title']} of {', '.join(cls.model_fields)}, not {shown(given)}"
-            raise InputError(msg)
+            raise InputError(
+                f"must be a {cls.model_config['title']} of {', '.join(cls.model_fields)}, not {shown(given)}"
+            )
         with Faults() as faults:
             try:
                 return read(given)
@@ -148,8 +149,7 @@ def number_check(what: str, **bounds: float) -> Callable[[Any], float]:
         try:
             return validate(value)
         except ValidationError:
-            msg = f"{shown(value)} won't do; it must be a {field.description}"
-            raise InputError(msg) from None
+            raise InputError(f"{shown(value)} won't do; it must be a {field.description}") from None
 
     return check
 

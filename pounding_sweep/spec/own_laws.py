@@ -34,22 +34,20 @@ def _checked(law: Law) -> Law:
         return LAWS[law.key]
     where = f"law {law.key!r}" + (f" of {law.source}" if law.source else "")
     if law.key in LAWS or law.key in LAW_GROUPS:
-        msg = f"{where} has the key of a law or group that is there already; give it another key"
-        raise LawError(msg)
+        raise LawError(f"{where} has the key of a law or group that is there already; give it another key")
     if law.damping not in ("none", "viscous", "elastic") or law.exponent is None:
-        msg = f"{where} has damping {law.damping!r} and exponent {law.exponent}; a law of your own has a force"
-        raise LawError(msg)
+        raise LawError(
+            f"{where} has damping {law.damping!r} and exponent {law.exponent}; a law of your own has a force"
+        )
     if law.number is not None and not isinstance(law.number, str):
-        msg = (
+        raise LawError(
             f"{where} gives its damping number as a function; give it as text, a formula of e such as "
             "number='1.5*(1 - e)': it then belongs to the sweep, and goes to every worker"
         )
-        raise LawError(msg)
     reference = law.reference_stiffness
     if reference is not None and not (isinstance(reference, int | float) and 0.0 < reference < float("inf")):
         unit = law.stiffness_unit
-        msg = f"{where} has the reference_stiffness {shown(reference)}; it must be a positive number ({unit})"
-        raise LawError(msg)
+        raise LawError(f"{where} has the reference_stiffness {shown(reference)}; it must be a positive number ({unit})")
     return law
 
 
@@ -57,12 +55,12 @@ def _load(given: str, base: Path | None) -> Law:
     """Run a law file and return the law of that name."""
     path, _, name = given.rpartition(":")
     if not path.endswith(".py") or not name.isidentifier():
-        msg = f"{given!r} names no law of a file; give FILE.py:NAME, such as mylaws.py:my_law"
-        raise LawError(msg)
+        raise LawError(f"{given!r} names no law of a file; give FILE.py:NAME, such as mylaws.py:my_law")
     file = expanded(path) if base is None else Path(base) / expanded(path)
     if not file.is_file():
-        msg = f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
-        raise LawError(msg)
+        raise LawError(
+            f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
+        )
     try:
         found = runpy.run_path(str(file), run_name=file.stem)
     except (Exception, SystemExit) as error:  # a user's file may raise anything
@@ -70,13 +68,11 @@ def _load(given: str, base: Path | None) -> Law:
         lines += [error.lineno] if isinstance(error, SyntaxError) and error.filename == str(file) else []
         said = f"{type(error).__name__}: {error.msg if isinstance(error, SyntaxError) else error}"
         said = str(error) if isinstance(error, LawError) else said
-        msg = f"law file {file!s}{f':{lines[-1]}' if lines else ''}: {said}"
-        raise LawError(msg) from None
+        raise LawError(f"law file {file!s}{f':{lines[-1]}' if lines else ''}: {said}") from None
     law = found.get(name)
     if not isinstance(law, Law):
         there = [key for key, each in found.items() if isinstance(each, Law)]
         what = f"{name} is {shown(law)}, no Law" if name in found else f"there is no {name!r}"
-        msg = f"law file {file!s}: {what}; laws in it: {', '.join(there) or 'none (see pounding_sweep.Law)'}"
-        raise LawError(msg)
+        raise LawError(f"law file {file!s}: {what}; laws in it: {', '.join(there) or 'none (see pounding_sweep.Law)'}")
     object.__setattr__(law, "source", f"{file}:{name}")
     return law

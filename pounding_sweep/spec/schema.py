@@ -72,8 +72,7 @@ _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
 def _check_title(value: str) -> str:
     if fault := label_fault(value, LONGEST_TITLE):
-        msg = f"{shown(value)} {fault}; give one line"
-        raise InputError(msg)
+        raise InputError(f"{shown(value)} {fault}; give one line")
     return value
 
 
@@ -86,8 +85,7 @@ def _check_outputs(value: Any) -> tuple[str, ...]:
     items = listed(value, (str,))
     if not items:
         what = f"must be a name or a list of names, not {shown(value)}" if items is None else "is empty"
-        msg = f"{what}; give variables, 'default' or 'all'"
-        raise InputError(msg)
+        raise InputError(f"{what}; give variables, 'default' or 'all'")
     found = read_each(items, lambda name: check_outputs([name])[0], single=isinstance(value, str))
     return tuple(check_outputs(found))
 
@@ -201,8 +199,7 @@ def _law_faults(scene: Scene, law: Law) -> Iterator[str]:
 
 def _no_axis(value: Any) -> None:
     if value is not None:
-        msg = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
-        raise InputError(msg)
+        raise InputError("listed cases take the place of laws and axes; leave it out, or leave out the cases")
 
 
 class _Reader:
@@ -265,15 +262,13 @@ class _Reader:
         if isinstance(value, str):
             return get_preset(value)
         if not isinstance(value, Scene):
-            msg = f"must be a Scene or the name of a preset, not {shown(value)}"
-            raise InputError(msg)
+            raise InputError(f"must be a Scene or the name of a preset, not {shown(value)}")
         return value
 
     def _records(self, value: Any) -> list[Record]:
         items = listed(value, (Record, str, os.PathLike, dict))
         if not items:
-            msg = "no records: a sweep of zero scenarios; give records, names or files"
-            raise InputError(msg)
+            raise InputError("no records: a sweep of zero scenarios; give records, names or files")
         found = read_each(
             enumerate(items),
             lambda pair: self._resolve(*pair),
@@ -281,8 +276,7 @@ class _Reader:
             remedy="give it another name",
         )
         if self.left_out and not found:
-            msg = f"none is left: {', '.join(self.left_out)} missing; get at least one of them"
-            raise InputError(msg)
+            raise InputError(f"none is left: {', '.join(self.left_out)} missing; get at least one of them")
         return [record for _, record in found.values()]
 
     def _resolve(self, index: int, item: Any) -> list[Record]:
@@ -305,14 +299,12 @@ class _Reader:
         if text and not names_file(text) and text not in LAWS:
             if text in known:  # of a file that was named before
                 return known[text]
-            msg = f"{unknown('contact law', value, LAWS)}{groups}, or a law of your own as FILE.py:NAME"
-            raise InputError(msg)
+            raise InputError(f"{unknown('contact law', value, LAWS)}{groups}, or a law of your own as FILE.py:NAME")
         law = self.files.get(text) or find_law(value, self.given["base"])
         if text:
             self.files[text] = law
         if known.get(law.key, law) != law:
-            msg = f"law {law.key!r} is another one than that of the same key before; give it another key"
-            raise InputError(msg)
+            raise InputError(f"law {law.key!r} is another one than that of the same key before; give it another key")
         for fault in _law_faults(self.scene, law) if self.scene is not None else ():
             raise InputError(fault)
         return law
@@ -324,12 +316,10 @@ class _Reader:
             return
         items = listed(value, (str, Law)) if value is not None else []
         if items is None:
-            msg = f"must be a name or a list of names, not {shown(value)}"
-            raise InputError(msg)
+            raise InputError(f"must be a name or a list of names, not {shown(value)}")
         if not items:
             what = "is missing" if value is None else "is empty: a sweep of zero scenarios"
-            msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
-            raise InputError(msg)
+            raise InputError(f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015")
 
         def read(item: Any) -> list[Law]:
             names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
@@ -362,15 +352,12 @@ class _Reader:
         if is_number(value):
             value = [value]
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-            msg = f"must be a number or a list of numbers ({axis.noun}), not {shown(value)}"
-            raise InputError(msg)
+            raise InputError(f"must be a number or a list of numbers ({axis.noun}), not {shown(value)}")
         values = list(itertools.islice(value, MAX_AXIS + 1))  # it may be endless
         if not values:
-            msg = "is empty: a sweep of zero scenarios; give at least one value or leave it out"
-            raise InputError(msg)
+            raise InputError("is empty: a sweep of zero scenarios; give at least one value or leave it out")
         if len(values) > MAX_AXIS:
-            msg = f"has more than {MAX_AXIS} values; give at most as many"
-            raise InputError(msg)
+            raise InputError(f"has more than {MAX_AXIS} values; give at most as many")
         return values
 
     def _values(self, sequence: Range | list[Any], axis: Axis) -> tuple[float, ...]:
@@ -425,8 +412,7 @@ class _Reader:
         if value is None:
             return None
         if self.listing:
-            msg = "a design and listed cases exclude each other; give one of them"
-            raise InputError(msg)
+            raise InputError("a design and listed cases exclude each other; give one of them")
         by_name = {axis.dimension: name for name, axis in AXES.items() if not axis.by_building} | {RECORD: "records"}
         valid = (*by_name, *FACTOR_KINDS, "building")
         with Faults() as faults:
@@ -457,8 +443,7 @@ class _Reader:
             faults.found += [(("inputs", *place), text) for place, text in with_place.found]
         design = Design(table["kind"], table["samples"], table["seed"], named_inputs(drawn))
         if len(design) > MAX_AXIS:
-            msg = f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep"
-            raise InputError(msg)
+            raise InputError(f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep")
         with Faults() as faults:
             for i, entry in enumerate(design.inputs):
                 values = design.values(i, ()) if entry.distribution else []
@@ -552,8 +537,9 @@ class _Reader:
         if values is None:
             return _GAP_OR_GAPS(value)
         if self.scene is not None and len(values) != len(self.scene.gaps):
-            msg = f"{len(values)} gaps for {len(self.scene.gaps)} pairs ({', '.join(self.scene.pair_names)})"
-            raise InputError(msg)
+            raise InputError(
+                f"{len(values)} gaps for {len(self.scene.gaps)} pairs ({', '.join(self.scene.pair_names)})"
+            )
         with Faults() as faults:
             return tuple(faults.attempt((i,), AXES["gaps"].check, item) for i, item in enumerate(values))
 
@@ -604,14 +590,11 @@ class _Reader:
             return None
         items = None if isinstance(value, Case) else listed(value)
         if items is None:
-            msg = f"must be a list of cases, not {shown(value)}"
-            raise InputError(msg)
+            raise InputError(f"must be a list of cases, not {shown(value)}")
         if not items:
-            msg = "is empty: a sweep of zero scenarios; list at least one case or give axes"
-            raise InputError(msg)
+            raise InputError("is empty: a sweep of zero scenarios; list at least one case or give axes")
         if len(items) > MAX_SCENARIOS:
-            msg = f"{len(items)} cases are too many; give at most {MAX_SCENARIOS}"
-            raise InputError(msg)
+            raise InputError(f"{len(items)} cases are too many; give at most {MAX_SCENARIOS}")
 
         def record_of(item: Any) -> Any:
             return item.get("record") if isinstance(item, dict) else getattr(item, "record", None)
@@ -620,8 +603,7 @@ class _Reader:
         if len(remaining) < len(items):
             text = f"{len(items) - len(remaining)} of {len(items)} listed cases name records that are missing"
             if not remaining:
-                msg = f"none is left: {text}"
-                raise InputError(msg)
+                raise InputError(f"none is left: {text}")
             text += "; they are left out too, and the others are numbered anew"
             warnings.warn(text, UserWarning, stacklevel=2)
         seen: dict[Case, tuple[int, Case]] = {}

@@ -121,8 +121,7 @@ def check_accuracy(value: float) -> None:
     """Raise `SweepError` unless an accuracy was measured."""
     low, high = ACCURACY_RANGE
     if not low <= value <= high:
-        msg = f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
-        raise SweepError(msg)
+        raise SweepError(f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured")
 
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:

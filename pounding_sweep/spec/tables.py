@@ -128,8 +128,7 @@ class HertzTable(Table):
     @model_validator(mode="after")
     def _either(self) -> HertzTable:
         if self.radii is not None and not self.mass_1 is self.mass_2 is None:
-            msg = "radii and masses exclude each other; give mass_1 and mass_2, or radii"
-            raise InputError(msg)
+            raise InputError("radii and masses exclude each other; give mass_1 and mass_2, or radii")
         ContactProperties(hertz_stiffness=hertz_stiffness(**dict(self)))
         return self
 
@@ -145,8 +144,7 @@ class ContactTable(Table):
     @model_validator(mode="after")
     def _either(self) -> ContactTable:
         if self.hertz and self.hertz_stiffness is not None:
-            msg = "hertz and hertz_stiffness exclude each other; give one of them"
-            raise SceneError(msg, ("hertz",))
+            raise SceneError("hertz and hertz_stiffness exclude each other; give one of them", ("hertz",))
         return self
 
     @property
@@ -226,16 +224,14 @@ def read_scene(value: dict[str, Any], base: Path | None) -> Scene:
 def _reaches(count: int, info: ValidationInfo) -> int:
     start, stop = info.data.get("start"), info.data.get("stop")
     if count == 1 and start != stop:
-        msg = f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
-        raise InputError(msg)
+        raise InputError(f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2")
     return count
 
 
 def _spaces(spacing: str, info: ValidationInfo) -> str:
     start, stop = info.data.get("start"), info.data.get("stop")
     if spacing == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
-        msg = f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}"
-        raise InputError(msg)
+        raise InputError(f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}")
     return spacing
 
 
@@ -258,8 +254,9 @@ def read_range(value: Range | dict[str, Any]) -> Range:
 def _balanced(samples: int, info: ValidationInfo) -> int:
     kind, below = info.data.get("kind"), 1 << (samples.bit_length() - 1)
     if samples != below and kind in POWERS:
-        msg = f"{kind} points are balanced at powers of 2 only, and {samples} is none; give {below} or {2 * below}"
-        raise InputError(msg)
+        raise InputError(
+            f"{kind} points are balanced at powers of 2 only, and {samples} is none; give {below} or {2 * below}"
+        )
     return samples
 
 
@@ -297,11 +294,11 @@ def _scaled_to_spectrum(table: Any, record: Record) -> Record:
     if table.sa is None and table.sa_period is None:
         return record
     if table.sa is None or table.sa_period is None:
-        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
-        raise SweepError(msg)
+        raise SweepError(
+            "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        )
     if table.pga is not None or table.scale != 1.0:
-        msg = f"sa and {'pga' if table.pga is not None else 'scale'} exclude each other; give one of them"
-        raise SweepError(msg)
+        raise SweepError(f"sa and {'pga' if table.pga is not None else 'scale'} exclude each other; give one of them")
     from pounding_sweep.engine.spectrum import scaled_to_sa
 
     return scaled_to_sa(record, table.sa, table.sa_period)
@@ -315,8 +312,7 @@ def _read_path(table: Any, folder: Path, _folders: Folders) -> Record:
 def _read_named(table: Any, _folder: Path, folders: Folders) -> Record:
     record = find_record(table.record, folders)
     if table.pga is not None and table.scale != 1.0:
-        msg = "scale and pga exclude each other; give one of them"
-        raise SweepError(msg)
+        raise SweepError("scale and pga exclude each other; give one of them")
     record = record.scaled(table.scale) if table.pga is None else record.scaled_to(table.pga)
     record = _scaled_to_spectrum(table, record)
     return record if table.name is None else record.renamed(table.name)
@@ -342,7 +338,6 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     kinds = [kind for kind in RECORD_TABLES if isinstance(value, dict) and kind in value]
     if len(kinds) != 1:
         what = f"has {' and '.join(kinds)}" if kinds else f"{shown(value)} won't do"
-        msg = f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}"
-        raise InputError(msg)
+        raise InputError(f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}")
     table, read = RECORD_TABLES[kinds[0]]
     return read(table.model_validate(value), folder, folders)

@@ -45,11 +45,9 @@ def read_bounded(file: Path) -> bytes:
     """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end."""
     status = file.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # a folder can't be read: said below
-        msg = "not a regular file; save the sweep to a file first"
-        raise ValueError(msg)
+        raise ValueError("not a regular file; save the sweep to a file first")
     if status.st_size > MAX_FILE_BYTES:
-        msg = f"it has {status.st_size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges"
-        raise ValueError(msg)
+        raise ValueError(f"it has {status.st_size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
     return file.read_bytes()
 
 
@@ -58,15 +56,17 @@ def parse_bounded(text: str) -> dict[str, Any]:
     for token in _TOKEN.finditer(text):
         if token["key"]:
             line = text.count("\n", 0, token.start()) + 1
-            msg = f"line {line}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
-            raise ValueError(msg)
+            raise ValueError(
+                f"line {line}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
+            )
     try:
         data = tomllib.loads(text)
     except RecursionError:
         data = None
     if data is None or _is_deep(data):
-        msg = f"tables or arrays are more than {MAX_DEPTH} levels deep; those of sweep files are six at most"
-        raise ValueError(msg)
+        raise ValueError(
+            f"tables or arrays are more than {MAX_DEPTH} levels deep; those of sweep files are six at most"
+        )
     return data
 
 

@@ -74,11 +74,10 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
         scene = scene_of(stored_sweep(cube)["scene"])
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
             if cube.sizes.get(dim, 0) != count:
-                msg = (
+                raise InputError(
                     f"{what} is of the whole row, and this cube has {cube.sizes.get(dim, 0)} of {count} along {dim!r}; "
                     "make it of all, and select from the result"
                 )
-                raise InputError(msg)
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     result = {name: values(cube, name) for name in present(cube, (*TERMS, *BESIDE))}

@@ -151,11 +151,11 @@ def fragility(
     about = get_event(event, level)
     what = f"the fragility of {event!r}"
     if confidence is not None and not 0.0 < confidence < 1.0:
-        msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
-        raise InputError(msg)
+        raise InputError(
+            f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
+        )
     if not all(0.0 < q < 1.0 for q in quantiles):
-        msg = f"quantiles are {list(quantiles)}; of a fragility they must be between 0 and 1"
-        raise InputError(msg)
+        raise InputError(f"quantiles are {list(quantiles)}; of a fragility they must be between 0 and 1")
     if about.per == "pair":
         check_needs(cube, what, pairs=True, laws=1)
         cube = pounding_only(cube)
@@ -182,8 +182,7 @@ def fragility(
     order = (*apart, *(dim for dim in inner.dims if dim in one_dispersion))
     x = np.asarray(strength.values, dtype=float)
     if levels is None and x.max() <= 0.0:
-        msg = "every ground motion of this cube has intensity 0; run the sweep with scales above zero"
-        raise InputError(msg)
+        raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS) if levels is None else check_levels(levels, units)
     n_groups = int(np.prod([inner.sizes[dim] for dim in apart]))

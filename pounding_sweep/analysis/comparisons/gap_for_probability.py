@@ -170,8 +170,9 @@ def gap_for_probability(
         exact = _per_intensity(exact, strength, cube)
         level = labelled("intensity", _levels(levels, strength), name, units)
     elif levels is not None:
-        msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
-        raise InputError(msg)
+        raise InputError(
+            "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
+        )
     shares = labelled("probability", [*probabilities, *curve], "probability that the pair touches", "1")
     fit = _Lognormal(exact, confidence)
     whole = {f"gap{end}": part * level for end, part in fit.gaps(shares).items()}
@@ -184,8 +185,9 @@ def gap_for_probability(
         if not isinstance(intensity, xr.DataArray):
             check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
         if site.units not in ("", units):
-            msg = f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
-            raise InputError(msg)
+            raise InputError(
+                f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
+            )
         whole |= {f"gap_in_years{end}": part for end, part in fit.gaps_of_rate(site, shares, years).items()}
         about |= {"hazard": site.source, "years": years}
         if "row_gap" in gaps.coords:
@@ -220,11 +222,11 @@ def _text(name: str, confidence: float) -> str:
 def check_numbers(probabilities: Sequence[float], confidence: float = 0.95, years: float = YEARS) -> None:
     """Raise `InputError` unless probabilities are between 0 and 1 and the years are some."""
     if not len(probabilities) or not all(0.0 < p < 1.0 for p in (*probabilities, confidence)):
-        msg = f"probabilities are {list(probabilities)}, confidence is {confidence!r}; all must be between 0 and 1"
-        raise InputError(msg)
+        raise InputError(
+            f"probabilities are {list(probabilities)}, confidence is {confidence!r}; all must be between 0 and 1"
+        )
     if not (math.isfinite(years) and years > 0.0):
-        msg = f"years are {years!r}; give a number above 0, such as 50"
-        raise InputError(msg)
+        raise InputError(f"years are {years!r}; give a number above 0, such as 50")
 
 
 def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[float]:
@@ -237,17 +239,15 @@ def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[floa
 def _check_proportional(cube: xr.Dataset, gaps: xr.Dataset) -> None:
     """Raise `InputError` where required gaps do not grow with the intensity: storeys may yield, bumpers are thick."""
     if "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields):
-        msg = (
+        raise InputError(
             "required gaps of a row that yields do not grow in proportion to the intensity, so that those at others "
             "can't be told; leave the intensity and the hazard out, for gaps at each scale of the cube"
         )
-        raise InputError(msg)
     if "thickness" in gaps.coords:
-        msg = (
+        raise InputError(
             "bumpers take their thickness of the gap, so that the required gap does not grow in proportion to the "
             "intensity; leave them out of the row, and add their thickness to the gap that is found"
         )
-        raise InputError(msg)
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
@@ -266,12 +266,11 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
         wrong = (high - low > PROPORTIONAL * high).fillna(False).any([d for d in low.dims if d != "record"])
         if wrong.any():
             name = str(strength["record"].values[np.argmax(wrong.values)])
-            msg = (
+            raise InputError(
                 f"required gaps of record {name!r} do not grow in "
                 "proportion to its scale, so that those at other intensities can't be told; leave the intensity out, "
                 "for gaps at each scale of the cube"
             )
-            raise InputError(msg)
         parts[text] = part.mean(dim)
     if len(parts) == 1:
         return next(iter(parts.values()))

@@ -83,8 +83,7 @@ def impact_statistics(
     together = [dim for dim in dims if dim != "law"] if over is None else list(over)
     for name in together:
         if name not in dims:
-            msg = f"this cube has no axis {name!r} to take together; valid: {', '.join(dims) or 'none'}"
-            raise InputError(msg)
+            raise InputError(f"this cube has no axis {name!r} to take together; valid: {', '.join(dims) or 'none'}")
     if "law" in cube.coords and cube["law"].dims == ("case",) and "case" in together:
         laws = law_keys(cube)
         parts = [_statistics(of_law(cube, [law]), together, quantiles) for law in laws]

@@ -92,8 +92,7 @@ def required_gap(
     if isinstance(source, xr.Dataset):
         scene, runs = runs_of_cube(source, [] if records is None else records, folders)
     elif records is None:
-        msg = "the required gap of a row needs records: required_gap(scene, records)"
-        raise InputError(msg)
+        raise InputError("the required gap of a row needs records: required_gap(scene, records)")
     else:
         scene, runs = runs_of_row(source, records, folders)
     closing, (ends, thick) = values(runs, "closing_max"), _neighbours(scene, runs, factors)

@@ -91,8 +91,9 @@ def sensitivity(
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
     if not 0.0 < confidence < 1.0 or resamples < 1:
-        msg = f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
-        raise InputError(msg)
+        raise InputError(
+            f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
+        )
     design, groups = _groups(cube)
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
     default = [name for name in valid if name not in _ASIDE]
@@ -134,11 +135,10 @@ def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[str, str, str], np.nda
     placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
     if stored is None or stored["kind"] != "saltelli" or not placed:
         what = "of none" if stored is None else f'a part of one of kind "{stored["kind"]}"'
-        msg = (
+        raise InputError(
             f'Sobol indices need a design of kind "saltelli", and this cube is {what}; run a sweep with '
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
-        raise InputError(msg)
     design = design_of(stored)
     fixed = [_fixed(case, design) for case in sweep["cases"]]
     places: dict[tuple[tuple[str, str], ...], dict[tuple[str, int], int]] = {}
@@ -150,11 +150,10 @@ def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[str, str, str], np.nda
     for group, rows in places.items():
         own = dict(group)
         if len(rows) < len(whole):
-            msg = (
+            raise InputError(
                 f"{len(whole) - len(rows)} of the {len(whole)} points of the design with {own['law']} are not "
                 "in this part of the cube; give the whole cube"
             )
-            raise InputError(msg)
         others = {key: {dict(other).get(key) for other in places} - {None} for key in own}
         beside = (f"{key}={own[key]}" for key in own if key not in ("law", "record") and len(others[key]) > 1)
         label = own["law"], own.get("record", "drawn"), " ".join(beside)

@@ -178,8 +178,9 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
     axis = choose_axis(ratio, x or ("restitution" if ratio.sizes.get("restitution", 1) > 1 else None), but=["basis"])
     if axis is None:
-        msg = "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
-        raise InputError(msg)
+        raise InputError(
+            "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
+        )
     ratio, shown = select_default(ratio, ("law", "basis", axis.dim), ["ratio"], median=True)
     pairs = labels_with_values(peak.to_dataset(name=name), "pair", [name], panels=True)
     lines = ratio["ratio"].sel(pair=pairs).transpose("basis", "pair", "law", axis.dim)

@@ -30,8 +30,7 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
     n = motions.sizes["record"]
     if not n:
-        msg = "there is no record to draw; give at least one"
-        raise InputError(msg)
+        raise InputError("there is no record to draw; give at least one")
     columns = -(-n // _ROWS)
     rows = -(-n // columns)
     width = 4.6 if columns == 1 else 2.7 * columns
@@ -132,13 +131,13 @@ def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
         if np.isfinite(line).all():
             lines.append((", ".join(parts), line.values))
     if not lines:
-        msg = "there is no spectrum to draw: none holds finite numbers"
-        raise InputError(msg)
+        raise InputError("there is no spectrum to draw: none holds finite numbers")
     periods = values["period"].values
     if len(lines) > max(MOST_LINES, values.sizes.get("record", 0)):
         sizes = ", ".join(f"{size} {dim}" for dim, size in values.sizes.items() if dim != "period")
-        msg = f"{len(lines)} spectra in one panel can't be told apart: select at most {MOST_LINES} of {sizes}"
-        raise InputError(msg)
+        raise InputError(
+            f"{len(lines)} spectra in one panel can't be told apart: select at most {MOST_LINES} of {sizes}"
+        )
     if len(lines) > MOST_LINES:
         array = np.array([curve for _, curve in lines])
         ax.plot(periods, array.T, color="0.75", linewidth=0.6)

@@ -120,8 +120,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     check_trade(trade)
     chosen = trade.sel(population="steady", statistic="worst")
     if not np.isfinite(chosen["error"] * chosen["cost"]).any():
-        msg = "figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps"
-        raise InputError(msg)
+        raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
     outputs = leading_outputs(trade)
     figure, axes = subplots(1, len(outputs), (1.2 + 3.6 * len(outputs), 4.6))
     ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
