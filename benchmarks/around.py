@@ -25,7 +25,7 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.million import SWEEP
-from pounding_sweep.base.tables import bytes_text
+from pounding_sweep.base.text import bytes_text
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec
 from pounding_sweep.run.sweep import load_sweep

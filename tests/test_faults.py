@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from test_cli import LONG, ROOT, TINY, cli, environment, write
 
-from pounding_sweep.base.lock import HOLDER
+from pounding_sweep.base.files import HOLDER
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run.sweep import load_sweep

@@ -14,9 +14,9 @@ import pytest
 from scenes import AXES, motions, row
 from test_cli import bad, cli, edited, write
 
-from pounding_sweep.base.memory import free_memory
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.run import execute
+from pounding_sweep.run.diagnosis import free_memory
 from pounding_sweep.run.sweep import Sweep
 
 GIB = 2**30

@@ -29,8 +29,8 @@ from test_cli import bad
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import pounding_sweep as ps
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import PoundingSweepError, RecordError, SweepError
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import NETCDF_LOCK, open_cube, write_cube, write_in_slabs

@@ -22,7 +22,7 @@ from test_cli import HEEDING, LONG, TINY, cli, environment, write
 from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
-from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock, running
+from pounding_sweep.base.files import HOLDER, LOCK, FolderLock, running
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
@@ -142,7 +142,7 @@ def parts(tmp_path):
 
 
 def test_a_process_cannot_lock_twice(parts, drive, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.base.lock.PATIENCE", 0.0)
+    monkeypatch.setattr("pounding_sweep.base.files.PATIENCE", 0.0)
     with FolderLock(parts):
         with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
             FolderLock(parts).__enter__()

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
 from pounding_sweep.base.errors import OutputError, SweepError, WriteError
-from pounding_sweep.base.memory import FreeMemory
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.describe import describe
@@ -33,6 +32,7 @@ from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.chunk_writer import ChunkWriter
+from pounding_sweep.run.diagnosis import FreeMemory
 from pounding_sweep.run.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -107,7 +107,7 @@ def test_a_cube_that_does_not_fit_is_refused_before_it_is_run(monkeypatch):
     sweep = make()
     needed = 3 * sweep.plan().bytes_per_scenario * sweep.spec.n_scenarios
     monkeypatch.setattr("pounding_sweep.plan.plan.PLAN_BYTES", 1)
-    monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: FreeMemory(needed - 1, "limit of a test"))
+    monkeypatch.setattr("pounding_sweep.run.diagnosis.free_memory", lambda: FreeMemory(needed - 1, "limit of a test"))
     with pytest.raises(
         SweepError,
         match=r"the cube of 180 scenarios needs about .*B of memory, .*B are free \(limit of a test\); give an output",

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from paper_study import LAWS, by_law, outputs, run_cube, spectra, steps
 
 import pounding_sweep as ps
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid

@@ -9,7 +9,7 @@ import pytest
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.base.lock import HOLDER, LOCK
+from pounding_sweep.base.files import HOLDER, LOCK
 from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
 
 KIND = np.dtype([("drift_max", "f8", (1, 2)), ("impact_count", "i4"), ("status", "i1")], align=True)

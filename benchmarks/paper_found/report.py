@@ -54,7 +54,7 @@ from benchmarks.paper_found.search import (
     search,
     taken,
 )
-from pounding_sweep.base.tables import print_table
+from pounding_sweep.base.text import print_table
 from pounding_sweep.figures.style import COLOURS, in_style
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.compare import Grid, ungrouped

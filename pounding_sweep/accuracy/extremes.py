@@ -13,7 +13,7 @@ import numpy as np
 from pounding_sweep.accuracy.extreme_scenes import Batch, families, family_batches, random_batches
 from pounding_sweep.accuracy.judge import Run, Verdict, judge, make_reference
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.tables import seconds_text
+from pounding_sweep.base.text import seconds_text
 from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import finite
+from pounding_sweep.base.text import finite
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.schemes import SCHEMES
 

@@ -20,9 +20,9 @@ from pounding_sweep.analysis.events import get_event
 from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.lognormal import FitStatus
 from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.files import failure, replacing
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.output.netcdf import check_output
 
 #: Namespace of NRML.

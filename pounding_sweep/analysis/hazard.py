@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.files import expanded
 from pounding_sweep.records import UNITS
 from pounding_sweep.records.units import match_unit
 

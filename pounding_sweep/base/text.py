@@ -1,8 +1,17 @@
-"""Text of files and of users: what may be a label, and how any text reaches a terminal or a table."""
+"""Text of files and of users, and plain tables and numbers for the command line."""
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
 import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+from html import escape
+from typing import Any
 
 #: Control characters, line ends of all kinds, marks that turn the direction of writing, and what UTF-8 can't hold.
 _UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -25,3 +34,106 @@ def label_fault(text: str, longest: int = LONGEST_LABEL) -> str:
             f"has the character {printable(found[0])}, which labels can't have: no line breaks, no control characters"
         )
     return f"has {len(text)} characters; at most {longest} will do" if len(text) > longest else ""
+
+
+#: Lines that a cell of a table may be folded into.
+_MOST_LINES = 4
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON value."""
+    # what is left of control characters is escaped as JSON does
+    print(printable(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False), keep="\n"))
+
+
+def finite(value: Any) -> Any:
+    """Return a value as JSON and tables have it: None for a number that is none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def terminal_width() -> int:
+    """Columns of the terminal, 100 without one."""
+    return shutil.get_terminal_size((100, 24)).columns
+
+
+def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | None = None) -> None:
+    """Print names with their texts, aligned; long texts are folded, by default on a terminal only."""
+    width = max((len(printable(name)) for name, _ in rows), default=0)
+    for name, text in rows:
+        lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
+        if sys.stdout.isatty() if fold is None else fold:
+            columns = max(len(lead) + 20, terminal_width())
+            line = textwrap.fill(line, columns, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
+        print(lead + line)
+
+
+def pairs_text(rows: Sequence[tuple[str, str]]) -> str:
+    """Return names with their texts, aligned, a line each."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join(f"{printable(name):{width}}  {printable(text)}" for name, text in rows)
+
+
+def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), caption: str = "") -> str:
+    """Return a table as notebooks show it."""
+
+    def cells(tag: str, row: Sequence[str]) -> str:
+        style = ' style="text-align: left"'
+        return "<tr>" + "".join(f"<{tag}{style}>{escape(printable(cell))}</{tag}>" for cell in row) + "</tr>"
+
+    head = f"<thead>{cells('th', headings)}</thead>" if headings else ""
+    above = f"<caption>{escape(printable(caption))}</caption>" if caption else ""
+    return f"<table>{above}{head}<tbody>{''.join(cells('td', row) for row in rows)}</tbody></table>"
+
+
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
+    """Print a table, its texts folded to the terminal's width (100 without one); row by row if it is too narrow."""
+    lines = [[printable(cell) for cell in line] for line in (headings, *rows)]
+    columns = list(zip(*lines, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    # of texts and headings words stay together, of numbers the cell
+    parts = [
+        [*column[0].split(), *(column[1:] if i in right else " ".join(column[1:]).split())]
+        for i, column in enumerate(columns)
+    ]
+    words = [max(map(len, column), default=0) for column in parts]
+    free = terminal_width() - 2 * (len(widths) - 1)
+    while sum(widths) > free and widths != words:  # the widest column that can be folded gives way
+        widths[max((i for i in range(len(widths)) if widths[i] > words[i]), key=widths.__getitem__)] -= 1
+    folded = [
+        [textwrap.wrap(cell, width) if len(cell) > width else [cell] for cell, width in zip(line, widths, strict=True)]
+        for line in lines
+    ]
+    if sum(widths) > free or max(len(cell) for row in folded for cell in row) > _MOST_LINES:
+        for number, row in enumerate(lines[1:]):
+            print("\n" * bool(number), end="")
+            print_pairs(list(zip(lines[0], row, strict=True)), fold=True)
+        return
+    for wrapped in folded:
+        for texts in itertools.zip_longest(*wrapped, fillvalue=""):
+            cells = (f"{part:{'>' if i in right else '<'}{widths[i]}}" for i, part in enumerate(texts))
+            print("  ".join(cells).rstrip())
+
+
+def number_text(value: float | None) -> str:
+    """Write a number with three figures or more, whole numbers in full."""
+    if value is None:
+        return "-"
+    if value == int(value) or abs(value) >= 100:
+        return f"{value:.0f}"
+    return f"{value:.3g}"
+
+
+def seconds_text(value: float) -> str:
+    """Return a duration (s) in words."""
+    if value < 120:
+        return f"{value:.2g} s" if value < 1 else f"{value:.1f} s" if value < 10 else f"{value:.0f} s"
+    return f"{value / 60:.0f} min" if value < 7200 else f"{value / 3600:.1f} h"
+
+
+def bytes_text(value: float) -> str:
+    """Return an amount of memory in words."""
+    for unit in ("B", "kB", "MB"):
+        if value < 1000:
+            return f"{value:.3g} {unit}"
+        value /= 1000
+    return f"{value:.3g} GB"

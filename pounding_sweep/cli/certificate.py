@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from pounding_sweep.base.tables import finite, print_json, print_pairs, print_table
+from pounding_sweep.base.text import finite, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import numbers_of
 from pounding_sweep.cli.reporting import FAILED, say_laws
 from pounding_sweep.model.laws import get_law

@@ -14,7 +14,7 @@ from typer import Option
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.errors import InputError, OutputError, unknown
-from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table, terminal_width
+from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 

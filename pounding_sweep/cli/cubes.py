@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.base.tables import print_json, print_pairs, print_table
+from pounding_sweep.base.text import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import ARGUMENTS, FIGURE_FILE, AsJson, At, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from pounding_sweep.base.tables import bytes_text, print_json, print_pairs, seconds_text
-from pounding_sweep.base.text import printable
+from pounding_sweep.base.text import bytes_text, print_json, print_pairs, printable, seconds_text
 from pounding_sweep.cli.app import AsJson, command
 from pounding_sweep.cli.reporting import FAILED, NAME, reporting, say
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import print_pairs
+from pounding_sweep.base.text import print_pairs
 from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, axis_values, command
 from pounding_sweep.cli.reporting import reporting, say
 

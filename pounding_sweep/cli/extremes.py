@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pounding_sweep.base.tables import print_json, print_table, seconds_text
+from pounding_sweep.base.text import print_json, print_table, seconds_text
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Quiet, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
 

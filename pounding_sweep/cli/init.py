@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from pounding_sweep.base.errors import InputError, MissingRecordError, OutputError, unknown
-from pounding_sweep.base.tables import print_json, print_table
+from pounding_sweep.base.text import print_json, print_table
 from pounding_sweep.cli.app import AsJson, Overwrite, command
 from pounding_sweep.cli.reporting import reporting, say
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from typer import Option
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import print_json, print_table
+from pounding_sweep.base.text import print_json, print_table
 from pounding_sweep.cli.app import AsJson, command
 from pounding_sweep.cli.reporting import reporting
 

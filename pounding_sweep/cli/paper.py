@@ -9,7 +9,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from pounding_sweep.base.tables import print_json, print_table
+from pounding_sweep.base.text import print_json, print_table
 from pounding_sweep.cli.app import AsJson, Folders, Quiet, command
 from pounding_sweep.cli.reporting import reporting, say
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
-from pounding_sweep.base.tables import seconds_text
+from pounding_sweep.base.text import seconds_text
 from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
-from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
+from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 

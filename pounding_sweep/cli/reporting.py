@@ -146,7 +146,7 @@ def open_streams() -> None:
 def _left_by(out: Path | None) -> Callable[[], str]:
     """Return what says, when a run ends early, what it leaves behind; nothing for other commands."""
     from pounding_sweep.base.errors import InputError, OutputError
-    from pounding_sweep.base.paths import absolute
+    from pounding_sweep.base.files import absolute
 
     try:
         target = out and absolute(out)  # now: the working folder may be removed meanwhile

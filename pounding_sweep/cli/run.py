@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
-from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table, seconds_text
-from pounding_sweep.base.text import printable
+from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli.app import AsJson, Quiet, SweepOptions, command
 from pounding_sweep.cli.records import print_read, read_as
 from pounding_sweep.cli.reporting import FAILED, reporting, say

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from pounding_sweep.base.tables import finite, print_json, print_table
+from pounding_sweep.base.text import finite, print_json, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Quiet, SweepFile, Workers, command, numbers_of
 from pounding_sweep.cli.reporting import reporting
 

@@ -18,7 +18,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, cast
 
 from pounding_sweep.base.errors import InputError, OutputError, unknown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.files import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import Fault, Place, SceneError, shown, unknown
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
-from pounding_sweep.base.tables import html_table
-from pounding_sweep.base.text import label_fault
+from pounding_sweep.base.text import html_table, label_fault
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors

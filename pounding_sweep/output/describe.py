@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import shown
-from pounding_sweep.base.tables import finite
-from pounding_sweep.base.text import printable
+from pounding_sweep.base.text import finite, printable
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, plain, sources

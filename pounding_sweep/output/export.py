@@ -18,9 +18,8 @@ from typing import Any
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
-from pounding_sweep.base.files import failure, replacing, sync, sync_folder
-from pounding_sweep.base.paths import expanded
-from pounding_sweep.base.tables import bytes_text
+from pounding_sweep.base.files import expanded, failure, replacing, sync, sync_folder
+from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.netcdf import check_output, reading
 from pounding_sweep.output.provenance import plain

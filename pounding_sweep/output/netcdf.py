@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
-from pounding_sweep.base.files import failure, remove_leftovers, replacing
-from pounding_sweep.base.paths import absolute
-from pounding_sweep.base.tables import bytes_text
+from pounding_sweep.base.files import absolute, failure, remove_leftovers, replacing
+from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, stored_as
 from pounding_sweep.output.slabs import cuts
 

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS

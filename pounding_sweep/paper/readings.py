@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import xarray as xr
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, MissingRecordError
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.published import GROUND_MOTIONS
 from pounding_sweep.records import Record, find_record

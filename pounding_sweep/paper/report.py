@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.paper.checks import energy_checks, findings

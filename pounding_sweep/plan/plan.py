@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, seconds_text
+from pounding_sweep.base.text import bytes_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law

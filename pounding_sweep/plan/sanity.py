@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import UNITS, Record, record_measures
 from pounding_sweep.spec.axes import reference_stiffness

@@ -1,6 +1,6 @@
 """Ground-motion records: reading, finding, scaling and making them."""
 
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.records.catalogue import (
     KNOWN_RECORDS,
     RECORDS_VARIABLE,

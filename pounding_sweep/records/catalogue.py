@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
-from pounding_sweep.base.paths import ESCAPE_HINT, expanded, near_file
+from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, read_record_set, set_components
 from pounding_sweep.records.formats import RECORD_SUFFIXES
 from pounding_sweep.records.reading import read_record

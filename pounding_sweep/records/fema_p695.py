@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.record import Reading, Record
 
 #: What brings the sets.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import RecordError
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.reader import Array
 from pounding_sweep.records.record import Record
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError
-from pounding_sweep.base.paths import near_file
+from pounding_sweep.base.files import near_file
 from pounding_sweep.base.text import printable
 
 MAX_FILE_BYTES = 64 * 2**20

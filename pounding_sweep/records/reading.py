@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from pounding_sweep.base.errors import RecordError, shown, unknown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.files import expanded
 from pounding_sweep.records.formats import reader_of
 from pounding_sweep.records.reader import LAYOUTS, fail, load_text
 from pounding_sweep.records.record import Reading, Record, number

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import RecordError, unknown
-from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.records.reader import Stated, not_acceleration
 
 UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 1e-3}

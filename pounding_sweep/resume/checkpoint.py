@@ -28,9 +28,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
-from pounding_sweep.base.files import failure, is_temporary, replacing, sync_folder
-from pounding_sweep.base.lock import HOLDER, LOCK, SOFT_LOCK, FolderLock
-from pounding_sweep.base.paths import absolute, expanded
+from pounding_sweep.base.files import (
+    HOLDER,
+    LOCK,
+    SOFT_LOCK,
+    FolderLock,
+    absolute,
+    expanded,
+    failure,
+    is_temporary,
+    replacing,
+    sync_folder,
+)
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.provenance import libraries, package_digest
 from pounding_sweep.spec.spec import to_json

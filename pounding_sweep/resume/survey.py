@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.base.lock import running
+from pounding_sweep.base.files import running
 from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, WHOLE, ChunkStore, unreadable
 

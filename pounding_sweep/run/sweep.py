@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
-from pounding_sweep.base.tables import html_table
+from pounding_sweep.base.text import html_table
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
@@ -292,8 +292,8 @@ def _check_results(outcome: Outcome, target: Path) -> None:
 
 def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
     """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
-    from pounding_sweep.base.memory import free_memory
-    from pounding_sweep.base.tables import bytes_text
+    from pounding_sweep.base.text import bytes_text
+    from pounding_sweep.run.diagnosis import free_memory
 
     free = free_memory()
     if scenarios * each > free.bytes:

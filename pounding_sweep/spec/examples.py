@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.paths import near_file
+from pounding_sweep.base.files import near_file
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.

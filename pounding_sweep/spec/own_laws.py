@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import LawError, shown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.files import expanded
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
 
 #: Groups of laws that a sweep may name in place of each law.

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
 
 from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, shown
-from pounding_sweep.base.paths import expanded
+from pounding_sweep.base.files import expanded
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.hertz import hertz_stiffness

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import Fault, Place, SweepError, shown, unknown
-from pounding_sweep.base.paths import ESCAPE_HINT, expanded
+from pounding_sweep.base.files import ESCAPE_HINT, expanded
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES

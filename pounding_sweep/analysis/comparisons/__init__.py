@@ -159,7 +159,7 @@ def over_text(sizes: Mapping[Any, int]) -> str:
 
 def plain_rows(table: xr.Dataset) -> list[Row]:
     """Return a row for each combination of labels: these, then the variables; None for numbers that are none."""
-    from pounding_sweep.base.tables import finite
+    from pounding_sweep.base.text import finite
 
     order = dict.fromkeys(["_row", *(dim for part in table.data_vars.values() for dim in part.dims)])
     table = table.expand_dims("_row")  # one that has no dimensions makes a row, too

@@ -1,4 +1,0 @@
-"""Gravity."""
-
-STANDARD_GRAVITY = 9.81
-"""Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
