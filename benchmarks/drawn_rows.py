@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibrate import OUTPUTS, closing
-from pounding_sweep.model.bumpers import Bumper
-from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.model.links import Link
-from pounding_sweep.model.scene import BoucWen, Building, Scene, Wall
+from pounding_sweep.model.scene import BoucWen, Building, Bumper, Foundation, Link, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec

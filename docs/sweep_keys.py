@@ -8,17 +8,13 @@ from typing import Any
 from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
-from pounding_sweep.model.bumpers import Bumper
-from pounding_sweep.model.foundation import Foundation
-from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.links import Link
-from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.laws import hertz_stiffness
+from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.distributions import DISTRIBUTIONS
-from pounding_sweep.spec.schema import Arguments
+from pounding_sweep.spec.build import Arguments, build_spec
+from pounding_sweep.spec.design import DISTRIBUTIONS
 from pounding_sweep.spec.toml import SECTIONS
 
 #: Of a record that is there: scaled to a spectral acceleration.

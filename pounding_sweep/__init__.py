@@ -13,17 +13,17 @@ from pounding_sweep.base.deferred import attribute
 _HOME = {
     "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
-    "Bumper": "pounding_sweep.model.bumpers",
+    "Bumper": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
-    "Foundation": "pounding_sweep.model.foundation",
-    "Link": "pounding_sweep.model.links",
+    "Foundation": "pounding_sweep.model.scene",
+    "Link": "pounding_sweep.model.scene",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
-    "rubber_bumper": "pounding_sweep.model.bumpers",
+    "rubber_bumper": "pounding_sweep.model.laws",
     "Law": "pounding_sweep.model.laws",
     "LAWS": "pounding_sweep.model.laws",
     "get_law": "pounding_sweep.model.laws",
-    "hertz_stiffness": "pounding_sweep.model.hertz",
+    "hertz_stiffness": "pounding_sweep.model.laws",
     "Record": "pounding_sweep.records",
     "read_record": "pounding_sweep.records",
     "find_record": "pounding_sweep.records",
@@ -84,13 +84,9 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
-    from pounding_sweep.model.bumpers import Bumper, rubber_bumper
-    from pounding_sweep.model.foundation import Foundation
-    from pounding_sweep.model.hertz import hertz_stiffness
-    from pounding_sweep.model.laws import LAWS, Law, get_law
-    from pounding_sweep.model.links import Link
+    from pounding_sweep.model.laws import LAWS, Law, get_law, hertz_stiffness, rubber_bumper
     from pounding_sweep.model.presets import base_isolated, get_preset
-    from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
+    from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (
         Record,

@@ -27,8 +27,7 @@ from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.plan.advice import shortest_contact
 from pounding_sweep.plan.plan import untouched
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.overview import overview
-from pounding_sweep.spec.spec import scene_data
+from pounding_sweep.spec.spec import overview, scene_data
 
 GAP, K = 0.012, 3e8
 SCENE = pair(GAP)

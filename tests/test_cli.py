@@ -31,7 +31,7 @@ from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run import execute
 from pounding_sweep.run.sweep import load_sweep
-from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import overview
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent

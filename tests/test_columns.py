@@ -20,7 +20,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.levels import column_shares, column_softness
+from pounding_sweep.model.scene import column_shares, column_softness
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import reducers_for
 

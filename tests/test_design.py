@@ -17,8 +17,7 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.design import design_of
-from pounding_sweep.spec.distributions import DISTRIBUTIONS, read_distribution
+from pounding_sweep.spec.design import DISTRIBUTIONS, design_of, read_distribution
 from pounding_sweep.spec.spec import digest, to_json
 from pounding_sweep.spec.toml import load_spec
 

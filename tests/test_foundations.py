@@ -24,7 +24,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import overview
 
 A, B = FOUNDED.buildings
 SOFT = A.foundation

@@ -20,7 +20,7 @@ import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import overview
 
 A, B = pair().buildings
 

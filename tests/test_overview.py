@@ -9,7 +9,7 @@ from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
 
 from pounding_sweep import Building, Scene, Wall
 from pounding_sweep.output.describe import about, describe
-from pounding_sweep.spec.overview import overview, overview_of
+from pounding_sweep.spec.spec import overview, overview_of
 
 
 def row(**more):

@@ -21,11 +21,10 @@ from pounding_sweep.base.errors import InputError, LawError, OutputError, SweepE
 from pounding_sweep.cli.app import app
 from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.laws import LAWS, Law, law_of, realised_restitution
+from pounding_sweep.model.laws import LAWS, Law, find_law, law_of, realised_restitution
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.differences import relative_errors
 from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import digest, to_json
 
 MINE = """

@@ -20,7 +20,7 @@ from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.plan.sanity import doubts
 from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import overview
 
 G = 9.81
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")

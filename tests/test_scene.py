@@ -12,12 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import LawError, SceneError
-from pounding_sweep.model.bumpers import Bumper
-from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
-from pounding_sweep.model.links import Link
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law, hertz_stiffness
 from pounding_sweep.model.presets import PRESETS, get_preset
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Link, Scene, Wall
 from pounding_sweep.spec.spec import scene_data
 
 NAN = float("nan")

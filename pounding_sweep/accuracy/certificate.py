@@ -17,13 +17,12 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, LawError
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.laws import LAWS, Law, damping_number, realised_restitution
+from pounding_sweep.model.laws import LAWS, Law, damping_number, find_law, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.plan.advice import elastic_duration
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.spec.own_laws import find_law
 
 #: Nominal restitutions of the table, where none are given.
 RESTITUTIONS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.95)

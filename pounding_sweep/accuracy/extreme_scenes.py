@@ -16,9 +16,8 @@ import numpy as np
 
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.laws import LAWS, Law
-from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Scene, Wall
+from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Foundation, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import (
     Status,

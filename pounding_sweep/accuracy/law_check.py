@@ -18,12 +18,11 @@ from pounding_sweep.accuracy.certificate import APPROACH, MASS, RESTITUTIONS, ce
 from pounding_sweep.base.errors import LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.laws import SOLVED, Law
+from pounding_sweep.model.laws import SOLVED, Law, find_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import REDUCERS
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.spec.own_laws import find_law
 
 #: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
 REBOUND_TOLERANCE = 1e-6

@@ -61,7 +61,7 @@ def print_check(name: str, nominal: str | None, as_json: bool) -> None:
     """Check one law and print the result; exit with a failure where it is not what its formulas say."""
     from pounding_sweep.accuracy.law_check import check_law
     from pounding_sweep.cli.progress import make_progress
-    from pounding_sweep.spec.own_laws import find_law
+    from pounding_sweep.model.laws import find_law
 
     law = find_law(name)
     say_laws([law] if law.source else [])

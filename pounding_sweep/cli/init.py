@@ -34,7 +34,7 @@ def init_command(
         from pounding_sweep.base.files import failure
         from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.records import find_record
-        from pounding_sweep.spec.examples import example_files, example_records, example_title, examples
+        from pounding_sweep.spec.toml import example_files, example_records, example_title, examples
 
         if only_list:
             titles = {name: example_title(name) for name in examples()}

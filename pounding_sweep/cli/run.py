@@ -108,7 +108,7 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
 
 def _description(sweep: Sweep) -> dict[str, Any]:
     """Describe the row, records and laws of a sweep."""
-    from pounding_sweep.spec.overview import overview
+    from pounding_sweep.spec.spec import overview
 
     spec = sweep.spec
     return {

@@ -26,8 +26,7 @@ from pounding_sweep.kernel.spec import (
 )
 from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.levels import column_shares
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.scene import Scene, column_shares
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record

@@ -37,13 +37,17 @@ import hashlib
 import json
 import math
 import re
+import runpy
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from pounding_sweep.base.errors import LawError, shown, unknown
+from pounding_sweep.base.files import expanded
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, RelationName, check_basis
 
@@ -629,6 +633,225 @@ def get_law(key: str | Law) -> Law:
         return LAWS[key]
     except (KeyError, TypeError):
         raise LawError(unknown("contact law", key, LAWS)) from None
+
+
+#: Name of the law of `rubber_bumper`, which the thickness completes.
+RUBBER = "rubber_bumper"
+
+
+def rubber_bumper(
+    thickness: float,
+    *,
+    stiffness: float | None = None,
+    key: str = RUBBER,
+    exponent: float = 2.65,
+    limit: float = 0.8,
+    stop: float = 1.0,
+) -> Law:
+    """Return the contact law of rubber bumpers between the floors of neighbours.
+
+    A bumper fills part of the gap, so that floors meet its thickness earlier. On approach F = k d^n, d its compression,
+    as far as the share `limit` of its thickness, and from there on a straight line; on rebound this force times (1 + D
+    v / v0), by which it is lost what a collision takes. D is such that two free masses rebound at exactly the
+    coefficient of restitution, whatever the speed and the thickness.
+
+    Parameters
+    ----------
+    thickness : float
+        Thickness (m) of the rubber, of both floors together.
+    stiffness : float, optional
+        Reference value of k (kN/m**exponent), which stiffness factors scale: for a force F at
+        a compression d in a test, F / d**exponent.
+    key : str
+        Name in sweeps and cubes.
+    exponent : float
+        Power n of the compression.
+    limit : float
+        Compression, in parts of the thickness, from which the force grows along a straight line, in (0, 1].
+    stop : float
+        Slope of that line over the slope of the rubber where it begins, 1 or more.
+
+    Returns
+    -------
+    Law
+        A law that sweeps and `simulate` take in the place of a key of the registry.
+
+    Raises
+    ------
+    LawError
+        A number is out of its range.
+
+    References
+    ----------
+    Polycarpou, Komodromos & Polycarpou (2013), Earthquake Eng. Struct. Dyn. 42(1), 81-100: the
+    publication was not at hand, its abstract only. The form of the force and the exponent are from memory,
+    and the damping is not the published one; see the page on theory.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> pad = ps.rubber_bumper(0.05, stiffness=500 / 0.04**2.65)  # 500 kN at 40 mm
+    >>> pad.thickness, pad.stiffness_unit, pad.relation
+    (0.05, 'kN m-2.65', 'rebound')
+    """
+    for what, value, valid, holds in (
+        ("thickness", thickness, "a positive number (m)", lambda x: 0.0 < x < math.inf),
+        ("limit", limit, "in (0, 1]", lambda x: 0.0 < x <= 1.0),
+        ("stop", stop, "a number >= 1", lambda x: 1.0 <= x < math.inf),
+        ("exponent", exponent, "in [1, 10]", lambda x: 1.0 <= x <= 10.0),
+    ):
+        if not (isinstance(value, int | float) and not isinstance(value, bool) and holds(value)):
+            raise LawError(f"rubber bumper {key!r}: {what} is {shown(value)}; it must be {valid}")
+    flat = limit * thickness
+    rubber, beyond = f"(d - max(d - {flat!r}, 0.0))**{exponent!r}", f"max(d - {flat!r}, 0.0)"
+    slope = stop * exponent * flat ** (exponent - 1.0)
+    shape = f"({rubber} + {slope!r}*{beyond})"
+    return Law(
+        key=key,
+        title=f"Rubber bumper of {1e3 * thickness:g} mm",
+        exponent=exponent,
+        elastic=f"k*{shape}",
+        damper=f"c*{shape}",
+        damping="elastic",
+        rebound_only=True,
+        thickness=float(thickness),
+        reference_stiffness=stiffness,
+        formula=(
+            f"F = E on approach, max(0, E (1 + D v / v0)) on rebound; E = k d^{exponent:g} as far as {flat:g} m, "
+            f"from there on a straight line of {stop:g} times its slope"
+        ),
+        reference="after Polycarpou, Komodromos & Polycarpou (2013), Earthquake Eng. Struct. Dyn. 42(1), 81-100",
+    )
+
+
+def hertz_stiffness(
+    mass_1: float | None = None,
+    mass_2: float | None = None,
+    *,
+    young_modulus: float = 25.0e6,
+    poisson_ratio: float = 0.2,
+    density: float = 2.5,
+    radii: tuple[float, float] | None = None,
+) -> float:
+    """Hertz contact stiffness of two spheres (kN/m^1.5).
+
+    Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius is the *cube* root of the sphere's volume
+    relation, and the material term has 1 - nu**2 (Goldsmith 1960).
+
+    Parameters
+    ----------
+    mass_1, mass_2 : float, optional
+        Colliding masses (t), from which radii follow with `density`.
+    young_modulus : float
+        E (kN/m2) of both bodies.
+    poisson_ratio : float
+        nu, 0 <= nu < 0.5.
+    density : float
+        t/m3.
+    radii : tuple of float, optional
+        The two radii (m), given instead of masses.
+
+    Returns
+    -------
+    float
+        4 / (3 pi (h1 + h2)) sqrt(R1 R2 / (R1 + R2)), h = (1 - nu**2) / (pi E).
+
+    Raises
+    ------
+    LawError
+        A value is not positive, or neither masses nor radii are given.
+
+    Examples
+    --------
+    >>> round(hertz_stiffness(133.956, 136.286) / 1e7, 3)
+    1.88
+    """
+    if radii is None:
+        if mass_1 is None or mass_2 is None:
+            raise LawError("hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)")
+        positive = {"mass_1": mass_1, "mass_2": mass_2, "density": density}
+    else:
+        positive = {"radii[0]": radii[0], "radii[1]": radii[1]}
+    for name, value in {**positive, "young_modulus": young_modulus}.items():
+        if not (math.isfinite(value) and value > 0):
+            raise LawError(f"hertz_stiffness: {name} = {value!r} must be a positive number")
+    if not 0 <= poisson_ratio < 0.5:
+        raise LawError(f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)")
+    if radii is None:
+        assert mass_1 is not None
+        assert mass_2 is not None
+        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (mass_1, mass_2))
+    else:
+        r1, r2 = radii
+    h = (1.0 - poisson_ratio**2) / (math.pi * young_modulus)
+    return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))
+
+
+#: Groups of laws that a sweep may name in place of each law.
+LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
+
+
+def names_file(given: str) -> bool:
+    """Whether a law is named by a file and a name in it."""
+    return given.partition(":")[0].endswith(".py") or ".py:" in given
+
+
+def find_law(given: Any, base: Path | None = None) -> Law:
+    """Return a law of the registry by its key, one of a file (from the folder `base`) by FILE:NAME, or one given."""
+    if isinstance(given, str) and names_file(given):
+        return _checked(_load(given, base))
+    law = get_law(given)
+    return law if LAWS.get(law.key) is law else _checked(law)
+
+
+def _checked(law: Law) -> Law:
+    """Return a law of a user's own, if it can be one."""
+    if LAWS.get(law.key) == law:
+        return LAWS[law.key]
+    where = f"law {law.key!r}" + (f" of {law.source}" if law.source else "")
+    if law.key in LAWS or law.key in LAW_GROUPS:
+        raise LawError(f"{where} has the key of a law or group that is there already; give it another key")
+    if law.damping not in ("none", "viscous", "elastic") or law.exponent is None:
+        raise LawError(
+            f"{where} has damping {law.damping!r} and exponent {law.exponent}; a law of your own has a force"
+        )
+    if law.number is not None and not isinstance(law.number, str):
+        raise LawError(
+            f"{where} gives its damping number as a function; give it as text, a formula of e such as "
+            "number='1.5*(1 - e)': it then belongs to the sweep, and goes to every worker"
+        )
+    reference = law.reference_stiffness
+    if reference is not None and not (isinstance(reference, int | float) and 0.0 < reference < float("inf")):
+        unit = law.stiffness_unit
+        raise LawError(f"{where} has the reference_stiffness {shown(reference)}; it must be a positive number ({unit})")
+    return law
+
+
+def _load(given: str, base: Path | None) -> Law:
+    """Run a law file and return the law of that name."""
+    path, _, name = given.rpartition(":")
+    if not path.endswith(".py") or not name.isidentifier():
+        raise LawError(f"{given!r} names no law of a file; give FILE.py:NAME, such as mylaws.py:my_law")
+    file = expanded(path) if base is None else Path(base) / expanded(path)
+    if not file.is_file():
+        raise LawError(
+            f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
+        )
+    try:
+        found = runpy.run_path(str(file), run_name=file.stem)
+    except (Exception, SystemExit) as error:  # a user's file may raise anything
+        lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == str(file)]
+        lines += [error.lineno] if isinstance(error, SyntaxError) and error.filename == str(file) else []
+        said = f"{type(error).__name__}: {error.msg if isinstance(error, SyntaxError) else error}"
+        said = str(error) if isinstance(error, LawError) else said
+        raise LawError(f"law file {file!s}{f':{lines[-1]}' if lines else ''}: {said}") from None
+    law = found.get(name)
+    if not isinstance(law, Law):
+        there = [key for key, each in found.items() if isinstance(each, Law)]
+        what = f"{name} is {shown(law)}, no Law" if name in found else f"there is no {name!r}"
+        raise LawError(f"law file {file!s}: {what}; laws in it: {', '.join(there) or 'none (see pounding_sweep.Law)'}")
+    object.__setattr__(law, "source", f"{file}:{name}")
+    return law
 
 
 def realised_validity(law: Law) -> str:

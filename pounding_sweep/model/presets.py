@@ -9,8 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 from pounding_sweep.base.errors import SceneError, unknown
-from pounding_sweep.model.quantity import quantity
-from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, quantity
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import Fault, Place, SceneError, shown, unknown
+from pounding_sweep.base.errors import Fault, LawError, Place, SceneError, shown, unknown
 from pounding_sweep.base.text import html_table, label_fault
-from pounding_sweep.model.bumpers import Bumper
-from pounding_sweep.model.foundation import Foundation
-from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
-from pounding_sweep.model.links import Link, LinkedFloors
-from pounding_sweep.model.quantity import fraction, quantity
+from pounding_sweep.model.laws import LAWS, RUBBER, Law, law_of, rubber_bumper
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -29,6 +25,26 @@ DEFAULT_STOREY_HEIGHT = 3.0
 MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
+
+
+def quantity(value: Any, what: str, unit: str, *, positive: bool = False, why: str = "") -> float:
+    """Return a finite number, zero or above, or `positive`; raise `SceneError` for anything else."""
+    try:
+        found = float(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:  # a whole number beyond all others
+        found = math.inf
+    if not (found < math.inf and (found > 0 if positive else found >= 0)):
+        must = "a positive number" if positive else "zero or a positive number"
+        raise SceneError(f"{what} is {shown(value)} {unit}; it must be {must}{why}")
+    return found
+
+
+def fraction(value: Any, what: str) -> float:
+    """Return a number in [0, 1); raise `SceneError` for anything else."""
+    real = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if not (real and 0 <= value < 1):
+        raise SceneError(f"{what} is {shown(value)}; it must be in [0, 1)")
+    return float(value)
 
 
 def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]:
@@ -75,6 +91,105 @@ class BoucWen(NamedTuple):
     def limit(self) -> float:
         """What z tends to, over the yield drift."""
         return float((self.beta + self.gamma) ** (-1.0 / self.n))
+
+
+#: Unit of each property.
+_UNITS = {
+    "mass": "t",
+    "inertia": "t m2",
+    "sway_stiffness": "kN/m",
+    "rocking_stiffness": "kN m/rad",
+    "sway_damping": "kN s/m",
+    "rocking_damping": "kN m s/rad",
+}
+
+
+@dataclass(frozen=True)
+class Foundation:
+    """A rigid foundation under a building, free to sway and to rock on the soil's springs and dashpots.
+
+    Two degrees of freedom beside the building's floors: the base's displacement relative to the free field and its
+    rotation. At a rotation theta a floor at elevation h moves by h theta with its base.
+
+    Parameters
+    ----------
+    mass : float
+        Mass (t) of the base.
+    inertia : float
+        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs: their masses at
+        their elevations are not part of it.
+    sway_stiffness : float
+        Stiffness K_h (kN/m) of the soil against sway.
+    rocking_stiffness : float
+        Stiffness K_theta (kN m/rad) of the soil against rocking.
+    sway_damping : float
+        Coefficient c_h (kN s/m) of the soil's dashpot against sway, of its material and of radiation.
+    rocking_damping : float
+        Coefficient c_theta (kN m s/rad) of that against rocking.
+
+    Raises
+    ------
+    SceneError
+        A value is not a positive number, or a damping is negative.
+
+    References
+    ----------
+    Veletsos & Meek (1974), Dynamic behaviour of building-foundation systems, Earthq. Eng. Struct. Dyn. 3, 121-138.
+    Wolf (1985), Dynamic soil-structure interaction, Prentice-Hall.
+
+    Examples
+    --------
+    >>> from pounding_sweep import Building
+    >>> soft = Foundation(mass=100.0, inertia=800.0, sway_stiffness=4e5, rocking_stiffness=9e6)
+    >>> firm, swaying = Building("a", [100.0], [1e5]), Building("a", [100.0], [1e5], foundation=soft)
+    >>> round(float(firm.periods[0]), 3), round(float(swaying.periods[0]), 3)
+    (0.199, 0.236)
+    """
+
+    mass: float
+    inertia: float
+    sway_stiffness: float
+    rocking_stiffness: float
+    sway_damping: float = 0.0
+    rocking_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            name, value = each.name, getattr(self, each.name)
+            given: dict[str, Any] = {"positive": not name.endswith("damping"), "why": _why(name, value)}
+            object.__setattr__(self, name, quantity(value, f"foundation: {name}", _UNITS[name], **given))
+
+    def scaled(self, mass: float, period: float) -> Foundation:
+        """Return one of so many times the mass, and of so many times the periods."""
+        powers = {"stiffness": 2, "damping": 1}
+        factors = {each.name: mass / period ** powers.get(each.name.split("_")[-1], 0) for each in fields(self)}
+        return Foundation(**{name: factor * getattr(self, name) for name, factor in factors.items()})
+
+    @property
+    def masses(self) -> tuple[float, float]:
+        """Of sway and of rocking."""
+        return self.mass, self.inertia
+
+    @property
+    def stiffnesses(self) -> tuple[float, float]:
+        """Of sway and of rocking."""
+        return self.sway_stiffness, self.rocking_stiffness
+
+    @property
+    def dashpots(self) -> tuple[float, float]:
+        """Of sway and of rocking."""
+        return self.sway_damping, self.rocking_damping
+
+
+def _why(name: str, value: object) -> str:
+    """Say why a base needs what it was given as nothing."""
+    if value == 0 and name in ("mass", "inertia"):
+        return ", as the base has its own equation of motion; give that of the foundation slab"
+    if value == math.inf:
+        return "; leave the foundation out where the base is fixed"
+    if value == 0:
+        return ", as nothing else holds the base"
+    return ""
 
 
 def _bouc_wen(given: Any) -> BoucWen | None:
@@ -482,6 +597,55 @@ def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tu
     return 2.0 * ratios[0] * w1 - b * w1**2, b
 
 
+#: Floors of neighbours meet where their slabs miss each other by no more than this (m), where nothing else is said.
+FLOOR_TOLERANCE = 1.0e-3
+#: Elevations (m) and slab depths (m) of the floors of a building, bottom first.
+Slabs = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Facing:
+    """A floor of one neighbour (from 0) before the columns of a storey (from 0) of the other, at the fraction xi."""
+
+    floor: int
+    storey: int
+    xi: float
+
+
+def level_floors(left: Slabs, right: Slabs, tolerance: float) -> list[tuple[int, int]]:
+    """Return the floors, counted from 0, of two neighbours that are level, bottom first."""
+    (z, d), (y, e) = left, right
+    over, under = z[:, None] - y[None, :], y[None, :] - z[:, None]
+    meets = (over <= tolerance + d[:, None]) & (under <= tolerance + e[None, :])
+    return [(int(s), int(t)) for s, t in np.argwhere(meets)]
+
+
+def facing_columns(slabs: Slabs, other: Slabs, level: Sequence[int]) -> list[Facing]:
+    """Return the floors of a building, those that are `level` with one left out, that stand before columns."""
+    found, levels = [], np.concatenate([[0.0], other[0]])
+    for s, middle in enumerate(slabs[0] - 0.5 * slabs[1]):
+        storey = int(np.searchsorted(levels, middle)) - 1
+        if s not in level and storey < len(other[0]):
+            below, above = levels[storey], levels[storey + 1]
+            found.append(Facing(s, storey, float((middle - below) / (above - below))))
+    return found
+
+
+def column_shares(xi: float) -> tuple[float, float]:
+    """Shares 1 - 3 xi^2 + 2 xi^3 and 3 xi^2 - 2 xi^3 of the floors below and above of a push on a column at xi."""
+    # the column is fixed at both ends against rotation; the same shares give the displacement of the struck point by
+    # those of the floors
+    if not 0.0 <= xi <= 1.0:
+        raise SceneError(f"a column is struck at the fraction xi = {xi!r} of its height; it must be in [0, 1]")
+    upper = xi * xi * (3.0 - 2.0 * xi)
+    return 1.0 - upper, upper
+
+
+def column_softness(xi: float) -> float:
+    """Deflection of a struck column (fixed at both ends, its floors held) times its 12 E I / L^3, for a unit force."""
+    return 4.0 * (xi * (1.0 - xi)) ** 3
+
+
 @dataclass(frozen=True)
 class Wall:
     """A rigid wall (moat wall, barrier) at an end of the row; it moves with the ground.
@@ -525,6 +689,223 @@ class ContactProperties:
     def reference(self, exponent: float) -> float | None:
         """Return the reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
+
+
+#: Unit of each property.
+UNITS = {"stiffness": "kN/m", "damping": "kN s/m"}
+
+
+@dataclass(frozen=True)
+class Link:
+    """Springs and dashpots between floors of two neighbours, alike at all the storeys that are named.
+
+    A link's force is stiffness * d + damping * d', d being the displacement of its left floor less that of its
+    right one; it acts on both, whatever its sign.
+
+    Parameters
+    ----------
+    pair : str
+        Name of the pair of neighbours, ``"left-right"``.
+    storeys : sequence of int or (int, int)
+        Storeys of the floors that are linked, 1 at the bottom: one number where it is the same in both buildings,
+        otherwise the left building's and the right one's.
+    stiffness : float
+        Of each link (kN/m).
+    damping : float
+        Coefficient of each link's dashpot (kN s/m).
+
+    Raises
+    ------
+    SceneError
+        A value is negative, both are zero, or storeys are no whole numbers.
+
+    Examples
+    --------
+    >>> Link("a-b", [1, (2, 3)], damping=500.0).floors
+    ((1, 1), (2, 3))
+    """
+
+    pair: str
+    storeys: Sequence[int | Sequence[int]]
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what, unit in UNITS.items():
+            object.__setattr__(self, what, quantity(getattr(self, what), f"link: {what}", unit))
+        if not (self.stiffness or self.damping):
+            raise SceneError(
+                f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"
+            )
+        object.__setattr__(self, "storeys", _storeys(self.storeys))
+
+    @property
+    def floors(self) -> tuple[tuple[int, int], ...]:
+        """Storeys of the left and of the right building, link by link."""
+        both = ((each, each) if isinstance(each, int) else each for each in self.storeys)
+        return tuple((left, right) for left, right in both)
+
+
+@dataclass(frozen=True)
+class LinkedFloors:
+    """One link of a scene."""
+
+    #: index of the pair of neighbours, and the storey of its left floor
+    pair: int
+    storey: int
+    #: degrees of freedom
+    left: int
+    right: int
+    #: kN/m and kN s/m
+    stiffness: float
+    damping: float
+    place: int  # index of its label along ``pair`` in results
+
+
+def _storeys(given: Sequence[int | Sequence[int]]) -> tuple[int | tuple[int, int], ...]:
+    """Check the storeys of a link."""
+
+    def whole(x: object) -> bool:
+        return isinstance(x, numbers.Integral) and not isinstance(x, bool)
+
+    found: list[int | tuple[int, int]] = []
+    for each in given if isinstance(given, Iterable) and not isinstance(given, str) else ():
+        if whole(each):
+            found.append(int(each))  # type: ignore[arg-type]
+        elif isinstance(each, Sequence | np.ndarray) and len(each) == 2 and all(map(whole, each)):
+            found.append((int(each[0]), int(each[1])))
+        else:
+            found.clear()
+            break
+    if not found:
+        raise SceneError(
+            f"link: storeys are {shown(given)}; give a list of whole numbers, or of two, the left and the right storey"
+        )
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Bumper:
+    """What stands between floors of two neighbours, or before a wall, and gives their contacts a law of their own.
+
+    Those contacts keep this law, its stiffness and restitution in every scenario; all others of the row take what
+    the sweep gives. Under the law "none", which stands for no pounding, bumpers do not act either.
+
+    Parameters
+    ----------
+    pair : str
+        Name of the pair of neighbours, ``"left-right"``.
+    law : str or Law
+        Contact law: a key of the registry, ``"rubber_bumper"`` for that of `rubber_bumper`, or a law of one's own. As
+        an attribute: the law itself.
+    stiffness : float, optional
+        Contact stiffness (kN/m**exponent); the law's reference where not given.
+    restitution : float, optional
+        Coefficient of restitution; needed by a law that takes one.
+    thickness : float, optional
+        Thickness (m), by which floors meet earlier; the law's where not given.
+    storeys : sequence of int
+        Storeys that have it, as results number them; all at which floors of the pair meet where not given.
+
+    Raises
+    ------
+    SceneError
+        The law is unknown or has no force, or a number is missing or out of its range.
+
+    Examples
+    --------
+    >>> pad = Bumper("a-b", "rubber_bumper", stiffness=500 / 0.04**2.65, restitution=0.5, thickness=0.05)
+    >>> pad.law.title, pad.law.stiffness_unit
+    ('Rubber bumper of 50 mm', 'kN m-2.65')
+    """
+
+    pair: str
+    law: Any
+    stiffness: float = None  # type: ignore[assignment]
+    restitution: float | None = None
+    thickness: float = None  # type: ignore[assignment]
+    storeys: Sequence[int] = ()
+
+    def __post_init__(self) -> None:
+        owner = f"bumper of pair {shown(self.pair)}"
+        for name, unit, positive in (("thickness", "m", False), ("stiffness", "kN/m**exponent", True)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, quantity(value, f"{owner}: {name}", unit, positive=positive))
+        law = _law(self.law, self.thickness, owner)
+        object.__setattr__(self, "law", law)
+        if self.thickness is None:
+            object.__setattr__(self, "thickness", law.thickness)
+        elif law.thickness and self.thickness != law.thickness:
+            raise SceneError(
+                f"{owner}: thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
+            )
+        if self.stiffness is None:
+            object.__setattr__(self, "stiffness", law.reference_stiffness)
+        if self.stiffness is None:
+            raise SceneError(f"{owner}: law {law.key!r} needs a stiffness ({law.stiffness_unit})")
+        if self.restitution is not None and not law.takes_restitution:
+            raise SceneError(f"{owner}: law {law.key!r} takes no restitution; leave it out")
+        self.check_restitution("published")
+        storeys = tuple(self.storeys) if isinstance(self.storeys, Iterable) else (self.storeys,)
+        if not all(isinstance(s, numbers.Integral) and not isinstance(s, bool) for s in storeys):
+            raise SceneError(f"{owner}: storeys are {shown(self.storeys)}; give a list of whole numbers")
+        object.__setattr__(self, "storeys", tuple(map(int, storeys)))
+
+    def check_restitution(self, basis: str) -> None:
+        """Raise `SceneError` unless the restitution is valid for the law on that basis."""
+        e = self.restitution
+        try:
+            if e is not None and (isinstance(e, bool) or not isinstance(e, numbers.Real)):
+                raise LawError(f"restitution {shown(e)} is no number; give {self.law.validity}")
+            self.law.check_restitution(None if e is None else float(e), basis)
+        except LawError as error:
+            raise SceneError(f"bumper of pair {shown(self.pair)}: {error}") from None
+
+    def damping_coefficient(self, mass: np.ndarray, basis: str) -> np.ndarray:
+        """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
+        return self.law.damping_coefficient(self._e, self.stiffness, mass, basis)
+
+    def quickening(self, basis: str) -> float:
+        """See `Law.quickening`."""
+        return float(self.law.quickening(self._e, basis))
+
+    @property
+    def _e(self) -> float:
+        return 1.0 if self.restitution is None else self.restitution
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The bumper as JSON holds it, arguments of its own."""
+        law: Law = self.law
+        return {
+            **vars(self),
+            "law": law.key if LAWS.get(law.key) is law else law.described,
+            "storeys": list(self.storeys),
+        }
+
+
+def _law(given: Any, thickness: float | None, owner: str) -> Law:
+    """Return the law of a bumper that is given as such, as JSON holds it, or by its key."""
+    if given == RUBBER:
+        if not thickness:
+            raise SceneError(f"{owner}: law {RUBBER!r} needs the thickness of the rubber (m), a positive number")
+        return rubber_bumper(thickness)
+    try:
+        law = law_of(given) if isinstance(given, Mapping) else given
+    except (LawError, TypeError) as error:
+        raise SceneError(f"{owner}: {error}") from None
+    if isinstance(law, str) and law in LAWS:
+        law = LAWS[law]
+    if not isinstance(law, Law):
+        raise SceneError(f"{owner}: {unknown('contact law', given, LAWS)}, or {RUBBER!r}")
+    if law.exponent is None:
+        raise SceneError(f"{owner}: law {law.key!r} has no force that a bumper could have; give another law")
+    if LAWS.get(law.key) is not law and not (law.number is None or isinstance(law.number, str)):
+        raise SceneError(
+            f"{owner}: law {law.key!r} gives its damping number as a function; give it as text, a formula of e"
+        )
+    return law
 
 
 #: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.

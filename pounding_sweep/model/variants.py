@@ -23,8 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.levels import column_softness
-from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
+from pounding_sweep.model.scene import Building, Scene, column_softness, rayleigh_factors
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096

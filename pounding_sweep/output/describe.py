@@ -21,7 +21,7 @@ from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, plain, sources
 from pounding_sweep.output.slabs import cuts, status_counts
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
-from pounding_sweep.spec.overview import overview_of
+from pounding_sweep.spec.spec import overview_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, where
-from pounding_sweep.model.levels import column_shares
+from pounding_sweep.model.scene import column_shares
 from pounding_sweep.outputs.declare import UNMEASURED, KernelResults, Reducer, Slot, Variable
 
 

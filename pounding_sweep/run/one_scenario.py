@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.model.laws import Law
+from pounding_sweep.model.laws import Law, find_law
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
-from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.model.laws import LAWS, Law, realised_restitution
+from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.dataset import assemble
@@ -22,7 +22,6 @@ from pounding_sweep.run.histories import histories
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:

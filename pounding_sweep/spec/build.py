@@ -1,20 +1,791 @@
-"""From what a user gave to the sweep's description.
+"""From what a user gave to the sweep's description: arguments in Python or in a file, and what they need of each other.
 
-`build_spec` turns what a user gave, in Python or in a file, into a `SweepSpec` or into one error that lists every
-fault. Nothing is run and nothing of the sweep's size is allocated here.
+`build_spec` turns them into a `SweepSpec` or into one error that lists every fault. Nothing is run and nothing of the
+sweep's size is allocated here.
 """
 
 from __future__ import annotations
 
+import functools
 import inspect
+import itertools
+import math
+import os
 import textwrap
-from collections.abc import Callable
-from typing import Any
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Annotated, Any
 
-from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.faults import spell
-from pounding_sweep.spec.schema import Arguments, read_sweep
-from pounding_sweep.spec.spec import SweepSpec, sweep_error
+import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field, create_model
+
+from pounding_sweep.base.errors import (
+    Fault,
+    InputError,
+    MissingRecordError,
+    Place,
+    SceneError,
+    SweepError,
+    shown,
+    unknown,
+)
+from pounding_sweep.base.text import LONGEST_TITLE, label_fault
+from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, names_file
+from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.rebound import RESTITUTION_BASES
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent
+from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases, read_distribution
+from pounding_sweep.spec.faults import (
+    Faults,
+    Flag,
+    Number,
+    Table,
+    is_number,
+    key,
+    listed,
+    number,
+    number_check,
+    one_of,
+    spell,
+    valid_part,
+)
+from pounding_sweep.spec.spec import (
+    ACCURACY_RANGE,
+    AUDIT_SHARE,
+    MAX_SCENARIOS,
+    METHODS,
+    PRECISIONS,
+    SweepSpec,
+    step_fault,
+    sweep_error,
+)
+from pounding_sweep.spec.tables import (
+    MAX_AXIS,
+    DesignTable,
+    read_range,
+    read_scene,
+    record_of_table,
+)
+
+#: After so many faults in a list the rest of it is not looked at.
+_MOST_FAULTS = 20
+#: Axes of at most so many values are checked value by value even in a sweep that is too large.
+CHECKED_AXIS = 10_000
+#: Time step (s) where neither a step nor an accuracy is given.
+DEFAULT_STEP = 1e-3
+_GAP_OR_GAPS = number_check("gap in m, or one per pair", ge=0.0)
+#: Default parameters of Newmark's method.
+_PARAMETERS = {"beta": 0.25, "gamma": 0.5}
+
+
+def _check_title(value: str) -> str:
+    if fault := label_fault(value, LONGEST_TITLE):
+        raise InputError(f"{shown(value)} {fault}; give one line")
+    return value
+
+
+def _check_outputs(value: Any) -> tuple[str, ...]:
+    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs
+
+    groups = {"default": DEFAULT_OUTPUTS, "all": tuple(VARIABLES)}
+    if value is None or (isinstance(value, str) and value in groups):
+        return tuple(check_outputs(groups[value or "default"]))
+    items = listed(value, (str,))
+    if not items:
+        what = f"must be a name or a list of names, not {shown(value)}" if items is None else "is empty"
+        raise InputError(f"{what}; give variables, 'default' or 'all'")
+    found = read_each(items, lambda name: check_outputs([name])[0], single=isinstance(value, str))
+    return tuple(check_outputs(found))
+
+
+def read_each(
+    items: Iterable[Any],
+    read: Callable[[Any], Any],
+    key: Callable[[Any], Any] = lambda item: item,
+    *,
+    found: dict[Any, tuple[int, Any]] | None = None,
+    remedy: str = "give it once",
+    single: bool = False,
+) -> dict[Any, tuple[int, Any]]:
+    """Read each item of a list, which makes one thing or a list of them; no two have the same key.
+
+    Returns them by it, with the index of their item. A fault has its index; after many the rest is not looked at.
+    """
+    found = {} if found is None else found
+    with Faults() as faults:
+        for index, item in enumerate(items):
+            if len(faults.found) >= _MOST_FAULTS:
+                text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
+                faults.add((), text)
+                break
+            place: Place = () if single else (index,)
+            result = faults.attempt(place, read, item)
+            for each in result if isinstance(result, list) else () if result is None else (result,):
+                name = key(each)
+                if name in found:
+                    faults.add(place, f"{shown(name)} repeats value [{found[name][0]}]; {remedy}")
+                else:
+                    found[name] = index, each
+    return found
+
+
+class _Settings(Table):
+    """Arguments but for the axes; those of type Any are checked together with others."""
+
+    scene: Any = key("a table [scene]")
+    records: Any = key("a list of names, files and tables")
+    laws: Any = key("a name or a list of names", None)
+    folders: Any = None
+    base: Any = None
+    skip_missing_records: Flag = key("true or false", False)
+    title: Annotated[str, AfterValidator(_check_title)] = key("a text", "")
+    restitution_basis: Annotated[Any, one_of("restitution basis", RESTITUTION_BASES)] = key("a text", "published")
+    sa_period: Number | None = number("a number in s", None, ge=0.01, le=20.0)
+    cases: Any = key("tables [[sweep.cases]]", None)
+    design: Any = key("a table [design]", None)
+    accuracy: Number | None = number(
+        "a number, the relative error asked for", None, ge=ACCURACY_RANGE[0], le=ACCURACY_RANGE[1]
+    )
+    method: Annotated[Any, one_of("method", METHODS)] | None = key("a text", None)
+    precision: Annotated[Any, one_of("precision", PRECISIONS)] | None = key("a text", None)
+    dt: Number | None = number("a number in s", None, gt=0.0)
+    audit: Number = number("a number, the share of the cost spent on the audit", AUDIT_SHARE, ge=0.0, le=1.0)
+    locate: Flag = key("true or false", True)
+    force_unstable: Flag = key("true or false", False)
+    beta: Number | None = number("a number", None, ge=0.0, le=0.5)
+    gamma: Number | None = number("a number", None, ge=0.5, le=1.0)
+    outputs: Annotated[Any, AfterValidator(_check_outputs)] = Field(
+        "default", validate_default=True, description="a name or a list of names"
+    )
+    building: Any = key("tables building.NAME of factors", None)
+
+
+_AXIS: Any = (Any, key("a number, a list of numbers, or a table of evenly spaced values", None))
+#: All arguments: what each takes, and its default.
+Arguments = create_model("Arguments", __base__=_Settings, **dict.fromkeys(AXES, _AXIS))
+
+_FACTORS = key('a table by name of the building, such as {"left": 1.2}', ())
+_OF_CASES: dict[str, Any] = {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "gap": (Any, None)}
+for _name, _axis in AXES.items():
+    _type = Any if _axis.by_building else Number | None
+    _field = (
+        _FACTORS if _axis.by_building else number(f"a {_axis.noun}", getattr(Case, _axis.dimension), **_axis.bounds)
+    )
+    _OF_CASES.setdefault(_name if _axis.by_building else _axis.dimension, (_type, _field))
+
+
+class _CaseBase(Table):
+    model_config = ConfigDict(title="Case or a table")
+
+    record: Any = None
+    building: Any = None
+
+
+#: A listed case: its keys in Python and in files, which have `building`.
+CaseTable = create_model("CaseTable", __base__=_CaseBase, **_OF_CASES)
+
+
+def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
+    """Make a sweep of the arguments of `build_spec`; None, and every fault with its place, if that is not possible."""
+    faults = Faults()
+    reader = _Reader(valid_part(Arguments, given, faults), faults)
+    spec = faults.attempt((), reader.read)
+    return (None if faults.found else spec), faults.found
+
+
+def _law_faults(scene: Scene, law: Law) -> Iterator[str]:
+    """Tell of velocity jumps beside bumpers, and of a law that is not linear in d where floors strike columns."""
+    if law.impulsive and scene.bumpers:
+        yield f"law {law.key!r} has no force, and does not go beside bumpers that have; give another law, or no bumpers"
+    if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
+        usable = ", ".join(key for key, law in LAWS.items() if law.exponent == 1.0)
+        yield (
+            f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
+            f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
+        )
+
+
+def _no_axis(value: Any) -> None:
+    if value is not None:
+        raise InputError("listed cases take the place of laws and axes; leave it out, or leave out the cases")
+
+
+class _Reader:
+    """Reads the arguments that need each other, one after the other. Places are those in the whole sweep."""
+
+    def __init__(self, given: dict[str, Any], faults: Faults) -> None:
+        self.given, self.faults = given, faults
+        self.wrong = {place[0] for place, _ in faults.found}  # arguments that stand at their defaults
+        self.files: dict[str, Law] = {}  # laws of the user's own files, which are run once
+        self.laws: dict[str, Law] = {}  # those that are valid count in further checks
+        self.scene: Scene | None = None
+        self.records: list[Record] | None = None  # None where one of them is at fault
+        self.left_out: list[str] = []  # records that are missing, where that is allowed
+        self.listing = given["cases"] is not None
+        self.basis: str = given["restitution_basis"]
+
+    def read(self) -> SweepSpec | None:
+        """Read all of them but those that are wrong already."""
+        given, faults = self.given, self.faults
+
+        def part(name: str, read: Any) -> Any:
+            return None if name in self.wrong else faults.attempt((name,), read, given[name])
+
+        self.scene = part("scene", self._scene)
+        self.records = part("records", self._records)
+        part("laws", self._read_laws)
+        cases = part("cases", self._cases)
+        design = part("design", self._design)
+        axes = self._axes(design)
+        settings = self._settings()
+        if faults.found:
+            return None
+        assert self.scene is not None
+        assert self.records is not None
+        values = AxisValues(**axes)
+        names = [record.name for record in self.records], [building.name for building in self.scene.buildings]
+        if design is not None:
+            cases = design.cases(self.laws, names[0], values, names[1])
+        elif any(axis.listed and getattr(values, name) for name, axis in AXES.items()):
+            cases = product_cases(self.laws, names[0], values, names[1])
+        spec = SweepSpec(
+            **({} if cases is not None else axes),
+            **settings,
+            cases=cases,
+            design=design,
+            laws=tuple(self.laws),
+            own_laws=tuple(law for key, law in self.laws.items() if key not in LAWS),
+            scene=self.scene,
+            records=tuple(self.records),
+            records_left_out=tuple(self.left_out),
+        )
+        self._check_room(spec)
+        return None if faults.found else with_strengths(spec)
+
+    # --- scene, records, laws ---
+
+    def _scene(self, value: Any) -> Scene:
+        if isinstance(value, dict):
+            return read_scene(value, self.given["base"])
+        if isinstance(value, str):
+            return get_preset(value)
+        if not isinstance(value, Scene):
+            raise InputError(f"must be a Scene or the name of a preset, not {shown(value)}")
+        return value
+
+    def _records(self, value: Any) -> list[Record]:
+        items = listed(value, (Record, str, os.PathLike, dict))
+        if not items:
+            raise InputError("no records: a sweep of zero scenarios; give records, names or files")
+        found = read_each(
+            enumerate(items),
+            lambda pair: self._resolve(*pair),
+            lambda record: record.name,
+            remedy="give it another name",
+        )
+        if self.left_out and not found:
+            raise InputError(f"none is left: {', '.join(self.left_out)} missing; get at least one of them")
+        return [record for _, record in found.values()]
+
+    def _resolve(self, index: int, item: Any) -> list[Record]:
+        """Return the records that an item stands for: a set has several, a missing one that is left out none."""
+        folders, base = self.given["folders"], self.given["base"]
+        try:
+            if isinstance(item, (Record, str, os.PathLike)):
+                return resolve_records([item], folders=folders, base=base)
+            return [record_of_table(item, Path(base or "."), folders)]
+        except MissingRecordError as error:
+            if not self.given["skip_missing_records"]:
+                raise
+            self.left_out.append((isinstance(item, dict) and item.get("name")) or error.record)
+            warnings.warn(f"records[{index}] is left out: {error}", UserWarning, stacklevel=2)
+            return []
+
+    def _law(self, value: Any, known: Mapping[str, Law], groups: str = "") -> Law:
+        """Return a law that the scene allows, and the only one of its key."""
+        text = value if isinstance(value, str) else ""
+        if text and not names_file(text) and text not in LAWS:
+            if text in known:  # of a file that was named before
+                return known[text]
+            raise InputError(f"{unknown('contact law', value, LAWS)}{groups}, or a law of your own as FILE.py:NAME")
+        law = self.files.get(text) or find_law(value, self.given["base"])
+        if text:
+            self.files[text] = law
+        if known.get(law.key, law) != law:
+            raise InputError(f"law {law.key!r} is another one than that of the same key before; give it another key")
+        for fault in _law_faults(self.scene, law) if self.scene is not None else ():
+            raise InputError(fault)
+        return law
+
+    def _read_laws(self, value: Any) -> None:
+        """Read the laws of a sweep, groups expanded."""
+        if self.listing:
+            _no_axis(value)
+            return
+        items = listed(value, (str, Law)) if value is not None else []
+        if items is None:
+            raise InputError(f"must be a name or a list of names, not {shown(value)}")
+        if not items:
+            what = "is missing" if value is None else "is empty: a sweep of zero scenarios"
+            raise InputError(f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015")
+
+        def read(item: Any) -> list[Law]:
+            names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
+            return [self._law(name, {}, " (or the groups all, mate2015)") for name in names]
+
+        found: dict[str, tuple[int, Law]] = {}
+        try:
+            read_each(items, read, lambda law: law.key, found=found, single=isinstance(value, (str, Law)))
+        finally:
+            self.laws |= {key: law for key, (_, law) in found.items()}
+
+    def _check_parameters(self, dimensions: Collection[str]) -> None:
+        """Note parameters of axes that are missing, or given without the axis; `dimensions`: those that there are."""
+        for name, axis in AXES.items():
+            if axis.parameter and axis.parameter not in self.wrong:
+                stated = self.given[axis.parameter] is not None
+                if axis.dimension in dimensions and not stated:
+                    self.faults.add((axis.parameter,), f"is missing: {name} needs it; give the period in s")
+                elif stated and axis.dimension not in dimensions:
+                    self.faults.add((axis.parameter,), f"is of no use without {name}; leave it out")
+
+    # --- axes ---
+
+    def _sequence(self, value: Any, axis: Axis) -> Range | list[Any]:
+        """Return the values of one axis, evenly spaced ones not yet expanded."""
+        if isinstance(value, (Range, dict)):
+            return read_range(value)
+        if hasattr(value, "__array__"):
+            value = np.asarray(value).tolist()
+        if is_number(value):
+            value = [value]
+        if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+            raise InputError(f"must be a number or a list of numbers ({axis.noun}), not {shown(value)}")
+        values = list(itertools.islice(value, MAX_AXIS + 1))  # it may be endless
+        if not values:
+            raise InputError("is empty: a sweep of zero scenarios; give at least one value or leave it out")
+        if len(values) > MAX_AXIS:
+            raise InputError(f"has more than {MAX_AXIS} values; give at most as many")
+        return values
+
+    def _values(self, sequence: Range | list[Any], axis: Axis) -> tuple[float, ...]:
+        """Convert and check the values of one axis."""
+        evenly = isinstance(sequence, Range)
+        values = sequence.values() if isinstance(sequence, Range) else sequence
+        read = functools.partial(axis.check, laws=list(self.laws.values()), basis=self.basis)
+        return tuple(read_each(values, read, single=evenly, remedy="the values of an axis must differ"))
+
+    def _by_building(self, given: Mapping[str, Any], faults: Faults) -> dict[tuple[str, Any], tuple[Place, Any]]:
+        """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
+        # it is given as tables by name of the building, or as one table `building` of tables by name
+        found: dict[tuple[str, Any], tuple[Place, Any]] = {}
+        for argument in FACTOR_KINDS:
+            table = given.get(argument) or {}
+            table = dict(table) if isinstance(table, tuple) else table
+            if isinstance(table, Mapping):
+                found |= {(argument, name): ((argument, str(name)), value) for name, value in table.items()}
+            else:
+                text = f'must be a table by name of the building, such as {{"left": 1.2}}, not {shown(table)}'
+                faults.add((argument,), text)
+        kinds = {kind: argument for argument, kind in FACTOR_KINDS.items()}
+        tables = given.get("building") or {}
+        if not isinstance(tables, Mapping):
+            faults.add(("building",), f"must be tables building.NAME of factors, not {shown(tables)}")
+            tables = {}
+        for name, table in tables.items():
+            if not isinstance(table, Mapping):
+                faults.add(("building", name), f"must be a table of {', '.join(kinds)}, not {shown(table)}")
+                continue
+            for kind, value in table.items():
+                place: Place = ("building", name, kind)
+                if kind not in kinds:
+                    faults.add(place, unknown("key", kind, kinds))
+                elif (kinds[kind], name) in found:
+                    faults.add(place, f"is given as {kinds[kind]}, too; leave one of them out")
+                else:
+                    found[kinds[kind], name] = place, value
+        if self.scene is None:
+            return {}
+        names = [building.name for building in self.scene.buildings]
+        for (argument, name), (place, _) in found.items():
+            if name not in names:
+                faults.add(place, unknown("building", name, names))
+            for _, text in AXES[argument].requires(self.scene, [name], ()):
+                faults.add(place, text)
+        order = itertools.product(FACTOR_KINDS, names)
+        return {key: found[key] for key in order if key in found}
+
+    def _design(self, value: Any) -> Design | None:
+        """Check a design: what is drawn, from what, and whether what came of it will do."""
+        if value is None:
+            return None
+        if self.listing:
+            raise InputError("a design and listed cases exclude each other; give one of them")
+        by_name = {axis.dimension: name for name, axis in AXES.items() if not axis.by_building} | {RECORD: "records"}
+        valid = (*by_name, *FACTOR_KINDS, "building")
+        with Faults() as faults:
+            table = valid_part(DesignTable, value, faults)
+            inputs = table.get("inputs")
+            if table and inputs == {}:
+                faults.add((), "no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
+            inputs = inputs if isinstance(inputs, dict) else {}
+            with_place = Faults()
+            items: dict[tuple[str, Any], tuple[Place, Any]] = {}
+            for name, item in inputs.items():
+                if name in by_name:
+                    items[by_name[name], None] = (name,), item
+                elif name not in valid:
+                    with_place.add((str(name),), unknown("input", name, valid))
+            items |= self._by_building(inputs, with_place)
+            drawn: dict[tuple[str, str | None], Distribution | None] = {}
+            for argument, (place, item) in items.items():
+                if argument[0] == "records":
+                    drawn[argument] = None
+                    if item != {"distribution": "any"}:
+                        text = f'records have no distribution but {{ distribution = "any" }}, not {shown(item)}'
+                        with_place.add(place, text)
+                elif isinstance(item, dict):
+                    drawn[argument] = with_place.attempt(place, read_distribution, item)
+                else:
+                    with_place.add(place, f"must be a table of a distribution, not {shown(item)}")
+            faults.found += [(("inputs", *place), text) for place, text in with_place.found]
+        design = Design(table["kind"], table["samples"], table["seed"], named_inputs(drawn))
+        if len(design) > MAX_AXIS:
+            raise InputError(f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep")
+        with Faults() as faults:
+            for i, entry in enumerate(design.inputs):
+                values = design.values(i, ()) if entry.distribution else []
+                for end in {min(values), max(values)} if values else ():
+                    try:
+                        AXES[entry.argument].check(end, list(self.laws.values()), self.basis)
+                    except InputError as error:
+                        text = f"{error}; it was drawn: give low and high, or another distribution"
+                        faults.add(("inputs", *items[entry.argument, entry.building][0]), text)
+        return design
+
+    def _axes(self, design: Design | None) -> dict[str, Any]:
+        """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
+        faults, scene, given = self.faults, self.scene, self.given
+        stated = {name for name in AXES if given[name] is not None}
+        if self.listing:
+            for name in (*AXES, "building"):
+                faults.attempt((name,), _no_axis, given[name])
+            return {}
+        laws, records = list(self.laws.values()), self.records or []
+        sizes = {"records": len(records), "laws": len(laws)}
+        drawn = {(entry.argument, entry.building) for entry in design.inputs} if design else set()
+        if design:
+            sizes |= {"points": len(design)} | ({"records": 1} if ("records", None) in drawn else {})
+        items: dict[tuple[str, Any], tuple[Place, Any]] = {
+            (name, None): ((name,), given[name]) for name in AXES if name in stated and name not in FACTOR_KINDS
+        }
+        items |= self._by_building(given, faults)
+        sequences: dict[tuple[str, Any], Range | list[Any]] = {}
+        for (name, building), (place, value) in items.items():
+            if (name, building) in drawn:
+                faults.add(place, "is an input of the design, too; leave one of them out")
+            sequence = faults.attempt(place, self._sequence, value, AXES[name])
+            if sequence is not None:
+                sizes[spell(place)] = len(sequence)
+                sequences[name, building] = sequence
+        # each of a list is held as such
+        listing = design or any(axis.listed and name in stated for name, axis in AXES.items())
+        most = MAX_AXIS if listing else MAX_SCENARIOS
+        if (size := math.prod(sizes.values())) > most:
+            product = " x ".join(f"{count} {name}" for name, count in sizes.items())
+            faults.add((), f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it")
+        values: dict[str, Any] = {}
+        for (name, building), sequence in sequences.items():
+            if size <= most or len(sequence) <= CHECKED_AXIS:
+                checked = faults.attempt(items[name, building][0], self._values, sequence, AXES[name])
+                values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
+        for name, axis in AXES.items():
+            if not axis.finds or not (name in stated or (name, None) in drawn):
+                continue
+            faults.found += axis.requires(scene, laws, records) if scene is not None else ()
+            if any(other == axis.finds for other, _ in (*items, *drawn)):
+                faults.add((name,), f"{name} and {axis.finds} exclude each other; give one of them")
+        self._check_parameters([AXES[name].dimension for name in stated])
+        for column in COLUMNS:
+            choices = {name: axis for name, axis in AXES.items() if axis.column == column}
+            chosen = [name for name in choices if name in stated or (name, None) in drawn]
+            if len(chosen) > 1:
+                text = f"{chosen[0]} and {chosen[1]} exclude each other; give one of them"
+                inner = ("design", "inputs", choices[chosen[1]].dimension)
+                faults.add(inner if (chosen[1], None) in drawn else (chosen[1],), text)
+                continue
+            default = [name for name, axis in choices.items() if axis.default is not None]
+            for name in chosen or default:
+                faults.found += choices[name].requires(scene, laws, records) if scene is not None else ()
+            values |= {name: choices[name].default for name in default if not chosen}
+        if "restitutions" not in stated and ("restitutions", None) not in drawn and scene is not None:
+            taking = [law for law in laws if law.takes_restitution]
+            value = faults.attempt((), self._scene_restitution, taking) if taking else 1.0
+            values["restitutions"] = () if value is None else (value,)
+        return values
+
+    def _scene_restitution(self, laws: Sequence[Law]) -> float:
+        """Return the scene's restitution, checked against laws that take one."""
+        value = self.scene and self.scene.contact.restitution
+        if value is None:
+            text = (
+                f"no restitution is given, and {', '.join(law.key for law in laws)} need{'s' * (len(laws) == 1)} one "
+                f"({laws[0].validity}); give restitutions, or restitution in the scene's contact properties"
+            )
+            raise SceneError(text, ("restitutions",))
+        try:
+            return AXES["restitutions"].check(value, laws, self.basis)
+        except InputError as error:
+            raise SceneError(str(error), ("scene", "contact", "restitution")) from None
+
+    # --- listed cases ---
+
+    def _case_gap(self, value: Any) -> float | tuple[float, ...]:
+        values = None if is_number(value) else listed(value)
+        if values is None:
+            return _GAP_OR_GAPS(value)
+        if self.scene is not None and len(values) != len(self.scene.gaps):
+            raise InputError(
+                f"{len(values)} gaps for {len(self.scene.gaps)} pairs ({', '.join(self.scene.pair_names)})"
+            )
+        with Faults() as faults:
+            return tuple(faults.attempt((i,), AXES["gaps"].check, item) for i, item in enumerate(values))
+
+    def _case(self, item: Any, known: dict[str, Law]) -> Case:
+        """Check one listed case and fill in what it leaves to the scene."""
+        item = vars(item) if isinstance(item, Case) else item
+        item = {key: value for key, value in item.items() if value is not None} if isinstance(item, dict) else item
+        with Faults() as faults:
+            values = valid_part(CaseTable, item, faults)
+            law = faults.attempt(("law",), self._law, item["law"], known) if values and "law" in item else None
+            if law is not None:
+                known[law.key] = law
+            if "gap" in values and values["gap"] is not None:
+                values["gap"] = faults.attempt(("gap",), self._case_gap, values["gap"])
+            if law is not None and values["restitution"] is not None:
+                faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
+            for column in COLUMNS if values else ():
+                dimensions = [axis.dimension for axis in AXES.values() if axis.column == column]
+                chosen = [key for key in dimensions if values[key] not in (None, getattr(Case, key))]
+                if len(chosen) > 1:
+                    faults.add((chosen[0],), f"{chosen[0]} and {chosen[1]} exclude each other; give one of them")
+            factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
+            for (argument, name), (place, value) in self._by_building(values, faults).items():
+                factor = faults.attempt(place, AXES[argument].check, value)
+                if factor != 1.0:
+                    factors[argument][name] = factor
+            names, record = [record.name for record in self.records or ()], values.get("record")
+            if values and record is None and len(names) == 1:
+                (record,) = names
+            elif values and self.records is not None and record not in names:
+                valid = f"is missing; valid: {', '.join(names)}"
+                faults.add(("record",), valid if record is None else unknown("record", record, names))
+            if law is None or faults.found or not isinstance(record, str):  # without records a fault is elsewhere
+                return Case("none")
+            if law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
+                values["stiffness_factor"] = 1.0
+            if law.takes_restitution and values["restitution"] is None and self.scene is not None:
+                try:
+                    values["restitution"] = self._scene_restitution([law])
+                except InputError as error:
+                    faults.add(("restitution",), str(error))
+        values |= {name: tuple(factors_of.items()) for name, factors_of in factors.items()}
+        return Case(**{name: values[name] for name in _CASE_KEYS} | {"law": law.key, "record": record})
+
+    def _cases(self, value: Any) -> tuple[Case, ...] | None:
+        """Check listed cases and fill in what they leave to the scene."""
+        if value is None:
+            return None
+        items = None if isinstance(value, Case) else listed(value)
+        if items is None:
+            raise InputError(f"must be a list of cases, not {shown(value)}")
+        if not items:
+            raise InputError("is empty: a sweep of zero scenarios; list at least one case or give axes")
+        if len(items) > MAX_SCENARIOS:
+            raise InputError(f"{len(items)} cases are too many; give at most {MAX_SCENARIOS}")
+
+        def record_of(item: Any) -> Any:
+            return item.get("record") if isinstance(item, dict) else getattr(item, "record", None)
+
+        remaining = [item for item in items if record_of(item) not in self.left_out]
+        if len(remaining) < len(items):
+            text = f"{len(items) - len(remaining)} of {len(items)} listed cases name records that are missing"
+            if not remaining:
+                raise InputError(f"none is left: {text}")
+            text += "; they are left out too, and the others are numbered anew"
+            warnings.warn(text, UserWarning, stacklevel=2)
+        seen: dict[Case, tuple[int, Case]] = {}
+        known: dict[str, Law] = {}
+
+        def read(item: Any) -> Any:
+            return [] if record_of(item) in self.left_out else self._case(item, known)
+
+        self.faults.attempt(("cases",), read_each, items, read, found=seen, remedy="list a scenario once")
+        self._check_parameters(
+            [pair[0].dimension for case in seen for column in COLUMNS if (pair := case.axis(column))]
+        )
+        self.laws |= {case.law: known[case.law] for case in seen if case.law in known}
+        for axis in AXES.values():
+            using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
+            if not using or self.scene is None:
+                continue
+            laws = {case.law: known[case.law] for case in using}
+            names = {case.record for case in using}
+            records = [record for record in self.records or () if record.name in names]
+            groups = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
+            for group in groups:  # a case has a stiffness of its own
+                self.faults.found += axis.requires(self.scene, group, records)
+        return tuple(seen)
+
+    # --- settings ---
+
+    def _settings(self) -> dict[str, Any]:
+        """Check settings together, with defaults for what is not given; with an accuracy the cheapest is chosen."""
+        given, scene, add = self.given, self.scene, self.faults.add
+        automatic = given["accuracy"] is not None or "accuracy" in self.wrong
+        if automatic and (given["dt"] is not None or "dt" in self.wrong):
+            add(("dt",), "accuracy chooses the step; leave out dt, or leave out accuracy")
+        for name, default in (("method", "rk4"), ("precision", "float64"), ("dt", DEFAULT_STEP)):
+            if given[name] is None and not automatic and name not in self.wrong:
+                given[name] = default
+        method, precision, dt = given["method"], given["precision"], given["dt"]
+        scheme = SCHEMES.get(method)
+        for record in self.records or () if dt else ():
+            if fault := step_fault(record, record.dt / dt):
+                add(("dt",), f"{dt:g} s is too small: {fault}; take a larger dt, or cut the record")
+                break
+        if scheme and scene is not None:
+            if (why := scheme.refuses(scene)) is not None:
+                able = ", ".join(name for name, other in SCHEMES.items() if other.refuses(scene) is None)
+                add(("method",), f"{method!r} {why}; give one of {able}")
+            elif precision and (why := scheme.refuses(scene, precision)) is not None:
+                add(("precision",), f'method {method!r} {why}; give precision = "float64", or a method that steps')
+        if not given["locate"]:
+            for fault in self._locate_faults(automatic):
+                add(("locate",), fault)
+        for name, default in _PARAMETERS.items():
+            if given[name] is None:
+                given[name] = default
+            elif given[name] != default and scheme and name not in scheme.parameters:
+                owners = " and ".join(other.name for other in SCHEMES.values() if name in other.parameters)
+                add((name,), f"{name} is a parameter of {owners}, and the method is {method}; leave it out")
+            elif given[name] != default and automatic:
+                add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
+        return {name: given[name] for name in _SETTINGS}
+
+    def _locate_faults(self, automatic: bool) -> Iterator[str]:
+        """Say what needs located contacts."""
+        if automatic:
+            yield "accuracy was measured with located contacts only; leave out locate, or leave out accuracy"
+        method = self.given["method"]
+        if method is not None and SCHEMES[method].flies_exactly:
+            yield f"method {method!r} flies exactly between located touches; give locate = true"
+        bumpers = [bumper.law for bumper in self.scene.bumpers] if self.scene else []
+        for law in (*self.laws.values(), *bumpers):
+            if law.impulsive or law.yields:
+                what = "acts at the located touch only" if law.impulsive else "follows its own past by located events"
+                yield f"law {law.key!r} {what}; give locate = true, or leave the law out"
+                break
+        for building in self.scene.buildings if self.scene else ():
+            if any(building.yields):
+                text = f"storeys of building {building.name!r} yield, which is followed by located events"
+                yield f"{text}; give locate = true, or leave out its yield_strengths"
+                break
+
+    def _check_room(self, spec: SweepSpec) -> None:
+        """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
+        for index, bumper in enumerate(spec.scene.bumpers):
+            self.faults.attempt(("scene", "bumpers", index), bumper.check_restitution, spec.restitution_basis)
+        bumpers = [bumper for bumper in spec.scene.bumpers if bumper.thickness]
+        scene_gaps, shared = spec.scene.gaps, ("scene", "gaps") if spec.gaps is None else ("gaps",)
+        asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [
+            (("cases", i, "gap"), (case.law,), scene_gaps if case.gap is None else np.atleast_1d(case.gap).tolist())
+            for i, case in enumerate(spec.cases or ())
+        ] or [(shared, tuple(self.laws), scene_gaps if spec.gaps is None else spec.gaps)]
+        for place, keys, gaps in asked if bumpers or any(law.thickness for law in self.laws.values()) else ():
+            narrow = [
+                (min(gaps), law.thickness, f"law {law.key!r}", "a law of less thickness")
+                for law in (self.laws[key] for key in keys)
+                if min(gaps, default=math.inf) < law.thickness
+            ]
+            for bumper in bumpers:
+                pair = spec.scene.pair_names.index(bumper.pair)
+                gap = min(gaps) if gaps is spec.gaps or len(gaps) == 1 else gaps[pair]
+                if gap < bumper.thickness:
+                    narrow.append((gap, bumper.thickness, f"bumpers of {bumper.pair!r}", "a smaller thickness"))
+            for gap, thickness, owner, remedy in narrow:
+                text = f"a gap of {gap:g} m has no room for the {thickness:g} m of {owner}"
+                self.faults.add(place, f"{text}; give a wider gap, or {remedy}")
+
+
+#: Arguments that are read together with others.
+_READ = ("scene", "records", "laws", "cases", "design")
+_CASE_KEYS = [field.name for field in fields(Case)]
+_SETTINGS = [name for name in _Settings.model_fields if name in SweepSpec.__dataclass_fields__ and name not in _READ]
+
+
+#: Digits of the factors that are found: more than any result shows, and fewer than tell machines apart.
+DIGITS = 9
+
+
+def with_strengths(spec: SweepSpec) -> SweepSpec:
+    """Return a sweep whose cases have the factors on strengths for the ductilities that they ask for."""
+    # a motion twice as strong reaches the same ductility at twice the strength, and a building's masses change neither:
+    # one search serves all scales, laws, gaps and masses of a record
+    if spec.cases is None:
+        return spec
+    cases = list(spec.cases)
+    groups: dict[str, dict[Case, list[int]]] = {}
+    for i, case in enumerate(cases):
+        if case.ductility is not None and not case.strength_factors:
+            alike = Case(
+                "none",
+                period_factors=case.period_factors,
+                damping_ratio=case.damping_ratio,
+                hardenings=case.hardenings,
+                ductility=case.ductility,
+            )
+            groups.setdefault(case.record or spec.records[0].name, {}).setdefault(alike, []).append(i)
+    for name, group in groups.items():
+        found = _found(spec, name, list(group))
+        for each, rows in zip(found, group.values(), strict=True):
+            for i in rows:
+                scale = abs(spec.case_value(cases[i], "scale")) or 1.0
+                factors = {building: float(f"{factor * scale:.{DIGITS}g}") for building, factor in each.items()}
+                cases[i] = replace(cases[i], strength_factors=tuple(factors.items()))
+    return replace(spec, cases=tuple(cases)) if groups else spec
+
+
+def _found(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str, float]]:
+    """Return the factors at scale 1 of buildings that yield, by name."""
+    from pounding_sweep.engine.ductility import REACH, strengths_for
+
+    buildings = spec.scene.buildings
+    periods, hardenings = (
+        np.array([[dict(getattr(case, name)).get(b.name, own) for b in buildings] for case in cases], float)
+        for name, own in (("period_factors", 1.0), ("hardenings", np.nan))
+    )
+    ratios = np.array([np.nan if case.damping_ratio is None else case.damping_ratio for case in cases])
+    row = Variants(spec.scene, periods, np.ones(periods.shape), ratios, None, hardenings)  # type: ignore[arg-type]
+    targets = np.array([case.ductility for case in cases], float)
+    factors, _ = strengths_for(row, spec.record(record), targets)
+    result = []
+    for case, each in zip(cases, factors, strict=True):
+        own = {b.name: factor for b, factor in zip(buildings, each.tolist(), strict=True) if any(b.yields)}
+        if lacking := [name for name, factor in own.items() if np.isnan(factor)]:
+            msg = (
+                f"ductilities: {case.ductility:g} of building {lacking[0]!r} is not reached under {record!r}, not even "
+                f"at 1 / {REACH * (case.ductility or 1.0):g} of the strength at which it stays elastic; leave it out"
+            )
+            raise SweepError(msg, [msg])
+        result.append(own)
+    return result
 
 
 def build_spec(**arguments: Any) -> SweepSpec:

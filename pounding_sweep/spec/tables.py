@@ -14,16 +14,16 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, crea
 
 from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, shown
 from pounding_sweep.base.files import expanded
-from pounding_sweep.model.bumpers import Bumper
-from pounding_sweep.model.foundation import Foundation
-from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.links import Link
+from pounding_sweep.model.laws import find_law, hertz_stiffness, names_file
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import (
     CONTACTS,
     BoucWen,
     Building,
+    Bumper,
     ContactProperties,
+    Foundation,
+    Link,
     Scene,
     Wall,
     building_faults,
@@ -34,7 +34,6 @@ from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range
 from pounding_sweep.spec.design import KINDS, POWERS
 from pounding_sweep.spec.faults import Faults, Number, Table, key, number, one_of
-from pounding_sweep.spec.own_laws import find_law, names_file
 
 #: More values than this on one axis are refused.
 MAX_AXIS = 1_000_000

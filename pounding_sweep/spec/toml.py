@@ -8,19 +8,61 @@ import re
 import stat
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import Fault, Place, SweepError, shown, unknown
-from pounding_sweep.base.files import ESCAPE_HINT, expanded
+from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.examples import sweep_file_hint
+from pounding_sweep.spec.build import read_sweep
 from pounding_sweep.spec.faults import Faults, spell
-from pounding_sweep.spec.schema import read_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
 from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
+
+_PACKAGE = Path(__file__).parents[1]
+#: Where the examples are: in an installed package, and beside the package in a clone.
+_FOLDERS = (_PACKAGE / "sweeps", _PACKAGE.parent / "sweeps")
+
+
+@cache
+def examples() -> dict[str, Path]:
+    """Return the file of each example sweep, by its name."""
+    files = next((found for folder in _FOLDERS if (found := sorted(folder.glob("*.toml")))), [])
+    return {file.stem: file for file in files}
+
+
+def _read(name: str) -> dict[str, Any]:
+    return tomllib.loads(examples()[name].read_text(encoding="utf-8"))
+
+
+def example_title(name: str) -> str:
+    """Return what an example shows."""
+    return str(_read(name)["title"])
+
+
+def example_records(name: str) -> list[str]:
+    """Return the records that an example takes by name."""
+    return [record for record in _read(name)["sweep"]["records"] if isinstance(record, str)]
+
+
+def example_files(name: str) -> list[Path]:
+    """Return the files beside an example that it needs: its contact laws."""
+    file = examples()[name]
+    needed = re.findall(r"[\"'](\w+\.py):\w+[\"']", file.read_text(encoding="utf-8"))
+    return [file.parent / law_file for law_file in dict.fromkeys(needed)]
+
+
+def sweep_file_hint(path: str) -> str:
+    """Say how a sweep file that does not exist can be written, or which one was meant."""
+    name = Path(path).stem
+    if name in examples():
+        return f"; `pounding-sweep init {name}.toml --from {name}` writes it"
+    near = near_file(Path(path)).strip()
+    return f"; {near}" if near else "; `pounding-sweep init --list` shows the examples to begin with"
+
 
 #: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
 MAX_FILE_BYTES = 64 * 2**20

@@ -80,7 +80,7 @@ def required_gap(
 
     Something can strike where floors are level, and where a floor stands before columns ("a-b columns of b"), which is
     looked at whatever the row's ``contacts``; the gap of a pair must be that of all its labels. The point of the
-    columns that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.levels.column_shares`); the rules
+    columns that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.scene.column_shares`); the rules
     take its largest displacement from those of its floors in the same shares, which is never less than its own.
 
     Examples
