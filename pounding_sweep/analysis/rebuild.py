@@ -30,7 +30,7 @@ from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records, resolve_records
-from pounding_sweep.records.fema_p695 import read_component, set_components
+from pounding_sweep.records.catalogue import read_component, set_components
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES

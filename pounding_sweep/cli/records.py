@@ -53,7 +53,7 @@ def records_command(
     with reporting():
         from pounding_sweep.plan.sanity import record_doubts
         from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
-        from pounding_sweep.records.fema_p695 import data_folder
+        from pounding_sweep.records.catalogue import data_folder
 
         listed = list_records(folders or None, column)
         records = {name: item for name, item in listed if isinstance(item, Record)}
@@ -121,7 +121,7 @@ def print_read(rows: list[dict[str, Any]]) -> None:
 
 def _print(report: dict[str, Any]) -> None:
     from pounding_sweep.records import RECORDS_VARIABLE
-    from pounding_sweep.records.fema_p695 import INSTALL
+    from pounding_sweep.records.catalogue import INSTALL
 
     table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
     print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 9))

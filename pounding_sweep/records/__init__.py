@@ -3,21 +3,22 @@
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.records.catalogue import (
     KNOWN_RECORDS,
+    RECORD_SETS,
     RECORDS_VARIABLE,
     KnownRecord,
+    RecordSet,
     find_record,
     list_records,
+    read_record_set,
     resolve_record,
     resolve_records,
 )
-from pounding_sweep.records.fema_p695 import RECORD_SETS, RecordSet, read_record_set
-from pounding_sweep.records.formats import RECORD_SUFFIXES
+from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.measures import RecordMeasures, record_measures, records_dataset
 from pounding_sweep.records.reader import MAX_FILE_BYTES
-from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import Reading, Record
+from pounding_sweep.records.stated import UNITS
 from pounding_sweep.records.synthetic import PULSES, Pulse, near_fault_record, pulse_record, synthetic_record
-from pounding_sweep.records.units import UNITS
 
 __all__ = [
     "KNOWN_RECORDS",

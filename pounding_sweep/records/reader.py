@@ -1,11 +1,11 @@
-"""What a format of record files is, and what all readers share: safe text, numbers, bounds, messages."""
+"""What all readers of record files share: safe text, numbers, bounds, messages."""
 
 from __future__ import annotations
 
 import re
 import stat
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -90,18 +90,6 @@ class Content:
     header: str = ""  # what messages show of a file without a unit
     column: str | None = None  # the component that was chosen among several
     name: str | None = None  # the record's label where the file name without its ending tells too little
-
-
-@dataclass(frozen=True)
-class Reader:
-    """One format of record files; `READER` of each module of `pounding_sweep.records.formats` is one."""
-
-    name: str  # what the format is called, for the documentation
-    step: str  # where its time step stands, for the documentation
-    unit: str  # where its unit stands
-    suffixes: tuple[str, ...]  # endings that files of it have in folders, in lower case
-    matches: Callable[[list[str]], bool] | None  # whether the first lines are of it; None: takes what no other does
-    parse: Callable[[RecordText], Content]
 
 
 @dataclass(frozen=True)

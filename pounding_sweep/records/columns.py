@@ -13,7 +13,6 @@ from pounding_sweep.records.reader import (
     RUN,
     Array,
     Content,
-    Reader,
     RecordText,
     StatedStep,
     in_quotes,
@@ -21,8 +20,7 @@ from pounding_sweep.records.reader import (
     plain_words,
     words,
 )
-from pounding_sweep.records.steps import choose_step, stated_steps, step_of_times
-from pounding_sweep.records.units import other_quantity, stated_units
+from pounding_sweep.records.stated import choose_step, other_quantity, stated_steps, stated_units, step_of_times
 
 Lines = list[tuple[int, str]]
 
@@ -52,7 +50,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _DASHES = str.maketrans(dict.fromkeys("‐‑‒–—−", "-"))
 
 
-def _parse(source: RecordText) -> Content:
+def parse_columns(source: RecordText) -> Content:
     """Read one column of acceleration, with or without its time, or rows of one component."""
     header, line, row = read_header(source)
     first = cells_of(row)[1]
@@ -266,14 +264,3 @@ def cells_of(line: str) -> tuple[list[str], list[float] | str]:
             return cells, cell or line
         values += one
     return cells, values or line
-
-
-READER = Reader(
-    name="columns of time and accelerations, in CSV (`,` or `;`) or apart by blanks or tabs; acceleration alone; a "
-    "first line `N dt` as of eqsig, DEEPSOIL and RspMatch; one component in rows, with `layout`",
-    step="the column of times, the line `N dt`, or a remark such as `dt = 0.01 s` or `200 samples/s`",
-    unit="the heading, as `acc (g)` or `acc_g`, or a remark such as `units: g` or `acceleration in g`",
-    suffixes=(".csv", ".txt", ".dat", ".acc"),
-    matches=None,
-    parse=_parse,
-)
