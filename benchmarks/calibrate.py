@@ -29,8 +29,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.outputs.differences import relative_errors
-from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.outputs.variables import Status, reducers_for, relative_errors
 from pounding_sweep.plan.advice import (
     CLASSES,
     EXACT_STEPS,

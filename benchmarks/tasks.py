@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
-from pounding_sweep.plan.chunks import ChunkTask
+from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.cluster import _run_there
 from pounding_sweep.run.execute import dispatcher_for
 from pounding_sweep.run.pool import Dispatcher

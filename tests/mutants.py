@@ -51,7 +51,7 @@ MUTANTS = (
     ),
     # shears are of the neighbour's stiffness
     (
-        "outputs/motion.py",
+        "outputs/variables.py",
         'results.slots["drift"] * results.variants.elastic_stiffnesses',
         'results.slots["drift"] * results.variants.elastic_stiffnesses[:, ::-1]',
         "test_kernels.py",

@@ -19,9 +19,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.declare import UNMEASURED
-from pounding_sweep.outputs.differences import comparable, relative_error, relative_errors
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.outputs.variables import UNMEASURED, VARIABLES, Status, comparable, relative_error, relative_errors
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import (
     CLASSES,

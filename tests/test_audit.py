@@ -20,8 +20,7 @@ from pounding_sweep.output.audited import audit_sentence, audit_table
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.output.results import Outcome
-from pounding_sweep.outputs.differences import relative_error
-from pounding_sweep.outputs.variables import Status, get_variable, reducers_for
+from pounding_sweep.outputs.variables import Status, get_variable, reducers_for, relative_error
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import synthetic_record
 from pounding_sweep.run import audit

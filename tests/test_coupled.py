@@ -21,9 +21,8 @@ from pounding_sweep.engine.flight import fixed_tables, flight_tables
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
 from pounding_sweep.kernel.flight import HEAD, Flight, Layout
-from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
 from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
 

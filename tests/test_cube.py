@@ -29,7 +29,6 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeAxis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
-from pounding_sweep.outputs.declare import Reducer, Slot, scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
@@ -37,6 +36,8 @@ from pounding_sweep.outputs.variables import (
     REDUCERS,
     STATUS,
     VARIABLES,
+    Reducer,
+    Slot,
     Status,
     check_outputs,
     cube_variables,
@@ -44,6 +45,8 @@ from pounding_sweep.outputs.variables import (
     mask_invalid,
     output_slots,
     reducers_for,
+    scatter_contact,
+    scatter_dof,
 )
 from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
 

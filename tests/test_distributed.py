@@ -28,7 +28,7 @@ import pounding_sweep
 from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.plan.chunks import ChunkTask
+from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import cluster as far_workers
 from pounding_sweep.run.execute import Progress

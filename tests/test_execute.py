@@ -24,8 +24,7 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.plan.chunks import ChunkTask, cut
-from pounding_sweep.plan.scenarios import Scenarios
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, cut
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import chunk_writer

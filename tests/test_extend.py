@@ -24,8 +24,8 @@ from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Outcome, Results
 from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan import chunks as cutting
 from pounding_sweep.plan import plan as planning
+from pounding_sweep.plan import scenarios as cutting
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import MANIFEST, identity_of
 from pounding_sweep.resume.reuse import EarlierCube

@@ -32,20 +32,19 @@ from pounding_sweep.accuracy.extremes import run_extremes, run_judged
 from pounding_sweep.accuracy.judge import Run, judge, make_reference, peak_error, peaks_of, sensitive_rows
 from pounding_sweep.accuracy.stability_map import SHOWN, stability_map
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.resolution import (
+from pounding_sweep.engine.postprocess import (
     MAX_PHASE_ERROR,
     displacement_limit,
     energy_limit,
     loses_ground,
     phase_error,
+    variables_of,
 )
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.figures import plot
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.declare import scatter_dof
-from pounding_sweep.outputs.variables import OK_CLAIM, Status
+from pounding_sweep.outputs.variables import OK_CLAIM, Status, scatter_dof
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.schemes import SCHEMES
 

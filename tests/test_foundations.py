@@ -19,7 +19,7 @@ from test_links import radius
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError
-from pounding_sweep.engine.resolution import displacement_limit, energy_limit
+from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.schemes import SCHEMES

@@ -28,7 +28,7 @@ from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan.chunks import Chunk
+from pounding_sweep.plan.scenarios import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.chunk_writer import ChunkWriter

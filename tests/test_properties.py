@@ -18,7 +18,7 @@ from scenes import EVERY, OUTPUTS, motions, pair, row
 import pounding_sweep as ps
 from pounding_sweep.accuracy.tradeoff import find_touching
 from pounding_sweep.engine import cache
-from pounding_sweep.engine.resolution import displacement_limit, energy_limit, phase_error
+from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
 from pounding_sweep.model.laws import get_law

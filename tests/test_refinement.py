@@ -11,8 +11,7 @@ from scenes import AXES, EVERY, OUTPUTS, motions, row
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, Status
+from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, Status, comparable, relative_errors
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement

@@ -23,10 +23,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pounding_sweep.accuracy.extreme_scenes import PEAKS, YIELDING_PEAKS, Batch
-from pounding_sweep.engine.resolution import displacement_limit, energy_limit
-from pounding_sweep.outputs.declare import scatter_contact, scatter_dof
-from pounding_sweep.outputs.differences import CHANGE, relative_error
-from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
+from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
+from pounding_sweep.outputs.variables import (
+    CHANGE,
+    OK_CLAIM,
+    SETTLED,
+    STATUS,
+    Status,
+    get_variable,
+    relative_error,
+    scatter_contact,
+    scatter_dof,
+)
 from pounding_sweep.plan.scenarios import changed
 from pounding_sweep.run.refinement import Values
 from pounding_sweep.schemes import SCHEMES

@@ -12,8 +12,7 @@ from pounding_sweep.accuracy.judge import make_reference, peaks_of
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.output.dataset import made_here
-from pounding_sweep.outputs.differences import relative_error
-from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
+from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status, relative_error
 
 #: Schemes and number formats of the map.
 SHOWN = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))

@@ -86,8 +86,7 @@ def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) 
 
 
 def _print(suite: Extremes) -> None:
-    from pounding_sweep.outputs.differences import CHANGE
-    from pounding_sweep.outputs.variables import OK_CLAIM, STATUS
+    from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS
 
     labels = [s.label for s in STATUS if any(result.statuses[s.label] for result in suite.results)]
     statuses, judged = ["scenarios", *(label.replace("_", " ") for label in labels)], ["missed", "sensitive", "unknown"]

@@ -31,7 +31,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import expanded
-from pounding_sweep.engine.room import aligned
+from pounding_sweep.engine.flight import aligned
 from pounding_sweep.kernel import READ
 from pounding_sweep.kernel.spec import PARAMETERS, KernelSpec, to_json
 

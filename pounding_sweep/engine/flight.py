@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
-from pounding_sweep.engine.room import aligned
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
 from pounding_sweep.kernel.flight_energies import nodes
 from pounding_sweep.kernel.modal_steps import step
-from pounding_sweep.model.coupled_modes import CoupledModes, coupled_modes
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import Variants
+from pounding_sweep.model.variants import CoupledModes, Variants, coupled_modes
 
 #: Most points of the grid in a long step.
 LONGEST = 4
 
+#: Bytes that the processor fetches at once, and of its widest vectors.
+LINE = 64
 #: Memory of each thread.
 _KEPT = threading.local()
 #: Filled tables that a thread keeps for its next calls, at most (bytes).
@@ -55,6 +55,13 @@ class _Modes:
     def step(self, h: float) -> dict[str, np.ndarray]:
         """Motion over one step of `h` (s), shape (variants, modes) each."""
         return step(None, self.w, self.c, self.participation, h)
+
+
+def aligned(numbers: int, precision: str) -> np.ndarray:
+    """Return room for numbers, none of whose vectors lies across two lines of the processor's cache."""
+    room = np.empty(numbers + LINE, precision)
+    first = -room.ctypes.data % LINE // room.itemsize
+    return room[first : first + numbers]
 
 
 def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) -> np.ndarray:

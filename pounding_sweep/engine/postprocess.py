@@ -1,19 +1,146 @@
-"""What the outputs of a kernel mean: the variables of the cube, and the status of each scenario."""
+"""What the outputs of a kernel mean: the variables of the cube, and the status of each scenario.
+
+Whether a time step resolves contacts, the buildings' motion and the ground's is said by rules that need no finer run.
+Their limits were set by measurement, so that the peaks of a scenario that passes them all are within `OK_CLAIM`; the
+stability suite (`pounding_sweep.accuracy.extremes`) checks that claim. A motion that no ground can bring about has
+diverged, however finite it is: `energy_limit` tells.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.resolution import MAX_ENERGY, displacement_limit, energy_limit, resolution_status
-from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.declare import KernelResults
-from pounding_sweep.outputs.variables import Status, cube_variables, get_variable
+from pounding_sweep.outputs.variables import KernelResults, Status, cube_variables, get_variable
 from pounding_sweep.records import Record
+
+#: Largest phase error of a building's fundamental motion (rad).
+MAX_PHASE_ERROR = 0.01
+#: Weight of the second mode in it, which moves the building less but decides how it hits.
+SECOND_MODE = 0.25
+#: Most energy, in multiples of `energy_limit`, of a motion that has not diverged.
+MAX_ENERGY = 2.0
+
+
+def phase_errors(row: Scene | Variants, record: Record) -> Callable[[Numerics], np.ndarray]:
+    """Return what tells by which phase a scheme misses the first two modes (rad), the largest of all buildings."""
+    variants = variants_of(row)
+    w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*variants.systems, strict=True))
+    weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in variants.systems])
+    weighed = weights[:, None] * w * np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+
+    def of(numerics: Numerics) -> np.ndarray:
+        h = record.dt / numerics.steps(record)
+        share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
+        return np.asarray(np.max(weighed * share, axis=0, initial=0.0))
+
+    return of
+
+
+def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
+    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
+    return phase_errors(row, record)(numerics)
+
+
+def loses_ground(record: Record, numerics: Numerics) -> bool:
+    """Whether the ground turns back within more of single steps than the scheme follows."""
+    steps, need = numerics.steps(record), numerics.scheme.min_ground_steps
+    # around its peak alone the ground gains the velocity of at least a quarter of a record interval
+    if steps >= 4.0 * need or not record.duration or not record.pga:
+        return False
+    return _ground_steps(record, steps) < need * (1.0 - 1e-9)
+
+
+@lru_cache(maxsize=256)
+def _ground_steps(record: Record, steps: int) -> float:
+    """Range of the ground's velocity at the ends of steps, in steps of its largest acceleration."""
+    points = np.arange((record.n_points - 1) * steps + 1) / steps
+    a = np.interp(points, np.arange(record.n_points), record.acceleration)
+    gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step
+    return float(max(gained.max(), 0.0) - min(gained.min(), 0.0)) / record.pga
+
+
+def energy_limit(
+    row: Scene | Variants, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
+) -> np.ndarray:
+    """Most energy that a row can ever hold (kN m), shape of `scale`."""
+    masses, bases = variants_of(row).masses, variants_of(row).base_masses[:, ::2]
+    a = np.abs(record.acceleration)
+    pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
+    start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
+    whole = masses.sum(axis=1) + bases.sum(axis=1)
+    return np.asarray(0.5 * (np.sqrt(whole) * pushed * np.abs(scale) + start) ** 2)
+
+
+def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
+    """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
+    variants = variants_of(row)
+    if any(variants.scene.yields):
+        return _yielding_limit(variants, np.asarray(energy)[:, None])
+    # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
+    softness = [
+        np.cumsum(1.0 / np.asarray(b.lateral_stiffnesses)) + np.square(_moves_with_base(b)).sum(axis=0)
+        for b in variants.scene.buildings
+    ]
+    reach = np.concatenate(
+        [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
+    )
+    return np.asarray(np.sqrt(2.0 * np.asarray(energy)[:, None] * reach))
+
+
+def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
+    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground."""
+    # No energy bounds the drift of one that softens under its weight: it has fallen where that is its height.
+    k, r = variants.stiffnesses, variants.hardenings
+    # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
+    held = np.sqrt(2.0 * energy / k)
+    with np.errstate(divide="ignore"):
+        hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
+    soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
+    # what a smooth storey loses on its way is not known by its drift
+    slid = np.where(variants.scene.smooth, np.inf, held + 2.0 * energy / soft)
+    drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
+    parts = np.split(drift, variants.scene.offsets[1:-1], axis=1)
+    each = zip(variants.scene.buildings, parts, variants.stiffness_factor.T, strict=True)
+    return np.concatenate(
+        [
+            np.cumsum(part, axis=1) + np.sqrt(2.0 * energy / factor[:, None]) * _moves_with_base(b).sum(axis=0)
+            for b, part, factor in each
+        ],
+        axis=1,
+    )
+
+
+def _moves_with_base(building: Building) -> np.ndarray:
+    """Displacement of each floor by sway and by rocking of its base, by the roots of their springs, shape (2, n)."""
+    if building.foundation is None:
+        return np.zeros((2, building.n_storeys))
+    sway, rocking = building.foundation.stiffnesses
+    return np.stack([np.full(building.n_storeys, sway**-0.5), building.elevations * rocking**-0.5])
+
+
+#: `phase_error` of a single row: each chunk asks for it.
+_late = lru_cache(maxsize=64)(phase_error)
+
+
+def resolution_status(
+    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray
+) -> np.ndarray:
+    """Status of scenarios by what their step resolves, `steps_per_contact` of the fastest part of the shortest."""
+    variants = variants_of(row)
+    late = _late(variants, record, numerics) if len(variants) == 1 else phase_error(variants, record, numerics)
+    blurred = (late > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+    status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
+    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
+    need = numerics.scheme.min_steps_per_contact(numerics.locate)
+    status[steps_per_contact < need] = Status.UNDER_RESOLVED_CONTACT
+    return status
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported

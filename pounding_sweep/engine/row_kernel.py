@@ -24,10 +24,9 @@ from pounding_sweep.kernel.spec import (
     input_slots,
     property_slots,
 )
-from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene, column_shares
-from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme

@@ -17,8 +17,14 @@ import numpy as np
 
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.declare import scatter_contact, scatter_dof
-from pounding_sweep.outputs.variables import VARIABLES, Variable, inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import (
+    VARIABLES,
+    Variable,
+    inner_shape,
+    mask_invalid,
+    scatter_contact,
+    scatter_dof,
+)
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,62 +1,888 @@
-"""The registry of outputs: every one that a sweep can report, and every reducer of the compiled loop.
+"""The registry of outputs: every one that a sweep can report, what kernels keep for it, and how values are compared.
 
-They are declared in `motion`, `contact`, `energy` and `status`; kernels, planner, cube, command line and documentation
-read them here.
+Kernels, planner, cube, command line and documentation read it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from functools import lru_cache
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cache, cached_property, lru_cache, partial, reduce
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.kernel import bouc_wen, hysteresis, links
+from pounding_sweep.kernel.forces import Sample, Touch
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import maximum, where
+from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
-from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs import contact, energy, motion
-from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, INTEGER_FILL, Reducer, Variable
-from pounding_sweep.outputs.status import OK_CLAIM, RUNS, SETTLED, STATUS, Status
+from pounding_sweep.model.scene import Scene, column_shares
+from pounding_sweep.model.variants import Variants
 
-__all__ = [
-    "CLASSES",
-    "DEFAULT_OUTPUTS",
-    "INNER_DIMS",
-    "INTEGER_FILL",
-    "OK_CLAIM",
-    "REDUCERS",
-    "SETTLED",
-    "STATUS",
-    "VARIABLES",
-    "Status",
-    "Variable",
-    "check_outputs",
-    "cube_variables",
-    "get_variable",
-    "inner_shape",
-    "mask_invalid",
-    "output_slots",
-    "reducers_for",
-    "reducers_of",
-]
+#: Dimensions inside a scenario.
+INNER_DIMS = ("building", "pair", "storey")
+#: What there may be several of in a scenario, and where each stands in a cube.
+DIMS = {
+    "floor": ("building", "storey"),
+    "contact": ("pair", "storey"),
+    "link": ("pair", "storey"),
+    "building": ("building",),
+    "base": ("building",),
+    "pair": ("pair",),
+    "scenario": (),
+}
+#: Classes of outputs whose errors were measured together (the largest among them): a choice of steps reads them.
+ERROR_CLASSES = ("motions", "contacts", "energies")
+#: The class of an output whose errors were not measured yet: it has no say in the choice of steps, and is compared
+#: with a run at half the step like any other.
+UNMEASURED = "unmeasured"
+#: Stored in integer variables where there is no value.
+INTEGER_FILL = -1
+
+
+def _places(scene: Scene, per: str) -> list[int]:
+    """Return where floors, contacts, ... stand among the values of their dimensions, in one row."""
+    n = scene.n_storeys
+    if per == "floor":
+        return [i * n + storey for i, building in enumerate(scene.buildings) for storey in range(building.n_storeys)]
+    if per in ("contact", "link"):
+        ends: Sequence[Any] = scene.contacts if per == "contact" else scene.linked_floors
+        return [end.place * n + end.storey - 1 for end in ends]
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "scenario": 1}
+    return list(scene.foundations if per == "base" else range(sizes[per]))
+
+
+def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:
+    """Put a value for each floor, contact, ... where it belongs in a cube; no copy if there is one for every place."""
+    values, places = np.asarray(values), _places(scene, per)
+    if values.ndim == 0 or values.shape[-1] != len(places):
+        raise InputError(
+            f"the last dimension of the values must be the scene's {len(places)} {per}s, not shape {values.shape}"
+        )
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
+    inner = [sizes[dim] for dim in DIMS[per]]
+    if places == list(range(math.prod(inner))):
+        return values.reshape(*values.shape[:-1], *inner)
+    missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
+    # in memory scenarios lie side by side, so that what goes over all is fast
+    lying = np.full((math.prod(inner), *values.shape[:-1]), missing, values.dtype)
+    lying[places] = np.moveaxis(values, -1, 0)
+    return np.moveaxis(lying, 0, -1).reshape(*values.shape[:-1], *inner)
+
+
+scatter_dof, scatter_contact = partial(scatter, per="floor"), partial(scatter, per="contact")
+scatter_link, scatter_base = partial(scatter, per="link"), partial(scatter, per="base")
+
+
+@dataclass(frozen=True)
+class KernelResults:
+    """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were."""
+
+    scene: Scene
+    slots: Mapping[str, np.ndarray]
+    variants: Variants
+    step: float  # time step (s)
+    initial_velocity: Sequence[float] | None = None  # of every floor (m/s), None at rest
+
+    def __len__(self) -> int:
+        return len(self.slots["flags"])
+
+    def get(self, slot: str, per: str, missing: float = 0.0) -> np.ndarray:
+        """Return a slot's values; `missing` where the kernel did not keep them: nothing can touch."""
+        if slot in self.slots:
+            return self.slots[slot]
+        return np.full((len(self), len(_places(self.scene, per))), missing)
+
+    @cached_property
+    def steps_per_contact(self) -> np.ndarray:
+        """Time steps in the shortest contact, NaN where nothing touched."""
+        return np.asarray(np.fmin.reduce(self.steps_by_law, axis=1))
+
+    @cached_property
+    def steps_by_law(self) -> np.ndarray:
+        """Time steps in the shortest contact of each law, NaN where none touched, shape (scenarios, laws)."""
+        if "shortest" not in self.slots:
+            return np.full((len(self), 1), np.nan)
+        lasted = self.slots["shortest"] / self.step
+        return np.where(lasted < 1e30, lasted, np.nan)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One output of a sweep."""
+
+    name: str  # name in cubes and in ``outputs``
+    units: str  # in UDUNITS spelling
+    long_name: str  # for axes and tables
+    definition: str  # what exactly is reported, in one sentence
+    #: slot of the kernel that holds its values, or what makes them of what a kernel returned; None: they are worked out
+    #: after the run, zeros until then (of scenarios only)
+    source: str | Callable[[KernelResults], np.ndarray] | None = None
+    per: str = "scenario"  # what there is a value for, a key of `DIMS`
+    needs: frozenset[str] = frozenset()  # reducers of the compiled loop that it is made from, beside that of its slot
+    #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
+    error: str = ""
+    #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
+    #: difference of larger ones, or one end of a range
+    relative_to: tuple[str | tuple[str, str], ...] = ()
+    #: what its error is relative to at least: a touch at rest is found within rounding of the record's first point
+    least: float = 0.0
+    of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
+    of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
+    of_columns: bool = False  # it exists only where floors strike columns
+    of_links: bool = False  # it exists only where neighbours are linked
+    of_foundations: bool = False  # it exists only where buildings stand on foundations
+    dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
+    default: bool = False  # it is reported where no ``outputs`` are given
+    always: bool = False  # it is in every cube, asked for or not
+    flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
+    flag_meanings: str = ""
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario."""
+        return DIMS[self.per]
+
+    @property
+    def per_pair(self) -> bool:
+        """Whether it describes pairs of neighbours, which a single building has none of."""
+        return "pair" in self.dims
+
+    @property
+    def fill(self) -> float | int | None:
+        """What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing."""
+        if self.flag_values:
+            return None
+        return float("nan") if self.dtype == "f8" else INTEGER_FILL
+
+    def exists_in(self, scene: Scene) -> bool:
+        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
+        struck = any(contact.struck >= 0 for contact in scene.contacts)
+        there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
+        there = there and (bool(scene.foundations) or not self.of_foundations)
+        return there and (not self.per_pair or bool(scene.pair_names))
+
+    def read(self, results: KernelResults) -> np.ndarray:
+        """Return its values, shape (scenarios, dimensions)."""
+        if self.source is None:
+            return np.zeros(len(results))
+        values = results.get(self.source, self.per) if isinstance(self.source, str) else self.source(results)
+        values = values.astype(np.int32) if self.dtype == "i4" else values
+        return values if self.per == "scenario" else scatter(values, results.scene, self.per)
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A number that a kernel keeps of each "floor", "contact", "link", "building" or "base", and its first value."""
+
+    # the first value follows from the number of the floor or contact, or from the floors of the building; else it is 0
+
+    name: str
+    per: str
+    first: Callable[[Group, Any], Any] | None = None
+
+    def count(self, shape: KernelSpec) -> int:
+        """How many of it a kernel has."""
+        counts = {"contact": len(shape.contacts), "link": len(shape.links), "building": shape.n_buildings}
+        return {**counts, "base": len(shape.foundations)}.get(self.per, shape.n_dof)
+
+
+@dataclass(frozen=True)
+class Reducer:
+    """What the compiled loop keeps for outputs, in kernels of those that ask for it only."""
+
+    # its functions write rows of the group's state, lane by lane. What presses, moves or heats a row (forces, works,
+    # energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it
+
+    name: str  # by which outputs need it
+    slots: tuple[Slot, ...]  # what it leaves for outputs
+    #: "": it exists in all kernels; else where storeys yield, "yields", neighbours are linked, "linked", buildings
+    #: stand on foundations, "founded", floors of neighbours stand at one height, "neighbours", or can touch, "touch"
+    where: str = ""
+    keeps: tuple[Slot, ...] = ()  # what it needs beside
+    looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
+    #: gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
+    #: where that is asked for and the row is short
+    follows: Callable[[Group, bool], Iterable[Motion]] | None = None
+    step: Callable[[Group], None] | None = None  # what it does after each located step and sub-step
+    touch: Callable[[Group, Touch], None] | None = None  # what it does at the onset of a contact
+    #: what it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open)
+    substep: Callable[[Group], None] | None = None
+    plain: Callable[[Group, Sample], None] | None = None  # about a contact at the end of an unlocated step
+
+
+#: Relative error beyond which the peaks of a scenario are wrong, where no other was asked for.
+OK_CLAIM = 0.05
+#: Difference to a run at half the step within which one at a given step is ok, where that is asked for: an error that
+#: impacts have magnified need not shrink with the step as small ones do.
+SETTLED = 0.02
+
+
+class Status(IntEnum):
+    """How a scenario ended; its value in the cube, with what it means and what to do."""
+
+    meaning: str
+    remedy: str
+    has_values: bool
+
+    def __new__(cls, code: int, meaning: str, remedy: str, has_values: bool) -> Status:
+        """Make the member of value `code`."""
+        member = int.__new__(cls, code)
+        member._value_ = code
+        member.meaning = meaning
+        member.remedy = remedy
+        member.has_values = has_values
+        return member
+
+    OK = (
+        0,
+        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by "
+        "all rules of the engine; where error_estimate is there, a run at another step agrees as well",
+        "",
+        True,
+    )
+    DIVERGED = (
+        1,
+        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
+        "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
+        False,
+    )
+    UNDER_RESOLVED_CONTACT = (
+        2,
+        "the shortest contact lasted too few time steps for its peaks to be trusted",
+        "use a smaller dt (see steps_per_contact)",
+        True,
+    )
+    NEWTON_NOT_CONVERGED = (
+        3,
+        "the implicit equation of contacts or of smooth storeys was not solved within its tolerance in some step",
+        "use a smaller dt",
+        True,
+    )
+    BEYOND_STABILITY_LIMIT = (
+        4,
+        "the time step is beyond the stability limit of the scheme; the scenario was refused",
+        "use a smaller dt or the newmark scheme",
+        False,
+    )
+    NOT_RUN = (
+        5,
+        "the scenario has no result, for instance because its worker failed or because no merged cube has it",
+        "run the sweep again, for a merged cube with --extend of it",
+        False,
+    )
+    UNDER_RESOLVED_MOTION = (
+        6,
+        "the time step is too long for a building's fundamental period, or for the ground motion",
+        "use a smaller dt, or the exact scheme",
+        True,
+    )
+    UNSETTLED = (
+        7,
+        "the estimated error is more than the accuracy asked for, however often the time step was halved, or, "
+        f"at a given step, more than {SETTLED:.0%}",
+        "use a smaller dt, or ask for a larger relative error (see error_estimate)",
+        True,
+    )
+
+    @property
+    def label(self) -> str:
+        """Name in ``flag_meanings``."""
+        return self.name.lower()
+
+
+#: Every status, by rising value.
+STATUS: tuple[Status, ...] = tuple(Status)
+
+
+def _energy_residual(results: KernelResults) -> np.ndarray:
+    """|sum of transfers - sum of works of contacts and links| over the largest energy in the balance."""
+    raw = results.slots
+    initial: np.ndarray | float = 0.0
+    if results.initial_velocity is not None:
+        initial = 0.5 * (results.variants.masses * np.square(results.initial_velocity)).sum(axis=1)
+    gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
+    if "travel" in raw:
+        gained = gained + hysteretic(results)
+    left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
+    work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
+    if "link_held" in raw:
+        work = work + raw["link_held"].sum(axis=1) + raw["link_lost"].sum(axis=1)
+    size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
+    return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
+
+
+def _shear(results: KernelResults) -> np.ndarray:
+    elastic = np.asarray(results.slots["drift"] * results.variants.elastic_stiffnesses)
+    return np.where(results.scene.yields, results.slots["shear"], elastic) if "shear" in results.slots else elastic
+
+
+def _ductility(results: KernelResults) -> np.ndarray:
+    limit = results.variants.yield_drifts
+    return np.asarray(results.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
+
+
+def _residual(results: KernelResults) -> np.ndarray:
+    """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
+    if "slip" not in results.slots:
+        return np.zeros((len(results), results.scene.n_dof))
+    p, r, limit = results.slots["slip"], results.variants.hardenings, results.variants.yield_drifts
+    p = np.where(results.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
+    back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
+    rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
+    return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
+
+
+def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
+    for i in group.each(group.spec.n_dof, straight):
+        yield Motion(("umax", i), ("umin", i), False, partial(_read, group, i))
+
+
+def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for i, below in storeys(group):
+        yield Motion(("drift", i), None, True, partial(group.drift, i, below))
+
+
+def _read(group: Group, i: Any, name: Any) -> Any:
+    return group.floor(name, i)
+
+
+def _shears(group: Group, straight: bool) -> Iterator[Motion]:
+    for i, below in hysteresis.each_storey(group, straight):
+        # it turns with the drift, which is asked for too
+        shear = _borne if group.spec.p_delta else hysteresis.shear
+        yield Motion(("shear", i), None, True, partial(shear, group, i, below), shear=i, alone=False)
+    for i, below, n in bouc_wen.each_storey(group):
+        yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
+
+
+def _smooth_shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
+    found = bouc_wen.shear(group, i, below, n, name)
+    return found + group.prop("geometric", i) * hysteresis.drift(group, i, below, name) if group.spec.p_delta else found
+
+
+def _borne(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
+    """Shear of a storey that bears what the weights above it push too."""
+    pushed = group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
+    return hysteresis.shear(group, i, below, name) + pushed
+
+
+def _bases(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for q, b in enumerate(group.spec.foundations):
+        for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True):
+            yield Motion((name, q), None, True, partial(_read, group, i))
+
+
+def _closings(group: Group, straight: bool) -> Iterator[Motion]:
+    for j in group.each_closing(straight):
+        yield Motion(("closing", j), None, False, partial(group.between, j=j))
+
+
+def _links(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for j, ends in group.each_link():
+        yield Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
+
+
+def _still(group: Group, i: Any) -> Any:
+    return group.state["u", i]
+
+
+def _column_shear(results: KernelResults, end: int) -> np.ndarray:
+    """Return the largest shear at the lower (0) or upper (1) end of struck columns, missing between floors."""
+    shares = [column_shares(c.xi)[end] if c.struck >= 0 else np.nan for c in results.scene.contacts]
+    return results.get("fmax", "contact") * np.array(shares)
+
+
+def _first_time(results: KernelResults) -> np.ndarray:
+    times = results.get("tfirst", "contact", missing=-1.0)
+    return np.where(times < 0, np.nan, times)
+
+
+def _count(group: Group, at: Touch | Sample) -> None:
+    s = group.state
+    s["count", at.j] = s["count", at.j] + where(at.fresh, 1.0, group.full(0.0))
+
+
+def _deepest(group: Group, at: Sample) -> None:
+    group.state["dmax", at.j] = maximum(group.state["dmax", at.j], at.d)
+
+
+def _first(group: Group, j: Any, lanes: Any, time: Any) -> None:
+    s = group.state
+    s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), time, s["tfirst", j])
+
+
+def _fastest(group: Group, j: Any, lanes: Any, v: Any) -> None:
+    s = group.state
+    s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
+
+
+def _closed(group: Group, j: Any, lanes: Any, h: Any) -> None:
+    s = group.state
+    s["tclosed", j] = s["tclosed", j] + where(lanes, h, group.full(0.0))
+
+
+def _closed_substep(group: Group) -> None:
+    for j in group.each_contact():
+        _closed(group, j, ~(group.state["mode", j] == 0.0), group.state["h"])
+
+
+#: Differences of larger energies: an undamped contact takes in no work in the end, however much passed through it.
+_EXCHANGED = ("energy_transfer_max", "energy_transfer_min", "contact_work")
+
+
+def _work(results: KernelResults) -> np.ndarray:
+    """Sum of the works of a pair's contacts."""
+    works, taken = np.zeros((len(results), len(results.scene.pair_labels))), results.get("work", "contact")
+    for j, contact in enumerate(results.scene.contacts):
+        works[:, contact.place] += taken[:, j]
+    return works
+
+
+def hysteretic(results: KernelResults) -> np.ndarray:
+    """(1 - r) k dy by the plastic travel of its storeys, by building."""
+    if "travel" not in results.slots:
+        return np.zeros((len(results), len(results.scene.buildings)))
+    held = (1.0 - results.variants.elastic_hardenings) * results.variants.yield_strengths
+    lost = np.where(results.slots["travel"] > 0.0, held, 0.0) * results.slots["travel"]
+    return np.add.reduceat(lost, results.scene.offsets[:-1], axis=1)
+
+
+_floor = partial(Variable, per="floor", error="motions")
+_yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
+_base = partial(Variable, per="base", error=UNMEASURED, of_foundations=True)
+#: Outputs of floors, of storeys that yield, of links, of foundations and of neighbours.
+MOTIONS = (
+    _floor(
+        "displacement_max",
+        "m",
+        "largest floor displacement",
+        "Largest signed displacement of the floor relative to the ground, positive to the right.",
+        "umax",
+        relative_to=("displacement_min",),
+        default=True,
+    ),
+    _floor(
+        "displacement_min",
+        "m",
+        "smallest floor displacement",
+        "Smallest signed displacement of the floor relative to the ground, negative to the left.",
+        "umin",
+        relative_to=("displacement_max",),
+        default=True,
+    ),
+    _floor(
+        "drift_max",
+        "m",
+        "largest interstorey drift",
+        "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on a "
+        "foundation relative to it, and less what its rotation gives.",
+        "drift",
+        default=True,
+    ),
+    _floor(
+        "storey_shear_max",
+        "kN",
+        "largest storey shear",
+        "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its hysteresis; "
+        "dampers not included; with P-Delta what the columns bear, the push of the weights included.",
+        _shear,
+        needs=frozenset({"drift", "shear"}),
+        default=True,
+    ),
+    _floor(
+        "acceleration_max",
+        "m s-2",
+        "largest total floor acceleration",
+        "Largest absolute total acceleration of the floor (relative + ground); where the contact force jumps at a "
+        "touch, the limit just after it counts; where velocities jump, the jump itself does not.",
+        "acc",
+        error="contacts",
+    ),
+)
+YIELDS = (
+    _yielding(
+        "ductility_max",
+        "1",
+        "largest storey ductility",
+        "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); missing "
+        "where a storey has no yield strength.",
+        _ductility,
+        needs=frozenset({"drift"}),
+    ),
+    _yielding(
+        "residual_drift",
+        "m",
+        "residual interstorey drift",
+        "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, "
+        "times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it "
+        "falls under the weight above it, and of storeys of Bouc and Wen.",
+        _residual,
+        needs=frozenset({"residual"}),
+        relative_to=("drift_max",),
+    ),
+)
+LINKS = (
+    Variable(
+        "link_force_max",
+        "kN",
+        "largest link force",
+        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
+        "together; missing where there is none.",
+        "link_force",
+        error=UNMEASURED,
+        of_links=True,
+        per="link",
+    ),
+)
+FOUNDATIONS = (
+    _base(
+        "foundation_sway_max",
+        "m",
+        "largest sway of the foundation",
+        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has "
+        "none. The sway spring's largest force is K_h times it.",
+        "sway",
+    ),
+    _base(
+        "foundation_rotation_max",
+        "rad",
+        "largest rotation of the foundation",
+        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The "
+        "rocking spring's largest moment is K_theta times it.",
+        "rotation",
+    ),
+)
+CLOSINGS = (
+    Variable(
+        "closing_max",
+        "m",
+        "largest closing displacement",
+        "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
+        "closing",
+        error="motions",
+        per="contact",
+    ),
+)
+
+_contact = partial(Variable, per="contact", error="contacts")
+CONTACTS = (
+    _contact(
+        "impact_force_max",
+        "kN",
+        "largest contact force",
+        "Largest contact force, pressing positive, 0 where the floors never touched; where the force jumps at a "
+        "touch, the limit just after it counts. Missing where floors touched under a law without a force "
+        "(velocities jump).",
+        "fmax",
+        of_force=True,
+        default=True,
+    ),
+    _contact(
+        "impact_count",
+        "1",
+        "number of impacts",
+        "Number of onsets of contact, the penetration d = u_left - u_right - gap going from <= 0 to > 0.",
+        "count",
+        dtype="i4",
+        default=True,
+    ),
+    _contact(
+        "penetration_max",
+        "m",
+        "largest penetration",
+        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where "
+        "floors touched under a law without a force (velocities jump).",
+        "dmax",
+        of_force=True,
+        default=True,
+    ),
+    _contact(
+        "impulse",
+        "kN s",
+        "impulse of the contact force",
+        "Time integral of the contact force over the whole record.",
+        "impulse",
+    ),
+    _contact(
+        "first_impact_time",
+        "s",
+        "time of the first impact",
+        "Time of the first onset of contact after the first point of the record; missing where there was none.",
+        _first_time,
+        needs=frozenset({"first_time"}),
+        least=0.01,
+        default=True,
+    ),
+    _contact(
+        "approach_speed_max",
+        "m s-1",
+        "largest approach speed",
+        "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
+        "vmax",
+        least=0.0001,
+    ),
+    _contact(
+        "contact_time",
+        "s",
+        "time in contact",
+        "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched; impulse "
+        "over it is the mean contact force. Where velocities jump, the time that floors rest on each other, which "
+        "is rough where they are hardly pressed.",
+        "tclosed",
+        error=UNMEASURED,
+    ),
+    _contact(
+        "column_shear_bottom_max",
+        "kN",
+        "largest shear of struck columns, below",
+        "Largest shear that the contact force F brings into the struck columns between their lower end and the "
+        "struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. Missing where "
+        "floors meet.",
+        partial(_column_shear, end=0),
+        needs=frozenset({"force"}),
+        error=UNMEASURED,
+        of_columns=True,
+    ),
+    _contact(
+        "column_shear_top_max",
+        "kN",
+        "largest shear of struck columns, above",
+        "Largest shear that the contact force F brings into the struck columns between the struck point and their "
+        "upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing where floors "
+        "meet.",
+        partial(_column_shear, end=1),
+        needs=frozenset({"force"}),
+        error=UNMEASURED,
+        of_columns=True,
+    ),
+)
+
+_energy = partial(Variable, per="building", error="energies")
+ENERGIES = (
+    _energy(
+        "energy_input",
+        "kN m",
+        "energy input",
+        "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the ground; "
+        "its foundation included.",
+        "e_in",
+    ),
+    _energy(
+        "energy_damping",
+        "kN m",
+        "energy lost in damping",
+        "Energy lost in the building's own damping, dashpots and its foundation included, until the end of the "
+        "record, int v'Cv dt.",
+        "e_damp",
+    ),
+    _energy(
+        "energy_kinetic",
+        "kN m",
+        "kinetic energy at the end",
+        "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record; foundation included.",
+        "e_kin",
+    ),
+    _energy(
+        "energy_strain",
+        "kN m",
+        "strain energy at the end",
+        "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
+        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 "
+        "h); springs of its foundation included.",
+        "e_strain",
+    ),
+    _energy(
+        "hysteretic_energy",
+        "kN m",
+        "energy lost in yielding",
+        "Energy lost in yielding of the building's storeys until the end of the record, (1 - hardening) int k z "
+        "dp, z the drift less its plastic part p.",
+        hysteretic,
+        needs=frozenset({"hysteretic"}),
+        error=UNMEASURED,
+        of_yielding=True,
+    ),
+    _energy(
+        "energy_links",
+        "kN m",
+        "energy given to links",
+        "Energy that the building has given to its links until the end of the record, negative where it has taken "
+        "it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
+        "e_link",
+        error=UNMEASURED,
+        relative_to=("energy_input",),
+        of_links=True,
+    ),
+    _energy(
+        "energy_transfer_max",
+        "kN m",
+        "largest energy transfer",
+        "Largest value over time of the transfer, what the building has given to its contacts: the integral of "
+        "their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in "
+        "yielding - given to links.",
+        "tmax",
+        relative_to=_EXCHANGED,
+    ),
+    _energy(
+        "energy_transfer_min",
+        "kN m",
+        "smallest energy transfer",
+        "Smallest value over time of the transfer, what the building has given to its contacts: the integral of "
+        "their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in "
+        "yielding - given to links; negative where the building has taken energy through its contacts.",
+        "tmin",
+        relative_to=_EXCHANGED,
+    ),
+    _energy(
+        "contact_work",
+        "kN m",
+        "work taken by contacts",
+        "Work the contacts of the pair took in until the end of the record, int F d' dt.",
+        _work,
+        needs=frozenset({"work"}),
+        relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
+        per="pair",
+    ),
+)
+
+RUNS = (
+    Variable(
+        "time_step",
+        "s",
+        "time step",
+        "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
+        lambda results: np.full(len(results), results.step),
+    ),
+    Variable(
+        "error_estimate",
+        "1",
+        "estimated relative error",
+        "Largest relative difference of an output to a run at half the time step. Where an accuracy chose the step "
+        "it is in every cube: three times what the order of the scheme makes of the difference to a run at twice "
+        "the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
+    ),
+    Variable(
+        "amplification",
+        "1",
+        "amplification of small changes",
+        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change "
+        "of 1e-6 of each; the scenario is ill-conditioned where it is large.",
+    ),
+    Variable(
+        "status",
+        "1",
+        "status of the scenario",
+        "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
+        dtype="i1",
+        always=True,
+        flag_values=tuple(map(int, Status)),
+        flag_meanings=" ".join(s.label for s in Status),
+    ),
+    Variable(
+        "energy_residual",
+        "1",
+        "relative residual of the energy balance",
+        "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
+        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact "
+        "work); what links hold and lose counts as work.",
+        _energy_residual,
+        needs=frozenset({"energy", "hysteretic", "links", "work"}),
+    ),
+    Variable(
+        "steps_per_contact",
+        "1",
+        "time steps in the shortest contact",
+        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective "
+        "mass and approach velocity; missing where nothing touched.",
+        lambda results: results.steps_per_contact,
+        always=True,
+    ),
+)
+
+
+MOTION_REDUCERS: tuple[Reducer, ...] = (
+    Reducer("displacement", (Slot("umax", "floor", _still), Slot("umin", "floor", _still)), follows=_displacements),
+    Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
+    Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
+    Reducer("residual", (Slot("slip", "floor"),), where="yields"),
+    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
+    Reducer("link_force", (Slot("link_force", "link"),), where="linked", follows=_links, step=links.sample),
+    Reducer("foundation", (Slot("sway", "base"), Slot("rotation", "base")), where="founded", follows=_bases),
+    Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
+)
+
+
+CONTACT_REDUCERS = (
+    Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
+    Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
+    Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
+    Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
+    Reducer(
+        "first_time",
+        (Slot("tfirst", "contact", lambda group, j: -1.0),),
+        where="touch",
+        touch=lambda group, at: _first(group, at.j, at.lanes, group.clock(at.h)),
+        plain=lambda group, at: _first(group, at.j, at.fresh, at.time),
+    ),
+    Reducer(
+        "approach_speed",
+        (Slot("vmax", "contact"),),
+        where="touch",
+        touch=lambda group, at: _fastest(group, at.j, at.lanes, at.v),
+        plain=lambda group, at: _fastest(group, at.j, at.fresh, at.speed),
+    ),
+    Reducer(
+        "time",
+        (Slot("tclosed", "contact"),),
+        where="touch",
+        substep=_closed_substep,
+        plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
+    ),
+)
+
+
+ENERGY_REDUCERS = (
+    Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
+    Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
+    Reducer(
+        "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
+    ),
+    Reducer("work", (Slot("work", "contact"),), where="touch"),
+    Reducer(
+        "transfer",
+        (Slot("tmax", "building"), Slot("tmin", "building")),
+        where="touch",
+        looks="ends",
+    ),
+)
+
 
 #: Every reducer by name, in the order in which their slots lie.
 REDUCERS: dict[str, Reducer] = {
-    reducer.name: reducer for reducer in (*motion.REDUCERS, *contact.REDUCERS, *energy.REDUCERS)
+    reducer.name: reducer for reducer in (*MOTION_REDUCERS, *CONTACT_REDUCERS, *ENERGY_REDUCERS)
 }
 _REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
 #: Every output by name, in the order in which cubes and tables list them, with the reducer of its slot among its needs.
 VARIABLES: dict[str, Variable] = {
     variable.name: replace(variable, needs=variable.needs | {*filter(None, [_REDUCER_OF.get(str(variable.source))])})
     for variable in (
-        *motion.MOTIONS,
-        *motion.YIELDS,
-        *contact.CONTACTS,
-        *motion.LINKS,
-        *motion.FOUNDATIONS,
-        *energy.ENERGIES,
-        *motion.CLOSINGS,
+        *MOTIONS,
+        *YIELDS,
+        *CONTACTS,
+        *LINKS,
+        *FOUNDATIONS,
+        *ENERGIES,
+        *CLOSINGS,
         *RUNS,
     )
 }
@@ -131,3 +957,66 @@ def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
             values[bad] = fill
         result[name] = values
     return result
+
+
+#: Relative change of gaps, contact stiffness and ground motion that no engineer can tell: where it changes an output
+#: by more than a tolerance, the scenario is sensitive at that tolerance. Its error is counted all the same.
+CHANGE = 1.0e-6
+
+
+def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
+    """Return those of `outputs` that have an error, in the order of the registry."""
+    return tuple(name for name in check_outputs(outputs) if VARIABLES[name].error)
+
+
+def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+    """Largest error of each scenario over its floors, pairs or buildings, relative to its largest value or `scale`."""
+    variable = get_variable(name)
+    x = np.asarray(values, dtype=float).reshape(len(values), -1)
+    y = np.asarray(reference, dtype=float).reshape(len(reference), -1)
+    if variable.dtype != "f8" and ((x < 0).any() or (y < 0).any()):  # integers are missing where they are negative
+        x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
+    if not x.shape[1]:
+        return np.zeros(len(x))
+    gap = x - y
+    off = np.maximum.reduce(np.abs(gap, out=gap), axis=1)
+    missing = np.flatnonzero(np.isnan(off))
+    if len(missing):
+        some, others = x[missing], y[missing]
+        off[missing] = np.fmax.reduce(np.abs(some - others), axis=1, initial=0.0)
+    size = np.maximum(_largest(name, y) if scale is None else scale, variable.least)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
+    if len(missing):
+        error[missing[(np.isnan(some) != np.isnan(others)).any(axis=1)]] = np.inf
+    return error
+
+
+def relative_errors(
+    outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """`relative_error` of every comparable output, by name; relative to what the registry says."""
+    largest = cache(lambda name: _largest(name, reference[name]))
+    return {
+        name: relative_error(name, values[name], reference[name], _scale(name, reference, largest))
+        for name in comparable(outputs)
+    }
+
+
+def _largest(name: str, values: np.ndarray) -> np.ndarray:
+    """Largest absolute value of each scenario."""
+    found = np.asarray(values, dtype=float).reshape(len(values), -1)
+    high = np.fmax.reduce(found, axis=1, initial=0.0)
+    if VARIABLES[name].dtype == "f8":  # integers are missing where they are negative
+        high = np.maximum(high, -np.fmin.reduce(found, axis=1, initial=0.0))
+    return np.asarray(high)
+
+
+def _scale(name: str, reference: Mapping[str, np.ndarray], largest: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Return what an error of `name` is relative to: itself, and what else `reference` holds."""
+    sizes = [largest(name)]
+    for other in VARIABLES[name].relative_to:
+        parts = (other,) if isinstance(other, str) else other
+        if all(part in reference for part in parts):
+            sizes.append(np.prod([largest(part) for part in parts], axis=0))
+    return np.asarray(reduce(np.maximum, sizes))

@@ -12,7 +12,7 @@ import xarray as xr
 from pounding_sweep.analysis.spectra import floor_spectra, response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import MATE2015_MODELS, get_law
-from pounding_sweep.outputs.differences import relative_errors
+from pounding_sweep.outputs.variables import relative_errors
 from pounding_sweep.paper.published import RECORDS
 from pounding_sweep.paper.questions import hertz_fit, step_errors
 from pounding_sweep.paper.readings import (
@@ -194,7 +194,7 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
 
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
-    """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.differences`."""
+    """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.variables`."""
     dims, names = ("law", "record"), [record.name for record in records]
     half = sweep_of(reading, records, step=0.5 * STEP, audit=0.0).run(progress=progress)
     runs = [_paper_slice(one).sel(record=names).stack(case=dims).transpose("case", ...) for one in (cube, half)]

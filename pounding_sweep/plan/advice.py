@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_errors
+from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, phase_errors
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene

@@ -31,8 +31,7 @@ from pounding_sweep.outputs.variables import (
     inner_shape,
     reducers_for,
 )
-from pounding_sweep.plan.chunks import Chunk, cut
-from pounding_sweep.plan.scenarios import Scenarios, but_for_gaps, uncoupled_runs_of, unique_scenarios
+from pounding_sweep.plan.scenarios import Chunk, Scenarios, but_for_gaps, cut, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import SweepSpec, digest
 

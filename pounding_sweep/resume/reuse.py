@@ -31,9 +31,8 @@ from pounding_sweep.output.results import table_type
 from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
-from pounding_sweep.plan.chunks import Chunk, chunk_key
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.plan.scenarios import BLOCK, Scenarios, case_variants, product_variants
+from pounding_sweep.plan.scenarios import BLOCK, Chunk, Scenarios, case_variants, chunk_key, product_variants
 from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import running
-from pounding_sweep.plan.chunks import Chunk
+from pounding_sweep.plan.scenarios import Chunk
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, WHOLE, ChunkStore, unreadable
 
 if TYPE_CHECKING:

@@ -25,11 +25,9 @@ import numpy as np
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import stored_as
 from pounding_sweep.output.labels import row_coordinates
-from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.variables import STATUS, Status
-from pounding_sweep.plan.chunks import ChunkTask, cut
+from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
-from pounding_sweep.plan.scenarios import changed, joined
+from pounding_sweep.plan.scenarios import ChunkTask, changed, cut, joined
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import ended, halved
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.plan.plan import Plan
+from pounding_sweep.plan.scenarios import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.resume.survey import expect
 

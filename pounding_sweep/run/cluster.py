@@ -21,8 +21,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
-from pounding_sweep.plan.chunks import ChunkTask, Receive, Run
-from pounding_sweep.plan.scenarios import Scenarios
+from pounding_sweep.plan.scenarios import ChunkTask, Receive, Run, Scenarios
 from pounding_sweep.records import Record
 
 #: Chunks in flight per thread of a worker: one runs, one waits next to it, one is on its way back.

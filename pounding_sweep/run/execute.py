@@ -26,9 +26,8 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan.chunks import Chunk, ChunkTask
 from pounding_sweep.plan.plan import Plan, untouched
-from pounding_sweep.plan.scenarios import Scenarios
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask, Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt
 from pounding_sweep.run.chunk_writer import ChunkWriter

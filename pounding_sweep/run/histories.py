@@ -10,7 +10,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.outputs.declare import DIMS, scatter
+from pounding_sweep.outputs.variables import DIMS, scatter
 from pounding_sweep.records import Record
 
 if TYPE_CHECKING:

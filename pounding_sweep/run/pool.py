@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.kernel.spec import KernelSpec
-from pounding_sweep.plan.chunks import ChunkTask, Receive, Run
+from pounding_sweep.plan.scenarios import ChunkTask, Receive, Run
 from pounding_sweep.records import Record
 
 if TYPE_CHECKING:

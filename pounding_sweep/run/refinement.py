@@ -29,8 +29,7 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
+from pounding_sweep.outputs.variables import CHANGE, SETTLED, Status, comparable, get_variable, relative_errors
 from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record

@@ -38,9 +38,8 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.march import begin, conclude
 from pounding_sweep.kernel.peaks import samples
-from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import variants_of
+from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.schemes.base import SAFETY
 from pounding_sweep.schemes.explicit import Explicit
 from pounding_sweep.schemes.rk4 import Rk4
