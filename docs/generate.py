@@ -18,8 +18,7 @@ from pounding_sweep import analysis
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
-from pounding_sweep.cli.app import app
-from pounding_sweep.cli.reporting import NAME
+from pounding_sweep.cli.app import NAME, app
 from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, RESTING_SPEED, Law
 from pounding_sweep.model.presets import PRESETS

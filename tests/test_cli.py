@@ -23,8 +23,7 @@ import xarray as xr
 from bad_sweeps import BAD
 from typer.main import get_command
 
-from pounding_sweep.cli.app import app
-from pounding_sweep.cli.reporting import INTERRUPTS, open_streams
+from pounding_sweep.cli.app import INTERRUPTS, app, open_streams
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.summary import impacts, statuses
 from pounding_sweep.outputs.variables import STATUS, Status

@@ -12,7 +12,7 @@ import sys
 import pytest
 from test_cli import TINY, cli, environment, same_data, write
 
-from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.cli.app import reporting
 from pounding_sweep.output import audited
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer
@@ -85,7 +85,7 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
 #: A command whose end in order takes long, as that of workers that are busy.
 SLOW = """
 import signal, time
-from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.cli.app import reporting
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may have been begun by nohup
@@ -147,7 +147,7 @@ def test_a_command_leaves_signals_as_they_were(usual):
 SENT = """
 import signal, sys
 import typer
-from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.cli.app import reporting
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -5,8 +5,7 @@ interrupted. Each module holds the commands of one subject and registers them wh
 ``--help`` lists them.
 """
 
-from pounding_sweep.cli import init, run, cubes, exchange, compare, histories  # noqa: F401, I001  in this order
-from pounding_sweep.cli import tradeoff, extremes, paper, lists, records, doctor  # noqa: F401  in this order
+from pounding_sweep.cli import sweeps, cubes, compare, accuracy, paper, records  # noqa: F401, I001  in this order
 from pounding_sweep.cli.app import main
 
 __all__ = ["main"]

@@ -15,8 +15,18 @@ from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, c
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
-from pounding_sweep.cli.app import ARGUMENTS, AsJson, At, CubeFile, Folders, Intensity, axis_values, command
-from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.app import (
+    ARGUMENTS,
+    AsJson,
+    At,
+    CubeFile,
+    Folders,
+    Intensity,
+    axis_values,
+    command,
+    reporting,
+    say,
+)
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,8 +10,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from pounding_sweep.base.text import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, Quiet, command
-from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.app import AsJson, Folders, Quiet, command, reporting, say
 
 #: Name of the report in its folder.
 REPORT = "report.html"

@@ -12,8 +12,7 @@ from typer import Argument, Option
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
-from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app, reporting, say
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record

@@ -1,4 +1,4 @@
-"""``run`` and ``plan``: a sweep file in, a cube or its cost out."""
+"""Sweep files: ``init``, ``run``, ``plan``, and one scenario of one: ``simulate`` and ``animate``."""
 
 from __future__ import annotations
 
@@ -7,17 +7,86 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-from typer import Option
+from typer import Argument, Exit, Option
 
+from pounding_sweep.base.errors import InputError, MissingRecordError, OutputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
-from pounding_sweep.cli.app import AsJson, Quiet, SweepOptions, command
+from pounding_sweep.cli.app import (
+    FAILED,
+    AsJson,
+    Overwrite,
+    Quiet,
+    ScenarioOptions,
+    SweepOptions,
+    axis_values,
+    command,
+    reporting,
+    say,
+    say_laws,
+)
 from pounding_sweep.cli.records import print_read, read_as
-from pounding_sweep.cli.reporting import FAILED, reporting, say
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.run.sweep import Sweep
+
+
+@command("init")
+def init_command(
+    out: Annotated[
+        Path | None,
+        Argument(metavar="[SWEEP.toml]", help="File to write; by default the example's name.", show_default=False),
+    ] = None,
+    example: Annotated[
+        str | None,
+        Option(
+            "--from", metavar="EXAMPLE", help="Example to write; by default that of the file's name, or quickstart."
+        ),
+    ] = None,
+    only_list: Annotated[bool, Option("--list", help="List the examples.")] = False,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a commented sweep file to begin with, or list the examples."""
+    with reporting():
+        from pounding_sweep.base.files import failure
+        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.records import find_record
+        from pounding_sweep.spec.toml import example_files, example_records, example_title, examples
+
+        if only_list:
+            titles = {name: example_title(name) for name in examples()}
+            if as_json:
+                print_json(titles)
+            else:
+                print_table(["example", "shows"], [list(item) for item in titles.items()])
+            return
+        if example is None:
+            example = out.stem if out is not None and out.stem in examples() else "quickstart"
+        if example not in examples():
+            raise InputError(unknown("example", example, examples()))
+        target = out or Path(f"{example}.toml")
+        text = examples()[example].read_text(encoding="utf-8").replace(f"sweeps/{example}.toml", str(target))
+        files = {target: text} | {target.parent / file.name: file.read_text("utf-8") for file in example_files(example)}
+        for path in files:
+            check_output(path, overwrite, netcdf=False)
+        for path, content in files.items():
+            try:
+                path.write_text(content, encoding="utf-8")
+            except OSError as error:
+                raise OutputError(failure(f"writing {str(path)!r}", error)) from None
+        for name in example_records(example):
+            try:
+                find_record(name)
+            except MissingRecordError as error:
+                say(f"warning: {error}")
+        if as_json:
+            print_json({"example": example, "files": [str(path) for path in files]})
+            return
+        say(f"wrote the example {example!r}: {example_title(example)}; now: pounding-sweep run {target}")
+        print(*files, sep="\n")
 
 
 @command("run")
@@ -79,7 +148,7 @@ def run_command(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "
                 f"{parts_folder(out)}; run again with --overwrite to make only the rest"
             )
-            raise typer.Exit(FAILED)
+            raise Exit(FAILED)
 
 
 @command("plan")
@@ -189,3 +258,93 @@ def _print_run(report: dict[str, Any]) -> None:
 def _missing_records(report: dict[str, Any]) -> list[tuple[str, str]]:
     names = report["records_left_out"]
     return [("left out", f"{', '.join(names)}: no such record at hand")] if names else []
+
+
+@command("simulate")
+def simulate_command(
+    out: Annotated[Path, Option("-o", "--output", metavar="ONE.nc", help="netCDF file.", show_default=False)],
+    options: ScenarioOptions,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run one scenario of a sweep, the middle one by default, and write its histories."""
+    with reporting():
+        from pounding_sweep.output.netcdf import check_output, write_cube
+
+        check_output(out, overwrite)
+        write_cube(_simulate(options), out, overwrite)
+        print(out)
+
+
+@command("animate")
+def animate_command(
+    out: Annotated[
+        Path,
+        Option(
+            "-o", "--output", metavar="FILE", help="GIF, or MP4 with ffmpeg; replaced if it exists.", show_default=False
+        ),
+    ],
+    options: ScenarioOptions,
+    start: Annotated[
+        float | None,
+        Option(
+            metavar="S",
+            help="First instant of the record shown (s); by default four periods of the motion before --end, or, "
+            "without --end, one period before the strongest impact.",
+        ),
+    ] = None,
+    end: Annotated[
+        float | None, Option(metavar="S", help="Last instant (s); by default four periods after the first one.")
+    ] = None,
+    frames: Annotated[int, Option(metavar="N", help="Number of pictures.")] = 40,
+    speed: Annotated[
+        float | None,
+        Option(
+            metavar="X", help="Seconds of the record per second of the animation; by default such that it takes 6 s."
+        ),
+    ] = None,
+) -> None:
+    """Animate the row in one scenario of a sweep, by default round its strongest impact."""
+    with reporting():
+        from pounding_sweep.figures.animation import animate, check_movie
+        from pounding_sweep.output.netcdf import check_output
+
+        check_output(out, overwrite=True, netcdf=False)
+        check_movie(out, frames, speed)
+        print(animate(_simulate(options), out, start=start, end=end, frames=frames, speed=speed))
+
+
+def _simulate(options: ScenarioOptions) -> xr.Dataset:
+    """Run the chosen scenario; say which it is, and how fine its histories are."""
+    from pounding_sweep.figures.select import scenario_title
+    from pounding_sweep.run.one_scenario import simulate_shown
+    from pounding_sweep.run.simulate import peaks_shown
+    from pounding_sweep.run.sweep import load_sweep
+
+    choice = dict(vars(options))
+    sweep, folders, skip_missing, at, step = (
+        choice.pop(name) for name in ("sweep", "folders", "skip_missing", "at", "output_step")
+    )
+    for name, values in axis_values(at or []).items():
+        if choice.get(name) is not None:
+            raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
+        choice[name] = _value(name, values)
+    spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
+    say_laws(spec.own_laws)
+    histories = simulate_shown(spec, step, **choice)
+    say(scenario_title(histories))
+    if histories.sizes.get("time", 0) > 1:
+        interval = 1e3 * float(histories["time"][1] - histories["time"][0])
+        say(f"histories at steps of {interval:.4g} ms show at least {peaks_shown(histories):.1%} of every peak")
+    return histories
+
+
+def _value(name: str, texts: list[str]) -> Any:
+    """Return a value given by --at: a text, a number, or, of gaps, one number per pair."""
+    kind = {"law": str, "record": str, "case": int}.get(name, float)
+    try:
+        values = [kind(text) for text in texts]
+    except ValueError:
+        raise InputError(f"--at {name}={texts[0]} is no {'whole ' * (name == 'case')}number") from None
+    if len(values) > 1 and name != "gap":
+        raise InputError(f"--at gives {len(values)} values of {name}, and one scenario has one; give one")
+    return values if len(values) > 1 else values[0]
