@@ -33,8 +33,7 @@ from benchmarks.paper_found.search import (
     search,
 )
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.paper.published import RECORDS, published
-from pounding_sweep.paper.readings import READINGS
+from pounding_sweep.paper.published import READINGS, RECORDS, published
 
 # --- the measure ---------------------------------------------------------------------------------------------------
 

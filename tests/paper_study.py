@@ -10,10 +10,8 @@ import xarray as xr
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.model.laws import MATE2015_MODELS
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.paper.published import BUILDINGS, PAIRS, STOREYS
-from pounding_sweep.paper.questions import HERTZ_LAWS, STEP_OUTPUTS
-from pounding_sweep.paper.readings import OUTPUTS, READINGS, sweep_of
-from pounding_sweep.paper.study import Study
+from pounding_sweep.paper.published import BUILDINGS, OUTPUTS, PAIRS, READINGS, STOREYS, sweep_of
+from pounding_sweep.paper.study import HERTZ_LAWS, STEP_OUTPUTS, Study
 from pounding_sweep.records import find_record, records_dataset
 from pounding_sweep.spec.spec import to_json
 

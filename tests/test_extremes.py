@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
-from pounding_sweep.accuracy import judge as the_judge
 from pounding_sweep.accuracy.extreme_scenes import (
     OF_MANY_SHAPES,
     OUTPUTS,
@@ -28,9 +27,18 @@ from pounding_sweep.accuracy.extreme_scenes import (
     staggered,
     yielding_pair,
 )
-from pounding_sweep.accuracy.extremes import run_extremes, run_judged
-from pounding_sweep.accuracy.judge import Run, judge, make_reference, peak_error, peaks_of, sensitive_rows
-from pounding_sweep.accuracy.stability_map import SHOWN, stability_map
+from pounding_sweep.accuracy.extremes import (
+    SHOWN,
+    Run,
+    judge,
+    make_reference,
+    peak_error,
+    peaks_of,
+    run_extremes,
+    run_judged,
+    sensitive_rows,
+    stability_map,
+)
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.engine.postprocess import (
     MAX_PHASE_ERROR,
@@ -225,7 +233,7 @@ def test_a_wrong_peak_is_found(honest, names, monkeypatch):
     assert wrong.missed[1]
     assert wrong.told[1]  # half the step says so
     assert wrong.faults == []
-    monkeypatch.setattr(the_judge, "told_rows", lambda run, rows: np.zeros(len(rows), bool))
+    monkeypatch.setattr(suite, "told_rows", lambda run, rows: np.zeros(len(rows), bool))
     assert any("off by" in text for _, text in verdict(honest, **lies).faults)
 
 
@@ -266,7 +274,7 @@ def test_an_implicit_scheme_may_not_diverge(honest):
 def test_slowness_is_found_and_what_has_no_reference_counted(honest):
     assert verdict(honest).faults == []
     assert np.isfinite(verdict(honest).error).tolist() == [True, True, False]
-    assert verdict(honest, seconds=the_judge.TIME_LIMIT + 1.0).faults == [(0, "took 61 s")]
+    assert verdict(honest, seconds=suite.TIME_LIMIT + 1.0).faults == [(0, "took 61 s")]
     assert not verdict(honest).unknown.any()
     run, reference = honest
     assert verdict((run, replace(reference, known=np.zeros(3, bool)))).unknown.tolist() == [True, True, False]
@@ -284,7 +292,7 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not():
 
 @pytest.mark.slow
 def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
-    monkeypatch.setattr(the_judge, "REFERENCE_STEPS", 10)
+    monkeypatch.setattr(suite, "REFERENCE_STEPS", 10)
     reference = ones_reference(batch_of(beside_wall()))
     assert not reference.known.any()
     assert np.isnan(reference.peaks["impact_force_max"]).all()
@@ -567,9 +575,9 @@ def test_the_command_prints_a_table():
 
 
 def test_the_command_gives_json_and_fails_where_the_claim_does(monkeypatch):
-    monkeypatch.setattr(the_judge, "OK_CLAIM", 1e-12)
+    monkeypatch.setattr(suite, "OK_CLAIM", 1e-12)
     for excuse in ("told_rows", "sensitive_rows"):
-        monkeypatch.setattr(the_judge, excuse, lambda *arguments: np.zeros(len(arguments[-1]), bool))
+        monkeypatch.setattr(suite, excuse, lambda *arguments: np.zeros(len(arguments[-1]), bool))
     done = call("--json")
     assert done.exit_code == 1
     report = json.loads(done.stdout)

@@ -19,24 +19,37 @@ import pounding_sweep as ps
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
-from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
-from pounding_sweep.paper.conclusions import (
+from pounding_sweep.paper.compare import (
     CONCLUSIONS,
     Judgement,
     Support,
     Verdict,
+    agreement,
+    energy_checks,
+    findings,
     judge,
     opening_grid,
     overall,
+    side_by_side,
+    silent_models,
     spread,
+    table_grid,
     table_outcome,
+    unbalanced,
     verdict_of_all,
 )
-from pounding_sweep.paper.published import GROUND_MOTIONS, RECORDS, TABLES, published
-from pounding_sweep.paper.questions import force_fit, largest_steps, step_grid
-from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
-from pounding_sweep.paper.study import study
+from pounding_sweep.paper.published import (
+    GROUND_MOTIONS,
+    READINGS,
+    RECORDS,
+    RESCALED,
+    TABLES,
+    paper_records,
+    published,
+    reading_of,
+    sweep_of,
+)
+from pounding_sweep.paper.study import force_fit, largest_steps, step_grid, study
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
 
@@ -212,7 +225,7 @@ FORCES = by_law(100, 95, 90, 50, 20, 10, 0)
 
 def verdict_of(key, cube, spectrum=None):
     with pytest.MonkeyPatch.context() as patch:  # of the others other tests tell
-        patch.setattr("pounding_sweep.paper.conclusions.CONCLUSIONS", {key: CONCLUSIONS[key]})
+        patch.setattr("pounding_sweep.paper.compare.CONCLUSIONS", {key: CONCLUSIONS[key]})
         own = {one.reading: one for one in judge(cube, spectra() if spectrum is None else spectrum)}
     assert list(own) == list(READINGS)
     return own["as_printed"]

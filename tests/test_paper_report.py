@@ -21,7 +21,7 @@ from pounding_sweep.analysis.comparisons.energy import energy_transfer
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, roof_force, save_figures
-from pounding_sweep.paper.readings import READINGS, sweep_of
+from pounding_sweep.paper.published import READINGS, sweep_of
 from pounding_sweep.paper.report import Picture, contents_of, render, summary, write_report
 from pounding_sweep.paper.study import INTERVAL, scenario, thin_out
 

@@ -15,15 +15,17 @@ from scenes import EVERY, pair
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
 from pounding_sweep.accuracy.tradeoff import (
     POPULATIONS,
     draw,
     find_touching,
     measure,
+    order_table,
     pareto_front,
     statistics,
     summarise,
+    table_of,
+    trade_rows,
     tradeoff,
     warn_of_doubt,
 )

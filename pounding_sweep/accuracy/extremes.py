@@ -1,24 +1,242 @@
-"""The stability suite: extreme scenarios in every scheme, every one judged and counted."""
+"""What the stability suite demands of a scenario, whatever it is: the judge.
+
+Five things are demanded of a run, at any step:
+
+1. It ends, within a bounded time, and with Newmark's method it stays bounded.
+2. Its status tells the truth: a scenario with values has finite ones only, one without has none.
+3. Its energy is possible. The ground can bring no more energy into a row than
+   ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy at the start), because contacts and
+   dampers only take energy; that bounds the energy at the end and every displacement, resolved or not.
+4. Where the status is ok, contacts create no energy: their work is not negative.
+5. Where the status is ok, and a run at half the step agrees within `SETTLED`, the peaks are within `OK_CLAIM` of those
+   of a converged run, unless it is sensitive: `CHANGE` of all inputs changes a peak by more than that.
+
+All ok scenarios that are farther off are counted as missed by the rules of the status, whether half the step tells them
+or not and however sensitive they are.
+"""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from pounding_sweep.accuracy.extreme_scenes import Batch, families, family_batches, random_batches
-from pounding_sweep.accuracy.judge import Run, Verdict, judge, make_reference
+from pounding_sweep.accuracy.extreme_scenes import (
+    PEAKS,
+    YIELDING_PEAKS,
+    Batch,
+    earthquake,
+    families,
+    family_batches,
+    make_batch,
+    pair,
+    random_batches,
+)
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import seconds_text
 from pounding_sweep.engine.compile import prepare, still_to_compile
+from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
+from pounding_sweep.output.dataset import made_here
+from pounding_sweep.outputs.variables import (
+    CHANGE,
+    OK_CLAIM,
+    SETTLED,
+    STATUS,
+    Status,
+    get_variable,
+    relative_error,
+    scatter_contact,
+    scatter_dof,
+)
 from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.plan.scenarios import changed
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.refinement import Values
+from pounding_sweep.schemes import SCHEMES
+
+#: A reference run is believed where one of half the step agrees with it this closely.
+CONVERGED = 0.1 * OK_CLAIM
+#: Most energy that contacts may create in an ok scenario, relative to the largest energy of its balance.
+CREATED_BOUND = 0.01
+#: Most energy of a scenario, relative to what the ground can bring in: ok, and any other with values.
+ENERGY_BOUND = {True: 1.01, False: 1.1}
+#: Seconds of CPU time that a run of a few scenarios may take.
+TIME_LIMIT = 60.0
+#: Longest reference run (steps of the record).
+REFERENCE_STEPS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the scenarios of a batch should give."""
+
+    peaks: dict[str, np.ndarray]  # the peaks, shape (n, ...); NaN where there is no reference
+    known: np.ndarray  # whether the reference converged; shape (n,)
+    step: np.ndarray  # its time step (s); shape (n,)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a batch gave in one scheme at one step."""
+
+    batch: Batch
+    method: str
+    dt: float  # largest time step (s)
+    values: Values
+    precision: str = "float64"
+    seconds: float = 0.0  # CPU time
+
+    @property
+    def status(self) -> np.ndarray:
+        """Status of each scenario."""
+        return self.values["status"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the judge found in a run; arrays of shape (n,)."""
+
+    run: Run
+    error: np.ndarray  # largest relative error of a peak; NaN where it was not to be judged
+    #: ok, but off by more than the claim; those of them that half the step gives away, and that are sensitive
+    missed: np.ndarray
+    told: np.ndarray
+    sensitive: np.ndarray
+    unknown: np.ndarray  # ok, but without a converged reference
+    created: np.ndarray  # energy created by contacts, relative to the largest of the balance
+    energy: np.ndarray  # largest energy, over what the ground can have brought in
+    faults: list[tuple[int, str]]  # scenario and what is wrong with it
+
+
+def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
+    """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
+    both = np.stack([values["displacement_max"], values["displacement_min"]], axis=1)
+    names = (name for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in values)
+    return {"displacement_max": both, **{name: values[name] for name in names}}
+
+
+def peak_error(peaks: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Largest relative error of the peaks of each scenario, shape (n,)."""
+    return np.max([relative_error(name, peaks[name], reference[name]) for name in reference], axis=0)
+
+
+def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
+    """Run scenarios by RK4 at ever finer steps until half the step changes nothing that matters.
+
+    `shortest` contact (s) of each scenario.
+    """
+    known, steps, rows = np.zeros(len(batch), bool), np.full(len(batch), np.nan), np.flatnonzero(wanted)
+    step = batch.record.dt
+    if len(rows):
+        step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
+    coarse = batch[rows].run("rk4", step)
+    peaks = {name: np.full((len(batch), *each.shape[1:]), np.nan) for name, each in peaks_of(coarse).items()}
+    while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
+        step /= 2.0
+        fine = batch[rows].run("rk4", step)
+        done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
+        done &= peak_error(peaks_of(coarse), peaks_of(fine)) <= CONVERGED
+        for name, values in peaks_of(fine).items():
+            peaks[name][rows[done]] = values[done]
+        known[rows[done]], steps[rows[done]] = True, step
+        rows, coarse = rows[~done], {name: values[~done] for name, values in fine.items()}
+    return Reference(peaks, known, steps)
+
+
+def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.ndarray:
+    """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
+    sensitive = np.zeros(len(rows), bool)
+    against = {name: values[rows] for name, values in reference.peaks.items()}
+    for change in (CHANGE, -CHANGE) if len(rows) else ():  # a touch that just comes goes with more gap, and the reverse
+        moved = replace(batch, table=changed(batch.table[rows], change))
+        peaks = peaks_of(moved.run("rk4", float(np.nanmin(reference.step[rows]))))
+        sensitive |= peak_error(peaks, against) > OK_CLAIM
+    return sensitive
+
+
+def told_rows(run: Run, rows: np.ndarray) -> np.ndarray:
+    """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
+    half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
+    whole = {name: values[rows] for name, values in run.values.items()}
+    return (peak_error(peaks_of(whole), peaks_of(half)) > SETTLED) | (half["status"] != Status.OK)
+
+
+def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Energy at the end, or as the displacements imply, over what the ground can have brought in, shape (n,)."""
+    limit = energy_limit(batch.scene, batch.record, batch.table.scale, batch.initial_velocity)
+    share = (values["energy_kinetic"] + values["energy_strain"]).sum(axis=1)
+    yields = any(batch.scene.yields)  # beyond yielding a displacement grows up to like its energy, not like the root
+    reach = scatter_dof(displacement_limit(batch.scene, limit if yields else np.ones(len(batch))), batch.scene)
+    for name in ("displacement_max", "displacement_min"):
+        part = np.abs(values[name]) / np.where(reach > 0.0, reach, 1e-300)
+        implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
+        share = np.maximum(share, np.max(np.nan_to_num(implied, nan=0.0, posinf=np.inf), axis=1))
+    return np.where(share == 0.0, 0.0, share / np.where(limit > 0.0, limit, 1e-300))
+
+
+def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Energy that contacts created, over the largest energy of the balance, shape (n,)."""
+    work = values["contact_work"]
+    gained = values["energy_kinetic"] + values["energy_strain"]
+    parts = [np.abs(values["energy_input"]), values["energy_damping"], gained, np.abs(work)]
+    size = np.max([part.sum(axis=1) for part in parts], axis=0)
+    return np.asarray(np.abs(work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
+
+
+def judge(run: Run, reference: Reference) -> Verdict:
+    """Judge what a run of a batch gave."""
+    batch, values, status = run.batch, run.values, run.status
+    ok, has_values = status == Status.OK, np.isin(status, [int(s) for s in STATUS if s.has_values])
+    finite, empty = np.ones(len(batch), bool), np.ones(len(batch), bool)
+    for name in values:
+        if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force):
+            found = np.isfinite(values[name][:, _exists(batch, name, values[name])])
+            finite &= found.all(axis=1)
+            empty &= ~found.any(axis=1)
+    sound = has_values & finite
+    with np.errstate(invalid="ignore", over="ignore"):
+        created = np.where(sound, created_energy(values), 0.0)
+        share = np.where(sound, energy_share(batch, values), 0.0)
+    judged = ok & sound & reference.known
+    error = np.where(judged, peak_error(peaks_of(values), reference.peaks), np.nan)
+    missed = judged & (error > OK_CLAIM)
+    sensitive, told = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
+    rows = np.flatnonzero(missed)
+    if len(rows):
+        sensitive[rows], told[rows] = sensitive_rows(batch, reference, rows), told_rows(run, rows)
+    off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
+    beyond = share > np.where(ok, ENERGY_BOUND[True], ENERGY_BOUND[False])
+    demands = (
+        (has_values & ~finite, "has values that are not finite", share),
+        (~has_values & ~empty, "has no result by its status, but finite values", share),
+        (status == Status.NOT_RUN, "was not run", share),
+        ((status == Status.DIVERGED) & SCHEMES[run.method].implicit, "diverged, though its contact is implicit", share),
+        (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
+        (beyond, "holds {:.4g} times the energy that can have come in", share),
+        (missed & ~told & ~sensitive, off, error),
+        ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
+    )
+    faults = [(int(i), text.format(float(of[i]))) for rows, text, of in demands for i in np.flatnonzero(rows)]
+    unknown = ok & sound & ~reference.known
+    return Verdict(run, error, missed, told, sensitive, unknown, created, share, faults)
+
+
+def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
+    """Whether there is what a value is of, not so at walls, missing storeys and floors that meet nothing."""
+    dims, scene = get_variable(name).dims, batch.scene
+    if dims == ("building", "storey"):
+        exists = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
+        return np.isfinite(scatter_dof(exists[None], scene))[0]
+    if dims == ("pair", "storey"):
+        return np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
+    return np.ones(values.shape[1:], bool)
+
 
 #: Name of the family of random scenes, and how many there are where no number is given.
 RANDOM, DEFAULT_SCENES = "random", 320
@@ -162,3 +380,67 @@ def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] 
             shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
     reference = make_reference(batch, wanted, shortest)
     return [judge(run, reference) for run in runs]
+
+
+#: Schemes and number formats of the map.
+SHOWN = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))
+
+
+def stability_map(
+    law: str | Law = "kelvin_voigt",
+    *,
+    stiffnesses: Sequence[float] | None = None,
+    steps: Sequence[float] | None = None,
+    restitution: float = 0.6,
+) -> xr.Dataset:
+    """Run one scene at every contact stiffness and time step, and compare with converged runs."""
+    chosen = get_law(law)
+    if chosen.exponent is None:
+        raise InputError(f"law {chosen.key!r} has no contact force to map; give one with a contact stiffness")
+    chosen.check_restitution(restitution)
+    k = np.asarray(np.logspace(3, 12, 19) if stiffnesses is None else stiffnesses, dtype=float)
+    h = np.asarray(np.geomspace(1e-5, 2e-2, 12) if steps is None else steps, dtype=float)
+    for name, values in (("stiffnesses", k), ("steps", h)):
+        if not (values.size and np.all(np.isfinite(values)) and np.all(values > 0)):
+            raise InputError(f"{name} = {values.tolist()} must be positive numbers")
+    batch = make_batch(
+        "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=k, restitution=restitution, steps=tuple(h)
+    )
+    shape = (len(SHOWN), len(k), len(h))
+    status, error, shortest = np.zeros(shape, dtype=np.int8), np.full(shape, np.nan), np.full(len(k), np.inf)
+    runs = {}
+    for s, (method, precision) in enumerate(SHOWN):
+        for j, dt in enumerate(h):
+            run = runs[s, j] = batch.run(method, dt, precision)
+            status[s, :, j] = run["status"]
+            shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(method, dt))
+    # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
+    for i in range(len(k)):
+        reference = make_reference(batch[[i]], np.ones(1, bool), shortest[[i]])
+        for (s, j), run in runs.items() if reference.known[0] else ():
+            if STATUS[int(status[s, i, j])].has_values:
+                force = peaks_of({name: values[[i]] for name, values in run.items()})["impact_force_max"]
+                error[s, i, j] = relative_error("impact_force_max", force, reference.peaks["impact_force_max"])[0]
+    dims = ("scheme", "stiffness", "dt")
+    flags = {
+        "long_name": "status of the scenario",
+        "flag_values": np.array([int(s) for s in Status], dtype=np.int8),
+        "flag_meanings": " ".join(s.label for s in Status),
+    }
+    return xr.Dataset(
+        {
+            "peak_force_error": (dims, error, {"units": "1", "long_name": "relative error of the peak contact force"}),
+            "status": (dims, status, flags),
+        },
+        {
+            "scheme": ("scheme", [f"{method} {precision}" for method, precision in SHOWN]),
+            "stiffness": ("stiffness", k, {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}),
+            "dt": ("dt", h, {"units": "s", "long_name": "time step"}),
+        },
+        {
+            **made_here(f"Stability map: {chosen.title}"),
+            "law": chosen.key,
+            "restitution": restitution if chosen.takes_restitution else "none",
+            "ok_claim": OK_CLAIM,
+        },
+    )

@@ -88,7 +88,7 @@ def tradeoff_command(
 
 def _trade_report(trade: xr.Dataset) -> dict[str, Any]:
     """Collect everything that is printed, and every output."""
-    from pounding_sweep.accuracy.trade_report import trade_rows
+    from pounding_sweep.accuracy.tradeoff import trade_rows
 
     counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
     errors: dict[str, Any] = {}
@@ -104,7 +104,7 @@ def _trade_report(trade: xr.Dataset) -> dict[str, Any]:
 
 
 def _print_trade(trade: xr.Dataset) -> None:
-    from pounding_sweep.accuracy.trade_report import leading_outputs, order_table, table_of
+    from pounding_sweep.accuracy.tradeoff import leading_outputs, order_table, table_of
 
     attributes = trade.attrs
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
@@ -197,7 +197,7 @@ def extremes_command(
 
 def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) -> None:
     """Make the map's files."""
-    from pounding_sweep.accuracy.stability_map import stability_map
+    from pounding_sweep.accuracy.extremes import stability_map
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
 

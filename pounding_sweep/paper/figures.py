@@ -18,8 +18,7 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
-from pounding_sweep.paper.readings import READINGS
+from pounding_sweep.paper.published import BUILDINGS, PAIRS, READINGS, record_title
 from pounding_sweep.paper.report import Picture
 from pounding_sweep.paper.study import Study
 from pounding_sweep.run.execute import Progress

@@ -1,16 +1,30 @@
-"""The numbers of the paper's Tables 3 to 6, labelled like a cube's outputs."""
+"""The numbers of the paper's Tables 3 to 6, labelled like a cube's outputs, and the two readings of its data.
+
+The paper's text and its tables can't both be right. `READINGS` holds the row as it is printed, and the row that its
+tables fit.
+"""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
 import pandas as pd
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.errors import InputError, MissingRecordError, unknown
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.outputs.variables import get_variable
+from pounding_sweep.records import Record, find_record
+from pounding_sweep.records.catalogue import Folders
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import AUDIT_SHARE, to_json
 
 #: Records in the order of the tables, by their keys in `pounding_sweep.records.KNOWN_RECORDS`: Table 2's peak ground
 #: acceleration (g) and duration (s).
@@ -81,3 +95,122 @@ def _read(number: int) -> xr.Dataset:
             about = {"units": get_variable(name).units, "long_name": get_variable(name).long_name}
             table[name] = (sign * read[column].astype(float) + 0.0).assign_attrs(about)  # no -0
     return table
+
+
+#: Gap (m) and restitution of every scenario.
+GAP, RESTITUTION = 0.01, 0.6
+#: Scheme and largest time step (s); the report measures what error they leave.
+METHOD, STEP = "rk4", 5e-4
+#: Outputs that the tables, figures and conclusions are made of.
+OUTPUTS = (
+    "displacement_max",
+    "displacement_min",
+    "storey_shear_max",
+    "acceleration_max",
+    "impact_force_max",
+    "impact_count",
+    "first_impact_time",
+    "energy_input",
+    "energy_damping",
+    "energy_kinetic",
+    "energy_strain",
+    "energy_transfer_max",
+    "energy_transfer_min",
+    "contact_work",
+    "energy_residual",
+)
+#: Records that are brought to the paper's peak ground acceleration, because at hand is another processing of them.
+RESCALED = frozenset({"san_fernando"})
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the paper's data."""
+
+    key: str  # label on the ``reading`` axis
+    preset: str  # key in `PRESETS`
+    label: str  # in figures and tables
+    note: str  # what it takes, and why
+
+
+READINGS: dict[str, Reading] = {
+    reading.key: reading
+    for reading in (
+        Reading(
+            "as_printed",
+            "mate2015",
+            "as printed",
+            "Masses and storey stiffnesses of Section 5.1 with the subscripts read as (storey, building): only so do "
+            "the columns' 12 E I / h^3 give the stiffnesses. Gap stiffness 2e6 kN/m, which Section 5.2 adopts. The "
+            "Hertz stiffness is not printed; 1.88e7 kN/m^1.5 follows from Eqs 9 to 11 as in their sources (cube root, "
+            "1 - nu^2) with E = 25e6 kN/m2 for the roofs of 134 and 136 t; nu = 0.2 and 2.5 t/m3 are taken here.",
+        ),
+        Reading(
+            "as_run",
+            "mate2015_as_run",
+            "as probably run",
+            "Inferred from the tables: right building's stiffness twice the printed one; gap stiffness 2e5 kN/m, what "
+            "2e5 tonne-force per metre entered as kN/m would give; Hertz stiffness 2.79e4 kN/m^1.5, what Eqs 9 to 11 "
+            "exactly as printed (square root, 1 - nu) give with E = 25 000, as IS 456 states it in N/mm2, entered as "
+            "kN/m2. The paper states none of the three.",
+        ),
+    )
+}
+"""Readings by key, in the order of the report."""
+
+
+def reading_axis(readings: Iterable[Reading]) -> xr.DataArray:
+    """Return the axis of readings, for `xarray.concat`."""
+    keys = [reading.key for reading in readings]
+    return xr.DataArray(keys, dims="reading", name="reading", attrs={"long_name": "reading of the paper's data"})
+
+
+def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:
+    """Return the sweep of a reading: Models I to VII, all records."""
+    return Sweep(
+        reading.preset,
+        records,
+        "mate2015",
+        gaps=[GAP],
+        restitutions=[RESTITUTION],
+        method=METHOD,
+        dt=step,
+        outputs=OUTPUTS,
+        audit=audit,
+        title=f"Mate, Bakre & Jaiswal (2015), {reading.label}: Models I to VII",
+    )
+
+
+def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]]:
+    """Find the paper's four records."""
+    records, missing = [], {}
+    for key, (pga, _) in GROUND_MOTIONS.items():
+        try:
+            record = find_record(key, folders)
+        except MissingRecordError as error:
+            missing[key] = str(error)
+            continue
+        records.append(record.scaled_to(pga * STANDARD_GRAVITY) if key in RESCALED else record)
+    return records, missing
+
+
+def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
+    """Tell which reading a cube was run for, by the scene in its attributes."""
+    try:
+        scene = json.loads(cube.attrs["sweep"])["scene"]
+    except (KeyError, ValueError):
+        raise InputError(
+            f"{name} does not say which scene it was run for; make it with 'pounding-sweep run sweeps/mate2015.toml'"
+        ) from None
+    lacking = [output for output in OUTPUTS if output not in cube]
+    if lacking:
+        raise InputError(f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml")
+    for reading in READINGS.values():
+        spec = build_spec(scene=reading.preset, records="el_centro", laws="none")
+        if json.loads(to_json(spec))["scene"] == scene:
+            return reading
+    presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
+    raise InputError(
+        f"{name} was run for another row of buildings; make it with 'pounding-sweep run sweeps/mate2015.toml', as the "
+        f"report compares the presets {presets}"
+    )

@@ -18,21 +18,25 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.paper.checks import energy_checks, findings
-from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid, ungrouped
-from pounding_sweep.paper.conclusions import (
+from pounding_sweep.paper.compare import (
+    ALL,
     HOLDS_SHARE,
     PARTLY_SHARE,
     RULE,
+    Grid,
+    agreement,
+    energy_checks,
+    findings,
     judge,
     opening_grid,
+    side_by_side,
+    table_grid,
+    ungrouped,
     verdict_grid,
     verdict_of_all,
 )
-from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
-from pounding_sweep.paper.questions import LIMIT, error_text, largest_steps, step_grid
-from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
-from pounding_sweep.paper.study import Study
+from pounding_sweep.paper.published import GROUND_MOTIONS, READINGS, RESCALED, STEP, TABLES, record_title
+from pounding_sweep.paper.study import LIMIT, Study, error_text, largest_steps, step_grid
 
 
 @dataclass(frozen=True)

@@ -186,7 +186,7 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
     *("peak_force_error", "status", "scheme", "stiffness", "dt"),
 )
 def stability_map(cube: xr.Dataset) -> Figure:
-    """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format."""
+    """Draw a map of `pounding_sweep.accuracy.extremes`: one panel per scheme and number format."""
     from matplotlib.colors import LogNorm
 
     schemes = cube.scheme.values.tolist()

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
+from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import RESPONSES, NothingToDrawError, law_name, record_name, result_of
