@@ -155,7 +155,7 @@ def test_no_share_leaves_no_trace(audited):
     cube = make(**{**LARGER, "audit": 0}).run(scheduler="synchronous")
     names = [*cube.dims, *cube.variables, *cube.attrs, *(a for v in cube.variables.values() for a in v.attrs)]
     assert not [name for name in names if "audit" in str(name) or name == "output"]
-    assert (audit_table(cube), audit_sentence(cube)) == ([], "")
+    assert (audit_table(cube), audit_sentence(audit_table(cube), cube.attrs)) == ([], "")
     assert "Audit" not in describe(cube)
     for name in cube.data_vars:
         np.testing.assert_array_equal(cube[name].values, audited[1][name].values)
@@ -200,8 +200,10 @@ def test_sensitive_and_undecided_scenarios_are_told(monkeypatch):
     assert (item["sensitive"], item["undecided"], item["scenarios"]) == counts
     assert item["error_max"] == float(error[~undecided].max()) == cube["impact_force_max"].attrs["audit_error_max"]
     assert cube.attrs["audit_undecided_share"] == undecided.mean()
-    assert f"{counts[0]} of them ({sensitive.mean():.1%}) sensitive" in audit_sentence(cube)
-    assert f"{counts[1]} ({undecided.mean():.1%}) undecided and set apart" in audit_sentence(cube)
+    assert f"{counts[0]} of them ({sensitive.mean():.1%}) sensitive" in audit_sentence(audit_table(cube), cube.attrs)
+    assert f"{counts[1]} ({undecided.mean():.1%}) undecided and set apart" in audit_sentence(
+        audit_table(cube), cube.attrs
+    )
     assert "undecided ones up to" in describe(cube)
     assert not (sweep.last_audit.exceeding & undecided).any()
 
@@ -316,7 +318,7 @@ def test_the_file_holds_it(audited, tmp_path):
         text = describe(stored.load())
         assert audit_table(stored) == audit_table(cube)
     assert "Audit: relative error, by the difference to half the step" in text
-    assert audit_sentence(cube) in text
+    assert audit_sentence(audit_table(cube), cube.attrs) in text
     assert "audit" not in text.partition("Scenario axes")[2].partition("\n\n")[0]
     with netCDF4.Dataset(out) as file:
         assert file["audit_sensitive"].dtype == np.int8

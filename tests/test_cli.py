@@ -25,7 +25,8 @@ from typer.main import get_command
 
 from pounding_sweep.cli.app import INTERRUPTS, app, open_streams
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.summary import impacts, statuses
+from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.output.summary import summarize
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run import execute
@@ -522,8 +523,14 @@ def part(row, keys):
     return {key: row[key] for key in keys}
 
 
-def test_summary_of_a_product():
-    rows = impacts(cube())
+@pytest.fixture
+def summary(tmp_path):
+    """What is reported of a cube, once it is written."""
+    return lambda cube, part="summary": summarize(write_cube(cube, tmp_path / "cube.nc", overwrite=True))[part]
+
+
+def test_summary_of_a_product(summary):
+    rows = summary(cube())
     assert [(row["law"], row["pair"]) for row in rows] == [
         (law, p) for law in ("linear", "none") for p in ("a-b", "b-c")
     ]
@@ -535,26 +542,26 @@ def test_summary_of_a_product():
 
 
 @pytest.mark.parametrize("size", [8, 100, 10**6])
-def test_summary_of_listed_cases_and_in_parts(monkeypatch, size):
-    rows = impacts(cube())
-    monkeypatch.setattr("pounding_sweep.output.slabs.SLAB_BYTES", size)
+def test_summary_of_listed_cases_and_in_parts(summary, monkeypatch, size):
+    rows = summary(cube())
+    monkeypatch.setattr("pounding_sweep.output.summary.SLAB_BYTES", size)
     cases = cube().stack(case=("law", "gap"), create_index=False).transpose("case", "pair", "storey")
-    assert impacts(cube()) == impacts(cases) == rows
+    assert summary(cube()) == summary(cases) == rows
 
 
-def test_summary_of_what_is_not_there():
-    rows = impacts(cube().drop_vars(["impact_force_max", "impact_count"]))
+def test_summary_of_what_is_not_there(summary):
+    rows = summary(cube().drop_vars(["impact_force_max", "impact_count"]))
     assert [(row["peak_force"], row["touching"]) for row in rows] == [(None, None)] * 4
-    assert impacts(cube().drop_vars("impact_count"))[0]["touching"] == 2
-    assert impacts(cube().drop_dims("pair").drop_vars("pair", errors="ignore")) == []
+    assert summary(cube().drop_vars("impact_count"))[0]["touching"] == 2
+    assert summary(cube().drop_dims("pair").drop_vars("pair", errors="ignore")) == []
     nothing = cube()
     nothing["status"][:] = int(Status.DIVERGED)
     empty = {"scenarios": 0, "peak_force": None, "impacts_max": None}
-    assert part(impacts(nothing)[0], empty) == empty
+    assert part(summary(nothing)[0], empty) == empty
 
 
-def test_statuses_are_counted_with_their_remedies():
-    found = statuses(cube())
+def test_statuses_are_counted_with_their_remedies(summary):
+    found = summary(cube(), "statuses")
     assert [(item["label"], item["count"]) for item in found] == [("ok", 5), ("under_resolved_contact", 1)]
     assert found[1]["remedy"] == Status.UNDER_RESOLVED_CONTACT.remedy
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from stub_engine import ENVIRONMENT
 
 import pounding_sweep
 from pounding_sweep import analysis, figures
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.figures import FIGURES
+
+QUICKSTART = Path(__file__).parents[1] / "sweeps" / "quickstart.toml"
 
 
 @pytest.mark.parametrize("package", [pounding_sweep, analysis, figures])
@@ -46,3 +51,15 @@ print({"numba", "dask", "matplotlib", "scipy", "xarray", "netCDF4", "pydantic"} 
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["set()"] * 2
     assert figures.force_gap is FIGURES["force-gap"].draw
+
+
+@pytest.mark.parametrize("command", [["plan"], ["run", "--quiet", "--output=out.nc"]], ids=lambda command: command[0])
+def test_a_sweep_is_run_without_xarray(command, tmp_path):
+    """It takes longer to load than the quickstart to run."""
+    name, *options = command
+    command = [sys.executable, "-X", "importtime", "-m", "stub_engine", name, QUICKSTART, *options]
+    environment = os.environ | ENVIRONMENT
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "numpy" in loaded
+    assert not {"xarray", "pandas", "dask"} & loaded

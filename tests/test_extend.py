@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import motions, row
@@ -705,7 +706,7 @@ def of_accuracy(job):
     plan = job.plan()
     outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique)))
     more = {"package_sha256": sweeping.package_digest()}
-    return cube_in_memory(plan, outcome, None, execute.Progress(), more)
+    return xr.Dataset(*cube_in_memory(plan, outcome, None, execute.Progress(), more))
 
 
 @pytest.mark.slow  # processes are started

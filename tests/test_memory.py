@@ -198,14 +198,6 @@ def test_a_large_cube_is_described_in_parts(reference, tmp_path, monkeypatch):
     assert body(text) == body(describe(reference))
 
 
-def test_a_median_is_that_of_all_values():
-    from pounding_sweep.output.summary import _median
-
-    for values in ([3.0], [1.0, 2.0], [1.0, 1.0, 7.0], [5.0, 1.0, 1.0, 4.0], [2.0] * 6 + [9.0] * 6):
-        times = {value: values.count(value) for value in values}
-        assert _median(times) == np.median(values)
-
-
 # -- results that stand in several tables ------------------------------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -110,30 +109,21 @@ def run_command(
     named, out = out is not None, out or Path(f"{options.sweep.stem}.nc")
     with reporting(out) as warnings:
         from pounding_sweep.cli.progress import make_progress
-        from pounding_sweep.output.audited import audit_sentence, audit_table
         from pounding_sweep.output.netcdf import check_output
-        from pounding_sweep.output.summary import impacts, statuses
+        from pounding_sweep.output.summary import summarize
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         sweep = options.load()
         if not named:
             say(f"the cube is written to {out}; -o names another file")
         with closing(make_progress(quiet)) as progress:
-            cube = sweep.run(
-                out, scheduler=scheduler, workers=options.workers, overwrite=overwrite, progress=progress, extend=extend
-            )
-        outcome, attributes = sweep.last_outcome, cube.attrs
+            sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend)
+        outcome = sweep.last_outcome
         assert outcome is not None
         report = {
             **_description(sweep),
             **_counts(sweep.spec.n_scenarios, outcome),
-            "extended_from": json.loads(attributes.get("extended_from", "null")),
-            "accuracy_choice": attributes.get("accuracy_choice", ""),
-            "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
-            "audit": audit_table(cube),
-            "audit_sentence": audit_sentence(cube),
-            "statuses": statuses(cube),
-            "summary": impacts(cube),
+            **summarize(out),
             "warnings": warnings,
             "cube": str(out),
         }

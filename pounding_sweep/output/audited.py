@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")
 
 
-def has_audit(cube: xr.Dataset) -> bool:
+def has_audit(cube: Mapping[Any, Any]) -> bool:
     """Whether a cube carries the measured errors of a sample of its scenarios."""
-    return "audit_error" in cube.data_vars
+    return "audit_error" in cube
 
 
-def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
+def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     """Summarise an audit, one row per output.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        A cube.
+        A cube, or its arrays by name.
 
     Returns
     -------
@@ -39,14 +36,11 @@ def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     """
     if not has_audit(cube):
         return []
-    error = np.asarray(cube["audit_error"].values)
-    if cube["audit_error"].dims != AUDIT_DIMS:
-        error = error.T
-    sensitive = cube["audit_sensitive"].values.astype(bool)
-    apart = cube["audit_undecided"].values.astype(bool)
+    error = np.asarray(cube["audit_error"][...])
+    sensitive, apart = (np.asarray(cube[name][...], bool) for name in ("audit_sensitive", "audit_undecided"))
     return [
         {
-            "output": str(output),
+            "output": output,
             "scenarios": int((~apart).sum()),
             "error_median": _number(np.median, error[~apart, i]),
             "error_max": _number(np.max, error[~apart, i]),
@@ -54,19 +48,20 @@ def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
             "undecided": int(apart.sum()),
             "error_max_undecided": _number(np.max, error[apart, i]),
         }
-        for i, output in enumerate(cube["output"].values)
+        for i, output in enumerate(np.asarray(cube["output"][...]).tolist())
     ]
 
 
-def audit_sentence(cube: xr.Dataset) -> str:
+def audit_sentence(rows: Sequence[Mapping[str, Any]], attributes: Mapping[Any, Any]) -> str:
     """Say in one line what was audited, how much of it is sensitive, and what is set apart; "" without an audit."""
-    if not has_audit(cube):
+    # rows of `audit_table`, and attributes of the cube
+    if not rows:
         return ""
-    n, change = cube.sizes["audit"], cube.attrs["audit_perturbation"]
-    sensitive, undecided = (int(cube[name].values.sum()) for name in ("audit_sensitive", "audit_undecided"))
+    sensitive, undecided = rows[0]["sensitive"], rows[0]["undecided"]
+    n, change = rows[0]["scenarios"] + undecided, attributes["audit_perturbation"]
     text = (
-        f"{n} of {cube.attrs['audit_touching']} touching scenarios run again at half the step "
-        f"({cube.attrs['audit_share']:.2g} of their cost)"
+        f"{n} of {attributes['audit_touching']} touching scenarios run again at half the step "
+        f"({attributes['audit_share']:.2g} of their cost)"
     )
     if sensitive:
         text += f"; {sensitive} of them ({sensitive / n:.1%}) sensitive: inputs changed by {change:g} change the answer"

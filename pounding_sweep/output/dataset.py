@@ -1,17 +1,19 @@
 """From arrays of results to a labelled dataset with CF attributes.
 
-Attributes that `pounding_sweep.output.describe` understands are listed there.
+Attributes that `pounding_sweep.output.describe` understands are listed there. xarray is loaded only for datasets in
+memory: that takes longer than a small sweep.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -212,6 +214,14 @@ def as_stored(name: str, values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=variable.dtype)
 
 
+class CubeParts(NamedTuple):
+    """What `xarray.Dataset` is made of: (dimensions, values, attributes, encoding) by name, and global attributes."""
+
+    data_vars: dict[str, tuple[tuple[str, ...], Any, dict[str, Any], dict[str, Any]]]
+    coords: dict[str, tuple[tuple[str, ...], Any, dict[str, Any], dict[str, Any]]]
+    attrs: dict[str, Any]
+
+
 def assemble(
     scene: Scene,
     axes: Sequence[CubeAxis],
@@ -220,8 +230,10 @@ def assemble(
     extra_coords: Coordinates | None = None,
 ) -> xr.Dataset:
     """Make a labelled dataset of results."""
+    import xarray as xr
+
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
-    return label(scene, axes, data, attributes, extra_coords)
+    return xr.Dataset(*label(scene, axes, data, attributes, extra_coords))
 
 
 def frame(
@@ -230,8 +242,8 @@ def frame(
     names: Iterable[str],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> xr.Dataset:
-    """Make the cube of results that are still to come: like `assemble`, its values zeros that take no memory."""
+) -> CubeParts:
+    """Make the cube of results that are still to come: like `label`, its values zeros that take no memory."""
     lengths = tuple(axis.size for axis in axes)
     data = {
         name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
@@ -246,10 +258,8 @@ def label(
     data: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> xr.Dataset:
+) -> CubeParts:
     """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
-    import xarray as xr
-
     coordinates: dict[str, Any] = {}
     for axis in axes:
         details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
@@ -260,33 +270,32 @@ def label(
     coordinates = {**coordinates, **_scene_coordinates(scene)}
 
     outer = tuple(axis.name for axis in axes)
-    labelled = {
-        name: xr.Variable((*outer, *variable.dims), data[name], _data_attributes(variable))
-        for name, variable in VARIABLES.items()
-        if name in data and variable.exists_in(scene)
-    }
     found = {**made_here("Parametric sweep of seismic pounding of adjacent buildings"), **(attributes or {})}
-    coords = {k: xr.Variable(dims, _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
-    for part in (labelled, coords):
-        for key, stored in part.items():
-            stored.encoding = stored_as(key, stored, part is coords)
-    return xr.Dataset(labelled, coords, _attributes(found))
+    parts = CubeParts({}, {}, _attributes(found))
+    for name, variable in VARIABLES.items():
+        if name in data and variable.exists_in(scene):
+            encoding = encoding_of(name, data[name].dtype)
+            parts.data_vars[name] = ((*outer, *variable.dims), data[name], _data_attributes(variable), encoding)
+    for name, (dims, raw, about) in coordinates.items():
+        values = _labels(raw)
+        encoding = encoding_of(name, values.dtype, is_coordinate=True)
+        parts.coords[name] = (tuple(dims), values, _attributes(about), encoding)
+    return parts
 
 
-def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
+def encoding_of(
+    name: str, dtype: np.dtype, former: Mapping[Any, Any] = MappingProxyType({}), *, is_coordinate: bool = False
+) -> dict[str, Any]:
     """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
-    if values.dtype.kind in "OSUT":
+    if dtype.kind in "OSUT":
         return dict(TEXT)
-    return {"_FillValue": None} if is_coordinate else encoding_of(name, values)
-
-
-def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
-    """Return how a variable of numbers is stored: its type and what stands for a missing value."""
+    if is_coordinate:
+        return {"_FillValue": None}
     if name in VARIABLES:
-        variable = VARIABLES[str(name)]
+        variable = VARIABLES[name]
         fill = variable.fill
         return {"dtype": variable.dtype, "_FillValue": None if fill is None else np.dtype(variable.dtype).type(fill)}
-    kept = {key: values.encoding[key] for key in ("dtype", "_FillValue") if key in values.encoding}
-    if kept.get("_FillValue") is not None and np.issubdtype(kept.get("dtype", values.dtype), np.integer):
+    kept = {key: former[key] for key in ("dtype", "_FillValue") if key in former}
+    if kept.get("_FillValue") is not None and np.issubdtype(kept.get("dtype", dtype), np.integer):
         return kept
-    return {"_FillValue": values.dtype.type(np.nan) if values.dtype.kind == "f" else None}
+    return {"_FillValue": dtype.type(np.nan) if dtype.kind == "f" else None}

@@ -141,14 +141,15 @@ def _statuses(status: xr.DataArray) -> list[str]:
 def _audit(dataset: xr.Dataset) -> list[str]:
     """Measured errors by output."""
     rows: list[tuple[str, ...]] = []
-    for row in audit_table(dataset):
+    table = audit_table(dataset)
+    for row in table:
         median, largest, apart = (
             "-" if row[name] is None else f"{row[name]:.1e}"
             for name in ("error_median", "error_max", "error_max_undecided")
         )
         undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
         rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
-    return [f"  {audit_sentence(dataset)}", *_table(rows)] if rows else []
+    return [f"  {audit_sentence(table, dataset.attrs)}", *_table(rows)] if rows else []
 
 
 def _records(dataset: xr.Dataset) -> list[str]:

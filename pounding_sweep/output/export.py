@@ -249,7 +249,9 @@ def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
     block = dict(zip(outer, block_shape(sizes, BLOCK_BYTES // max(1, largest)), strict=True))
     encoding: Any = {}
     for name, array in chosen.data_vars.items():
-        encoding[name] = {key: value for key, value in encoding_of(name, array.variable).items() if value is not None}
+        if array.dtype.kind not in "OSUT":
+            stored = encoding_of(str(name), array.dtype, array.encoding)
+            encoding[name] = {key: value for key, value in stored.items() if value is not None}
     try:
         with replacing(path) as unfinished:
             # format 2: the later one has no agreed way to store text

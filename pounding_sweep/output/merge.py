@@ -20,7 +20,14 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
+from pounding_sweep.output.dataset import (
+    VERSION_ATTRIBUTE,
+    CubeParts,
+    as_read,
+    as_stored,
+    encoding_of,
+    package_version,
+)
 from pounding_sweep.output.integrity import (
     AXIS_KEYS,
     BUILDING_AXES,
@@ -569,7 +576,7 @@ class _Merge:
         """Shape of the blocks in which the file stores each variable."""
         return {name: (*self.block, *self.inner[name]) for name in self.names}
 
-    def cube(self) -> xr.Dataset:
+    def cube(self) -> CubeParts:
         """Return the cube of all parts without its values, which would not fit into memory."""
         data = {}
         for name in self.names:
@@ -577,7 +584,13 @@ class _Merge:
             about = {key: v for key, v in self.base[name].attrs.items() if not str(key).startswith("audit_")}
             whole = np.broadcast_to(zero, (*self.sizes, *self.inner[name]))
             data[name] = ((*self.axes, *VARIABLES[name].dims), whole, about)
-        return with_audit(xr.Dataset(data, self.labels, self.about), self.parts)
+        cube = with_audit(xr.Dataset(data, self.labels, self.about), self.parts)
+        parts = CubeParts({}, {}, cube.attrs)
+        for key, v in cube.variables.items():
+            encoding = encoding_of(str(key), v.dtype, is_coordinate=key in cube.coords)
+            stored = (tuple(map(str, v.dims)), v.values, v.attrs, encoding)
+            (parts.coords if key in cube.coords else parts.data_vars)[str(key)] = stored
+        return parts
 
     def slabs(self) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
         """Values of all parts as they are stored; raises `InputError` at the end if some are in conflict."""

@@ -14,7 +14,7 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,8 +24,7 @@ import numpy as np
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import absolute, failure, remove_leftovers, replacing
 from pounding_sweep.base.text import bytes_text
-from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, stored_as
-from pounding_sweep.output.slabs import cuts
+from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, CubeParts, encoding_of
 
 if TYPE_CHECKING:
     import netCDF4
@@ -205,33 +204,33 @@ def _encoded(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
     }
 
 
-def _values(variable: xr.Variable, cut: Mapping[str, slice]) -> np.ndarray:
-    """Return a part of a variable, computed in this thread: other threads of dask would wait for the lock."""
-    part = variable.isel(cut)
-    return part.compute(scheduler="synchronous").values if part.chunks else part.values
-
-
-def _holds(dtype: np.dtype, fill: Any, variable: xr.Variable) -> bool:
+def _holds(dtype: np.dtype, fill: Any, numbers: np.ndarray) -> bool:
     """Whether numbers stay what they are when they are stored as whole ones, and `fill` as a missing one."""
     limits = np.iinfo(dtype)
-    for cut in cuts(variable):
-        numbers = _values(variable, cut)
-        whole = numbers[~np.isnan(numbers)]
-        missing = whole.size < numbers.size
-        if (missing and fill is None) or ((whole == fill) | (whole != np.rint(whole))).any():
-            return False
-        if whole.size and not (limits.min <= whole.min() and whole.max() <= limits.max):
-            return False
-    return True
+    whole = numbers[~np.isnan(numbers)]
+    if (whole.size < numbers.size and fill is None) or ((whole == fill) | (whole != np.rint(whole))).any():
+        return False
+    return not whole.size or bool(limits.min <= whole.min() and whole.max() <= limits.max)
 
 
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
-    return write_in_slabs(dataset, path, {}, (), overwrite=overwrite)
+    parts = CubeParts({}, {}, dataset.attrs)
+    # computed in this thread: other threads of dask would wait for the lock
+    for name, variable in dataset.compute(scheduler="synchronous").variables.items():
+        values = variable.values.astype("i1") if variable.dtype.kind == "b" else variable.values
+        is_coordinate = name in dataset.coords
+        encoding = encoding_of(str(name), values.dtype, variable.encoding, is_coordinate=is_coordinate)
+        dtype = np.dtype(encoding.get("dtype", values.dtype))
+        if dtype.kind == "i" and values.dtype.kind == "f" and not _holds(dtype, encoding["_FillValue"], values):
+            encoding = {"_FillValue": np.nan}  # such as the median of numbers of impacts
+        dims = tuple(map(str, variable.dims))
+        (parts.coords if is_coordinate else parts.data_vars)[str(name)] = (dims, values, variable.attrs, encoding)
+    return write_in_slabs(parts, path, {}, (), overwrite=overwrite)
 
 
 def write_in_slabs(
-    cube: xr.Dataset,
+    cube: CubeParts,
     path: str | os.PathLike[str],
     blocks: Mapping[str, Sequence[int]],
     slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
@@ -262,7 +261,7 @@ def write_in_slabs(
 
 def _write(
     file: netCDF4.Dataset,
-    cube: xr.Dataset,
+    cube: CubeParts,
     blocks: Mapping[str, Sequence[int]],
     slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
 ) -> None:
@@ -272,75 +271,51 @@ def _write(
     file.set_fill_off()
     # all are made before values are written: what is made later costs the library as much as many values
     declared = {}
-    for name, variable in cube.variables.items():
-        prepared, encoding = _prepare(name, variable, name in cube.coords, name in blocks)
-        stored = _declare(file, str(name), prepared, encoding, blocks.get(str(name)))
-        stored.setncatts(_encoded(prepared.attrs) | coordinates.get(name, {}))
-        declared[name] = stored, prepared, encoding["_FillValue"]
-    for name, (stored, variable, fill) in declared.items():
-        for cut in cuts(variable) if name not in blocks else ():
-            values = _values(variable, cut)
-            if stored.dtype.kind == "i" and values.dtype.kind == "f" and fill is not None:
-                values = np.where(np.isnan(values), fill, values)
-            stored[tuple(cut.get(str(dim), slice(None)) for dim in variable.dims) or ...] = values
+    for name, (outer, raw, attributes, encoding) in {**cube.data_vars, **cube.coords}.items():
+        dims, values, text = outer, raw, {}
+        if raw.dtype.kind in "OSUT":
+            texts = np.char.encode(raw.astype(str), ENCODING)
+            values = texts.reshape(*texts.shape, 1).view("S1")
+            dims = (*outer, f"string{values.shape[-1]}")
+            text = {"_Encoding": ENCODING} if outer in ((), (name,)) else {}
+        fill, dtype = encoding["_FillValue"], np.dtype(encoding.get("dtype", values.dtype))
+        if dtype.kind == "i" and raw.dtype.kind == "f" and name not in blocks:
+            values = np.where(np.isnan(raw), fill, raw)
+        for dim, size in zip(dims, values.shape, strict=True):
+            if dim not in file.dimensions:
+                file.createDimension(dim, size)
+        block = blocks.get(name)
+        # checksums: damage is found when it is read; they cost next to nothing
+        stored: netCDF4.Variable[Any] = file.createVariable(
+            name,
+            dtype,
+            dims,
+            fletcher32=bool(dims),
+            fill_value=False if fill is None else fill,
+            chunksizes=block,
+            zlib=block is None and values.nbytes >= LEAST_COMPRESSED,
+            **COMPRESSION,
+        )
+        stored.set_auto_maskandscale(False)
+        stored.set_auto_chartostring(False)
+        if block is not None:
+            stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
+        stored.setncatts(_encoded(attributes) | text | coordinates.get(name, {}))
+        declared[name] = stored, values
+    for name, (stored, values) in declared.items():
+        if name not in blocks:
+            stored[...] = values
     for slab, arrays in slabs:
         for name in blocks:
             declared[name][0][slab] = arrays[name]
 
 
-def _prepare(name: Hashable, variable: xr.Variable, is_coordinate: bool, in_slabs: bool) -> tuple[xr.Variable, Any]:
-    """Return a variable as numbers or characters, and its encoding."""
-    import xarray as xr
-
-    encoding = stored_as(name, variable, is_coordinate)
-    if encoding.get("dtype") == TEXT["dtype"]:
-        texts = np.char.encode(variable.values.astype(str), ENCODING)
-        characters = texts.reshape(*texts.shape, 1).view("S1")
-        says_encoding = variable.dims in ((), (name,))
-        attributes = variable.attrs | ({"_Encoding": ENCODING} if says_encoding else {})
-        return xr.Variable((*variable.dims, f"string{characters.shape[-1]}"), characters, attributes), encoding
-    if variable.dtype.kind == "b":
-        return variable.astype("i1"), encoding
-    dtype = np.dtype(encoding.get("dtype", variable.dtype))
-    is_whole = dtype.kind == "f" or variable.dtype.kind != "f" or in_slabs
-    if not is_whole and not _holds(dtype, encoding["_FillValue"], variable):
-        encoding = {"_FillValue": np.nan}  # such as the median of numbers of impacts
-    return variable, encoding
-
-
-def _declare(
-    file: netCDF4.Dataset, name: str, variable: xr.Variable, encoding: Any, block: Sequence[int] | None
-) -> netCDF4.Variable:
-    """Make a variable in an open file."""
-    dims = tuple(map(str, variable.dims))
-    for dim, size in zip(dims, variable.shape, strict=True):
-        if dim not in file.dimensions:
-            file.createDimension(dim, size)
-    fill = encoding["_FillValue"]
-    # checksums: damage is found when it is read; they cost next to nothing
-    stored: netCDF4.Variable[Any] = file.createVariable(
-        name,
-        encoding.get("dtype", variable.dtype),
-        dims,
-        fletcher32=bool(dims),
-        fill_value=False if fill is None else fill,
-        chunksizes=block,
-        zlib=block is None and variable.nbytes >= LEAST_COMPRESSED,
-        **COMPRESSION,
-    )
-    stored.set_auto_maskandscale(False)
-    stored.set_auto_chartostring(False)
-    if block is not None:
-        stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
-    return stored
-
-
-def _coordinates_of(cube: xr.Dataset) -> tuple[dict[Hashable, dict[str, str]], dict[str, str]]:
+def _coordinates_of(cube: CubeParts) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
     """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file."""
     # as xarray writes and reads it: the file's names those that belong to no variable
-    labels = {str(name): set(label.dims) for name, label in cube.coords.items() if name not in label.dims}
+    labels = {name: set(label[0]) for name, label in cube.coords.items() if name not in label[0]}
     found = {
-        name: sorted(label for label, dims in labels.items() if dims <= set(variable.dims))
+        name: sorted(label for label, dims in labels.items() if dims <= set(variable[0]))
         for name, variable in cube.data_vars.items()
     }
     others = " ".join(sorted(set(labels).difference(*found.values())))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -9,86 +11,92 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.dataset import as_stored
-from pounding_sweep.output.slabs import cuts, status_counts
+from pounding_sweep.output.audited import audit_sentence, audit_table
+from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK
+from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import INTEGER_FILL, STATUS, Status
 
 if TYPE_CHECKING:
-    import xarray as xr
+    import netCDF4
 
 
-def statuses(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the number of scenarios of each status that occurs, with what it means."""
-    counts = status_counts(cube["status"])
-    return [
-        {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
-        for s in STATUS
-        if s in counts
-    ]
+def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what `run` reports of the cube that it wrote, read without xarray, which takes longer to load."""
+    import netCDF4
+
+    with NETCDF_LOCK, netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        attributes, audit = file.__dict__, audit_table(file.variables)
+        counts, rows = _ends_and_impacts(file.variables)
+    return {
+        "extended_from": json.loads(attributes.get("extended_from", "null")),
+        "accuracy_choice": attributes.get("accuracy_choice", ""),
+        "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
+        "audit": audit,
+        "audit_sentence": audit_sentence(audit, attributes),
+        "statuses": [
+            {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
+            for s in STATUS
+            if s in counts
+        ],
+        "summary": rows,
+    }
 
 
-def impacts(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
-    names = [name for name in ("impact_force_max", "impact_count") if name in cube]
-    pairs = [str(name) for name in cube["pair"].values] if "pair" in cube.coords else []
-    outer, titles = cube["status"].dims, _titles(cube.coords)
-    along = outer.index(cube["law"].dims[0])
-    scenarios, found = Counter[str](), dict[tuple[str, str], dict[str, Any]]()
-    for cut in cuts(max((cube[name] for name in ("status", *names)), key=lambda variable: variable.nbytes)):
-        part = cube[["status", *names]].isel(cut)
-        ok = np.moveaxis(part["status"].values == Status.OK, along, 0)
+def _ends_and_impacts(arrays: Mapping[str, netCDF4.Variable]) -> tuple[Counter[int], list[dict[str, Any]]]:
+    """Return scenarios by status, and a row for each law and pair over those that are ok."""
+    names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
+    status, laws = arrays["status"], _texts(arrays["law"])
+    pairs = _texts(arrays["pair"]).tolist() if "pair" in arrays else []
+    titles = {key: law.title for key, law in LAWS.items()}
+    if "law_title" in arrays:
+        titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
+    along = status.dimensions.index(arrays["law"].dimensions[0])
+    ends, rows = Counter[int](), dict[tuple[str, str], dict[str, Any]]()
+    each = max([1, *(arrays[name].dtype.itemsize * arrays[name].size // status.size for name in names)])
+    for slab in slabs(status.shape, block_shape(status.shape, max(1, SLAB_BYTES // each))):
+        _add(ends, status[slab])
+        ok = np.moveaxis(status[slab] == Status.OK, along, 0)
         # the largest of all floors, shape (*scenarios, pair); missing where no floors meet
-        largest: dict[str, np.ndarray] = {}
-        for name in names:
-            values = as_stored(name, part[name].transpose(*outer, "pair", "storey").values)
-            values = (np.fmax if name == "impact_force_max" else np.maximum).reduce(values, axis=-1)
-            largest[name] = np.moveaxis(values, along, 0)
-        laws = part["law"].values
-        for law in dict.fromkeys(laws.tolist()):
-            some = ok & (laws == law).reshape(-1, *(1,) * (ok.ndim - 1))
-            scenarios[law] += int(some.sum())
+        largest = {name: np.moveaxis(np.fmax.reduce(arrays[name][slab], axis=-1), along, 0) for name in names}
+        for law in dict.fromkeys(laws[slab[along]].tolist()):
+            some = ok & (laws[slab[along]] == law).reshape(-1, *(1,) * (ok.ndim - 1))
             for p, pair in enumerate(pairs):
-                row = found.setdefault((law, pair), {"touching": 0, "peak": -np.inf, "counts": Counter[int]()})
+                row = rows.setdefault((law, pair), {"number": 0, "touching": 0, "peak": -np.inf, "counts": Counter()})
+                row["number"] += int(some.sum())
                 at_pair = {name: values[some, p] for name, values in largest.items()}
                 if names:  # a pair touches where it is hit, or pressed
                     row["touching"] += int((at_pair[names[-1]] > 0).sum())
                 if "impact_force_max" in at_pair:
-                    peak = np.fmax.reduce(at_pair["impact_force_max"], initial=-np.inf)
-                    row["peak"] = max(row["peak"], float(peak))
+                    row["peak"] = np.fmax.reduce(at_pair["impact_force_max"], initial=row["peak"])
                 if "impact_count" in at_pair:
-                    count = at_pair["impact_count"]
-                    numbers, times = np.unique(count[count != INTEGER_FILL], return_counts=True)
-                    row["counts"].update(dict(zip(numbers.tolist(), times.tolist(), strict=True)))
-    return [
+                    _add(row["counts"], at_pair["impact_count"])
+    for row in rows.values():
+        row["counts"].pop(INTEGER_FILL, None)
+        row["hits"] = np.repeat(*np.array([item for item in row["counts"].items() if item[0]], int).reshape(-1, 2).T)
+    return ends, [
         {
             "law": law,
             "title": titles.get(law, ""),
             "pair": pair,
-            "scenarios": scenarios[law],
+            "scenarios": row["number"],
             "touching": row["touching"] if names else None,
-            "peak_force": row["peak"] if np.isfinite(row["peak"]) else None,
+            "peak_force": float(row["peak"]) if np.isfinite(row["peak"]) else None,
             "impacts_max": max(row["counts"], default=None),
-            "impacts_median": _median({value: times for value, times in row["counts"].items() if value > 0}),
+            "impacts_median": float(np.median(row["hits"])) if len(row["hits"]) else None,
         }
-        for (law, pair), row in found.items()
+        for (law, pair), row in rows.items()
     ]
 
 
-def _median(times: dict[int, int]) -> float | None:
-    """Median of values that occur so many times each; None where there is none."""
-    if not times:
-        return None
-    values = np.array(sorted(times))
-    upto = np.cumsum([times[value] for value in values.tolist()])
-    middle = np.searchsorted(upto, [(upto[-1] - 1) // 2, upto[-1] // 2], side="right")
-    return float(values[middle].mean())
+def _add(counts: Counter[int], values: np.ndarray) -> None:
+    """Count how often each value occurs."""
+    numbers, times = np.unique(values, return_counts=True)
+    counts.update(dict(zip(numbers.tolist(), times.tolist(), strict=True)))
 
 
-def _titles(coordinates: Mapping[Any, Any]) -> dict[str, str]:
-    """Titles of laws by their keys: those of the registry, and of a user's own where the cube knows them."""
-    known = {key: law.title for key, law in LAWS.items()}
-    if "law_title" not in coordinates:
-        return known
-    return known | dict(
-        zip(*(np.ravel(coordinates[name].values).tolist() for name in ("law", "law_title")), strict=True)
-    )
+def _texts(variable: netCDF4.Variable) -> np.ndarray:
+    import netCDF4
+
+    values = variable[...]
+    return values if values.dtype.kind == "U" else netCDF4.chartostring(values, ENCODING)

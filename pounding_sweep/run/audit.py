@@ -18,12 +18,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.output.dataset import stored_as
+from pounding_sweep.output.dataset import CubeParts, encoding_of
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
@@ -32,8 +32,6 @@ from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import ended, halved
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
 
@@ -52,7 +50,7 @@ CONVERGED = 0.25
 #: Estimated duration (s) of the longest chunk of the sample; the last ones are a quarter of it.
 LONGEST_CHUNK = 0.4
 #: How the flags are spelt in a cube.
-FLAGS = {
+FLAGS: dict[str, dict[str, Any]] = {
     "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
     "audit_undecided": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "decided undecided"},
 }
@@ -286,10 +284,8 @@ def _warn(plan: Plan, found: Audit) -> None:
     )
 
 
-def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
+def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
     """Put an audit, if there is one, into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
-    import xarray as xr
-
     if found is None:
         return cube
 
@@ -320,27 +316,24 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset
         for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
             coordinates[name] = (dims, values, about["long_name"], about["units"])
 
-    result = cube.copy()
-    for name, (dims, values, long_name, units) in (data | coordinates).items():
-        stored = xr.Variable(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
-        stored.encoding = stored_as("", stored, is_coordinate=True)
-        result[name] = stored
-    result = result.set_coords(coordinates)
-    flags = FLAGS | {"audit_status": {key: cube["status"].attrs[key] for key in ("flag_values", "flag_meanings")}}
-    for name, attributes in flags.items():
-        result[name].attrs |= attributes
+    status = cube.data_vars["status"][2]
+    flags = FLAGS | {"audit_status": {key: status[key] for key in ("flag_values", "flag_meanings")}}
+    for part, added in ((cube.data_vars, data), (cube.coords, coordinates)):
+        for name, (dims, values, long_name, units) in added.items():
+            attributes = {"long_name": long_name, **({"units": units} if units else {}), **flags.get(name, {})}
+            part[name] = (dims, values, attributes, encoding_of(name, values.dtype, is_coordinate=part is cube.coords))
     decided = ~found.undecided
     for i, name in enumerate(found.outputs):
-        if decided.any() and name in result:
+        if decided.any() and name in cube.data_vars:
             errors = found.error[decided, i]
-            result[name].attrs |= {
-                "audit_error_max": float(errors.max()),
-                "audit_error_median": float(np.median(errors)),
-            }
-    return result.assign_attrs(
+            cube.data_vars[name][2].update(
+                audit_error_max=float(errors.max()), audit_error_median=float(np.median(errors))
+            )
+    cube.attrs.update(
         audit_scenarios=len(laws),
         audit_touching=found.touching,
         audit_share=found.share,
         audit_perturbation=CHANGE,
         audit_undecided_share=float(found.undecided.mean()),
     )
+    return cube

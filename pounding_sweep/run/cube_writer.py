@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.output.dataset import as_read, frame, label
+from pounding_sweep.output.dataset import CubeParts, as_read, frame, label
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
@@ -16,8 +16,6 @@ from pounding_sweep.outputs.variables import inner_shape, mask_invalid
 from pounding_sweep.run.audit import Audit, add_to_cube
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
     from pounding_sweep.run.execute import Progress
@@ -29,7 +27,7 @@ Slab = tuple[tuple[slice, ...], Mapping[str, np.ndarray]]
 
 def cube_in_memory(
     plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress, more: Mapping[str, Any]
-) -> xr.Dataset:
+) -> CubeParts:
     """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes."""
     axes, extra = scenario_axes(plan)
     sizes = tuple(axis.size for axis in axes)
@@ -55,7 +53,7 @@ def write_cube_of(
     *,
     overwrite: bool,
     folder: Path,
-) -> None:
+) -> CubeParts:
     """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory."""
     from pounding_sweep.output.netcdf import write_in_slabs
 
@@ -72,6 +70,7 @@ def write_cube_of(
         for slab, values in _slabs(plan, outcome, sizes, block, progress)
     )
     write_in_slabs(add_to_cube(cube, plan, found), path, blocks, whole, overwrite=overwrite, folder=folder)
+    return cube
 
 
 def _slabs(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from pounding_sweep.model.laws import Law
     from pounding_sweep.model.scene import Scene
+    from pounding_sweep.output.dataset import CubeParts
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
     from pounding_sweep.records import Record
@@ -194,8 +195,25 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
         may be waited for meanwhile: they would wait for the lock.
         """
+        import xarray as xr
+
+        from pounding_sweep.output.netcdf import open_cube
+
+        cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend)
+        return xr.Dataset(*cube) if out is None else open_cube(out)
+
+    def make_cube(
+        self,
+        out: str | os.PathLike[str] | None,
+        scheduler: str | Client,
+        workers: int | None,
+        overwrite: bool,
+        progress: Progress | None,
+        extend: str | os.PathLike[str] | None,
+    ) -> CubeParts:
+        """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-        from pounding_sweep.output.netcdf import check_output, open_cube
+        from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
@@ -213,7 +231,7 @@ class Sweep:
         earlier = None
         if extend is not None:
             earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE])
-        store = log = writer = cube = None
+        store = log = writer = None
         with ExitStack() as contexts:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
@@ -242,7 +260,7 @@ class Sweep:
                     if target is None or store is None:
                         cube = cube_in_memory(*told, progress, more)
                     else:
-                        write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
+                        cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
@@ -262,7 +280,7 @@ class Sweep:
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
         for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
-        return open_cube(target) if cube is None else cube  # type: ignore[arg-type]
+        return cube
 
 
 def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
