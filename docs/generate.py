@@ -15,9 +15,8 @@ from typeset import typeset
 
 import pounding_sweep.cli  # noqa: F401  (its import registers the commands)
 from pounding_sweep import analysis
-from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
+from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS
+from pounding_sweep.analysis.comparisons.gaps import SEPARATION_RULES
 from pounding_sweep.cli.app import NAME, app
 from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, RESTING_SPEED, Law

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis import fragility
-from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.analysis.comparisons.fragility import FitStatus
 
 DISPERSION = 0.4
 SUITES = 1000

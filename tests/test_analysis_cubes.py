@@ -393,7 +393,6 @@ def small(*names, scene=None, **axes):
         ),
         ("energy_budget", small(*TestEnergy.NAMES).sel(building="a"), {}, "needs the axis 'building'"),
         ("energy_budget", small(*TestEnergy.NAMES[:4]), {}, "'contact_work', which this cube lacks"),
-        ("energy_budget", small(*TestEnergy.NAMES).isel(law=[]), {}, "needs a scenario, and this cube has none"),
         ("compare_laws", small("impulse", law=["none", "linear"]), {}, "two laws with contact, this cube has linear"),
         ("compare_laws", small("impulse"), {"reference": "linaer"}, "did you mean 'linear'"),
         ("compare_laws", small("impulse"), {"outputs": ["force"]}, "unknown output"),

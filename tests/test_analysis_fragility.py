@@ -15,16 +15,17 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from pounding_sweep.analysis import fragility
-from pounding_sweep.analysis.comparisons.fragility import fit_rows, sentence
-from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.lognormal import (
+from pounding_sweep.analysis.comparisons import EVENTS
+from pounding_sweep.analysis.comparisons.fragility import (
     FIT_STATUS,
     FitStatus,
     LognormalFit,
     crossing,
     fit_lognormal,
+    fit_rows,
     fit_with_one_dispersion,
     probability,
+    sentence,
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import FIGURES

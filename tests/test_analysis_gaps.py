@@ -15,8 +15,8 @@ from scenes import AXES, motions, row
 
 from pounding_sweep import Sweep, near_fault_record, pulse_record
 from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, gap_for_probability, required_gap
+from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
-from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene, Wall
 
@@ -385,7 +385,7 @@ class TestAtAnIntensity:
             assert float(held.mean()) == pytest.approx(0.9, abs=0.03)
 
     def test_records_that_never_touch_are_told(self):
-        from pounding_sweep.analysis.comparisons.gap_for_probability import gap_rows
+        from pounding_sweep.analysis.comparisons.gaps import gap_rows
 
         cube = self.suite([0.0, 0.02, 0.03])
         found = gap_for_probability(cube, [0.5], hazard="k0=1e-3,kappa=2")
@@ -424,7 +424,7 @@ class TestIntensity:
         """Synthetic records are made again from their sources."""
         from pounding_sweep import synthetic_record
         from pounding_sweep.analysis import response_spectrum
-        from pounding_sweep.analysis.intensity import intensity_of
+        from pounding_sweep.analysis.rebuild import intensity_of
         from pounding_sweep.records import record_measures
 
         records = [synthetic_record(seed, pga=1.5) for seed in (3, 8)]

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
-from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.cli import app as cli_app
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status

@@ -222,7 +222,7 @@ def test_formulas_are_typeset():
     from matplotlib.mathtext import MathTextParser
     from typeset import typeset
 
-    from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
+    from pounding_sweep.analysis.comparisons.gaps import SEPARATION_RULES
     from pounding_sweep.model.rebound import RELATIONS
 
     assert typeset("D = 3 (1 - e^2) / 4") == r"$D = \dfrac{3\,\left(1 - e^{2}\right)}{4}$"

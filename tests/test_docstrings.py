@@ -22,7 +22,7 @@ RUN = {
     "accuracy.certificate",
     "accuracy.tradeoff",
     "analysis.spectra",
-    "figures.animation",
+    "figures.gallery.row",
     "run.one_scenario",
     "run.simulate",
 }

@@ -23,8 +23,16 @@ from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
-from pounding_sweep.figures.animation import PERIODS, WATCHED, animate, fading_marks
-from pounding_sweep.figures.gallery.row import Stage, contact_forces, find_strongest, round_down
+from pounding_sweep.figures.gallery.row import (
+    PERIODS,
+    WATCHED,
+    Stage,
+    animate,
+    contact_forces,
+    fading_marks,
+    find_strongest,
+    round_down,
+)
 from pounding_sweep.figures.select import is_log, scenario_title, select_default
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube

@@ -17,7 +17,7 @@ from paper_study import histories, make_study, outputs
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis.comparisons.energy import energy_transfer
+from pounding_sweep.analysis.comparisons.contacts import energy_transfer
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, roof_force, save_figures

@@ -12,7 +12,7 @@ from scenes import OUTPUTS, motions, pair
 import pounding_sweep as ps
 from pounding_sweep.analysis import required_gap, response_spectrum, scaled_to_sa
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
-from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.spec.axes import DIMENSIONS, Case

@@ -13,7 +13,7 @@ from scenes import motions, pair
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep, simulate
-from pounding_sweep.analysis.intensity import with_intensities
+from pounding_sweep.analysis.rebuild import with_intensities
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app

@@ -11,29 +11,25 @@ from typing import Any
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.base.deferred import attribute
 
-#: Public names beside the comparisons.
+#: Public names and the modules that have them.
 _HOME = {
-    "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
+    "BehaviourFactors": "pounding_sweep.analysis.comparisons.gaps",
     "Hazard": "pounding_sweep.analysis.hazard",
     "read_hazard": "pounding_sweep.analysis.hazard",
-    "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
-    "constant_ductility": "pounding_sweep.analysis.strengths",
+    "SEPARATION_RULES": "pounding_sweep.analysis.comparisons.gaps",
+    "constant_ductility": "pounding_sweep.analysis.spectra",
     "export_nrml": "pounding_sweep.analysis.exchange",
     "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",
     "floor_spectra": "pounding_sweep.analysis.spectra",
     "scaled_to_sa": "pounding_sweep.engine.spectrum",
-    "with_intensities": "pounding_sweep.analysis.intensity",
-}
-
-
-def _homes() -> dict[str, str]:
-    return {item.make.__name__: item.make.__module__ for item in COMPARISONS.values()} | _HOME
+    "with_intensities": "pounding_sweep.analysis.rebuild",
+} | {item.function: f"pounding_sweep.analysis.comparisons.{item.module}" for item in COMPARISONS.values()}
 
 
 def __getattr__(name: str) -> Any:
-    return attribute(__name__, {} if name.startswith("__") else _HOME if name in _HOME else _homes(), name)
+    return attribute(__name__, _HOME, name)
 
 
 def __dir__() -> list[str]:
-    return sorted((*_homes(), "COMPARISONS"))
+    return sorted((*_HOME, "COMPARISONS"))

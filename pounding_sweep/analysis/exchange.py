@@ -15,10 +15,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
-from pounding_sweep.analysis.events import get_event
-from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
-from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.analysis.comparisons import get_event
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, fragility, sentence
+from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, unknown
@@ -56,7 +55,7 @@ def export_nrml(
         Name of a limit state -> event and level, the mildest first: ``{"touch": ("touch", None)}``,
         ``{"slight": ("drift", 0.01), "severe": ("drift", 0.03)}``. All are of pairs, or all of buildings.
     intensity, folders : optional
-        As for `pounding_sweep.analysis.intensity.intensity_of`, but for the mean over several buildings, which
+        As for `pounding_sweep.analysis.rebuild.intensity_of`, but for the mean over several buildings, which
         OpenQuake has no name for.
     overwrite : bool
         Whether a file that is there may be replaced.

@@ -210,9 +210,9 @@ def check_levels(levels: Sequence[float], units: str) -> np.ndarray:
 
 
 def fractiles_over(
-    part: xr.DataArray, over: Sequence[str], quantiles: Sequence[float]
+    part: xr.DataArray, over: Sequence[str], quantiles: Sequence[float], dim: str = "quantile"
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return fractiles over dimensions taken together, along a first ``quantile``, and counts of their values."""
+    """Return fractiles over dimensions taken together, along a first one of their own, and counts of their values."""
     rows = part.stack(_together=list(over), create_index=False) if over else part.expand_dims("_together")
     rows = rows.transpose("_together", ...)
     ordered = np.sort(rows.values, axis=0)  # NaN sorts last; numpy's own nanquantile goes row by row
@@ -222,9 +222,9 @@ def fractiles_over(
     low = place.astype(np.intp)
     bottom, top = (np.take_along_axis(ordered, np.minimum(low + i, last), axis=0) for i in (0, 1))
     inner = rows.isel(_together=0, drop=True).reset_coords(drop=True)
-    coords = {**inner.coords, "quantile": labelled("quantile", quantiles, "share of the values below", "1")}
+    coords = {**inner.coords, dim: labelled(dim, quantiles, "share of the values below", "1")}
     fractiles = bottom + (place - low) * (top - bottom)
     return (
-        xr.DataArray(fractiles, coords, ("quantile", *inner.dims), attrs=part.attrs),
+        xr.DataArray(fractiles, coords, (dim, *inner.dims), attrs=part.attrs),
         xr.DataArray(count, inner.coords, inner.dims),
     )

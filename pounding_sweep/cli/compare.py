@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
-from pounding_sweep.analysis.events import EVENTS, get_event
+from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import (
@@ -102,9 +101,9 @@ class CompareOptions:
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
-        from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
+        from pounding_sweep.analysis.comparisons.gaps import PROBABILITIES, YEARS, check_numbers
         from pounding_sweep.analysis.hazard import hazard_of
-        from pounding_sweep.analysis.intensity import check_intensity
+        from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import check_quantiles
 
         keys = list(dict.fromkeys(self.what)) if self.what else list(COMPARISONS)
@@ -115,7 +114,7 @@ class CompareOptions:
         for option, name in ARGUMENTS.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
-            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and c.rows is None)]
+            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and not c.rows)]
             if name in arguments and not set(takers) & set(keys):
                 of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
                 raise InputError(f"{option} is for {of}; leave it out, or add --what {takers[0]}")
@@ -143,7 +142,7 @@ class CompareOptions:
 def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
     with reporting():
-        from pounding_sweep.analysis.intensity import intensity_of, with_intensity
+        from pounding_sweep.analysis.rebuild import intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.provenance import plain
@@ -180,7 +179,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
                     table_rows(result, comparison, lead=lead, over=over, quantiles=quantiles) for lead in (False, True)
                 )
                 intensity = options.intensity
-                if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
+                if intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
                     measured = intensity_of(cube, intensity, folders=options.folders or None)
                     rows = with_intensity(rows, measured, intensity)
                 attributes = {str(k): finite(plain(v)) for k, v in result.attrs.items()}

@@ -231,7 +231,7 @@ def export_command(
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
     with reporting():
         from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
-        from pounding_sweep.analysis.intensity import with_intensities
+        from pounding_sweep.analysis.rebuild import with_intensities
         from pounding_sweep.output.export import export_tables
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select

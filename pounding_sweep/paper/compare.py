@@ -14,7 +14,7 @@ from itertools import groupby, product
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons.energy import energy_transfer
+from pounding_sweep.analysis.comparisons.contacts import energy_transfer
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.paper.published import READINGS, published, record_title

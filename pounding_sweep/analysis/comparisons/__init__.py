@@ -1,18 +1,19 @@
-"""Comparisons by name, one in a module that is named after it: what each is, needs and makes, and its table.
+"""Comparisons by name, what each is, needs and makes, and their tables; and the events of a fragility.
 
-The command line and the documentation print this registry.
+The command line and the documentation print these registries.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
+from importlib import import_module
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from pounding_sweep.base.deferred import Registry, key_of
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, unknown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,37 +30,169 @@ class Comparison:
     """A comparison by name: what it is, needs and makes, and its table."""
 
     key: str
-    make: Callable[..., xr.Dataset]  # takes a cube
+    module: str
+    function: str  # takes a cube
     title: str  # what it shows
     _: KW_ONLY
     needs: str  # what a cube must have, in words
     requires: Mapping[str, Any] = field(default_factory=dict)  # the same as arguments of `check_needs`
     #: dimensions that its printed table tells apart, beside records and scales; everything else is taken together
     columns: tuple[str, ...]
-    variables: tuple[str, ...] = ()  # endings of the variables in that table; () for all
+    variables: tuple[str, ...] = ("",)  # endings of the variables in that table
     lead: tuple[str, ...] = ()  # variables that a summary shows; the first two where it has none of them
     figure: str = ""  # key of the figure that draws it; "" where none does
     #: arguments of the function that the command line passes: "reference", "folders", "event", "level" ...
     arguments: tuple[str, ...] = ()
     #: arguments in a summary of all comparisons, which does without what takes long
     summary: Mapping[str, Any] = field(default_factory=dict)
-    rows: Callable[[xr.Dataset], list[Row]] | None = None  # makes its table, where `table_rows` is not to
+    rows: str = ""  # function that makes its table, where `table_rows` is not to
     whole: bool = False  # of the row as a whole: a part of the row is taken of its result, not of its cube
+
+    def load(self, function: str) -> Any:
+        """Return a function of the module of the comparison."""
+        return getattr(import_module(f"{__name__}.{self.module}"), function)
+
+    @property
+    def make(self) -> Callable[..., xr.Dataset]:
+        """The comparison itself."""
+        return cast("Callable[..., xr.Dataset]", self.load(self.function))
 
 
 #: Every comparison by key, in alphabetical order.
-COMPARISONS: Registry[Comparison] = Registry("pounding_sweep.analysis.comparisons")
+COMPARISONS: dict[str, Comparison] = {
+    item.key: item
+    for item in (
+        Comparison(
+            "amplification",
+            "responses",
+            "amplification",
+            "responses with pounding over responses without, by building",
+            needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
+            requires={"laws": 1},
+            columns=("law", "building"),
+            variables=("_ratio",),
+            lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
+            figure="amplification",
+        ),
+        Comparison(
+            "energy",
+            "contacts",
+            "energy_budget",
+            "where the energy of each building went, and whether transfers sum to the contacts' work",
+            needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
+            columns=("law", "building", "pair"),
+            lead=("transfer_share", "contact_work", "residual_relative"),
+            figure="energy-budget",
+            whole=True,
+        ),
+        Comparison(
+            "fractiles",
+            "suites",
+            "fractiles",
+            "median and fractiles of responses over a suite of records",
+            needs="an axis of several records",
+            columns=("law", "building", "pair", "quantile"),
+            lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
+            arguments=("quantiles",),
+        ),
+        Comparison(
+            "fragility",
+            "fragility",
+            "fragility",
+            "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
+            needs="pairs, a law with contact, and records or scales of several intensities",
+            requires={"several": MOTION_DIMS},
+            columns=("law", "gap", "pair"),
+            figure="fragility",
+            arguments=("event", "level", "intensity", "quantiles", "one_dispersion", "folders"),
+            summary={"confidence": None},
+            rows="fit_rows",
+        ),
+        Comparison(
+            "gap-for-probability",
+            "gaps",
+            "gap_for_probability",
+            "the gap that a pair needs so that it touches with no more than a given probability",
+            needs="several records; else what 'required-gap' needs",
+            columns=("probability", "pair"),
+            figure="gap-for-probability",
+            arguments=("probabilities", "intensity", "levels", "hazard", "years", "folders"),
+            rows="gap_rows",
+            whole=True,
+        ),
+        Comparison(
+            "impacts",
+            "contacts",
+            "impact_statistics",
+            "how often, how hard and how soon floors touch",
+            needs="pairs, a law with contact, and impact counts or any other output of contacts",
+            requires={"pairs": True, "laws": 1},
+            columns=("law", "pair", "quantile"),
+            lead=("pair_touching_share", "impact_force_max_fractiles"),
+            arguments=("quantiles", "over"),
+        ),
+        Comparison(
+            "incremental",
+            "suites",
+            "incremental_curves",
+            "responses against intensity as records are scaled up, with the fractiles of the suite",
+            needs="an axis of several scales or peak ground accelerations",
+            requires={"several": MOTION_DIMS[1:]},
+            columns=("law", "building", "pair", "quantile", "level"),
+            variables=("_fractiles",),
+            lead=("drift_max_fractiles", "impact_force_max_fractiles"),
+            figure="incremental",
+            arguments=("intensity", "quantiles", "levels", "folders"),
+        ),
+        Comparison(
+            "laws",
+            "responses",
+            "compare_laws",
+            "contact laws against a reference law, at equal nominal and at equal realised restitution",
+            needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
+            requires={"axes": ["law"], "laws": 2},
+            columns=("basis", "law", "pair", "building"),
+            variables=("_ratio",),
+            lead=("impact_force_max_ratio", "drift_max_ratio"),
+            figure="law-comparison",
+            arguments=("reference",),
+        ),
+        Comparison(
+            "required-gap",
+            "gaps",
+            "required_gap",
+            "the gap that each pair needs, exactly and by separation rules",
+            needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
+            columns=("rule", "pair"),
+            variables=("exact", "rule_gap", "ratio"),
+            lead=("exact", "ratio"),
+            figure="required-gap",
+            arguments=("folders",),
+            whole=True,
+        ),
+        Comparison(
+            "sensitivity",
+            "sensitivity",
+            "sensitivity",
+            "which inputs of a design matter: first and total Sobol indices of each output",
+            needs='a design of kind "saltelli"',
+            columns=("law", "record"),
+            figure="sensitivity",
+            summary={"resamples": 100},
+            rows="index_rows",
+        ),
+    )
+}
 
 
-def comparison(title: str, **about: Any) -> Callable[[Function], Function]:
-    """Register a function of a cube as the comparison of its module; `about` are fields of `Comparison`.
+def comparison(key: str) -> Callable[[Function], Function]:
+    """Make a function of a cube a comparison.
 
-    The function gets the scenarios of a cube that has what it needs; its result is read into memory, and its attributes
+    It gets the scenarios of a cube that has what it needs; its result is read into memory, and the attributes of that
     say which comparison it is and of which sweep.
     """
 
     def register(function: Function) -> Function:
-        key = key_of(function.__module__)
         parameters = signature(function)
 
         @wraps(function)
@@ -74,15 +207,13 @@ def comparison(title: str, **about: Any) -> Callable[[Function], Function]:
             attributes = {COMPARISON: key}
             if isinstance(cube, xr.Dataset):
                 cube = scenarios_only(with_texts(cube))
-                check_needs(cube, f"the comparison {key!r}", **entry.requires)
+                check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
                 attributes |= identity(cube)
                 bound.arguments[name] = cube
             result = function(*bound.args, **bound.kwargs).load()
             result.attrs = attributes | result.attrs
             return result
 
-        entry = Comparison(key, make, title, **about)
-        COMPARISONS.add(key, entry)
         return cast("Function", make)
 
     return register
@@ -96,43 +227,29 @@ def check_needs(
     several: Sequence[str] = (),
     pairs: bool = False,
     laws: int = 0,
-    outputs: Sequence[str] = (),
-    one_of: Sequence[str] = (),
 ) -> None:
-    """Raise `InputError` unless a cube has what a comparison needs.
-
-    These are `axes`, `several` values of one of those, pairs of neighbours, a number of laws with contact, all
-    `outputs` and `one_of` those.
-    """
-    from pounding_sweep.analysis.scenarios import NO_POUNDING, law_keys, need_variables, scenario_dims
+    """Raise `InputError` unless a cube has these axes, several values of one, pairs, that many laws with contact."""
+    from pounding_sweep.analysis.scenarios import NO_POUNDING, law_keys, scenario_dims
 
     varied = [dim for dim in several if dim in cube.dims]
     contact = [law for law in law_keys(cube) if law != NO_POUNDING]
-    for dim in (*axes, *(several[:1] if not varied else ())):
-        if dim in cube.dims:
-            continue
+    lacking = [dim for dim in (*axes, *(several[:1] if not varied else ())) if dim not in cube.dims]
+    if lacking:
+        what = f"{what} needs the axis {lacking[0]!r}"
         if "case" in cube.dims:
-            msg = f"{what} needs the axis {dim!r}, and this cube lists its scenarios as cases; run a sweep over axes"
-        else:
-            has = ", ".join(scenario_dims(cube)) or "none"
-            msg = f"{what} needs the axis {dim!r}; this cube's axes: {has}. Run a sweep over several values of it"
-        raise InputError(msg)
-    msg = ""
+            raise InputError(f"{what}, and this cube lists its scenarios as cases; run a sweep over axes")
+        has = ", ".join(scenario_dims(cube)) or "none"
+        raise InputError(f"{what}; this cube's axes: {has}. Run a sweep over several values of it")
     if varied and all(cube.sizes[dim] < 2 for dim in varied):
         names = " or ".join(map(repr, varied))
-        msg = f"several values of {names}, and this cube has one; run a sweep over several"
-    elif pairs and "pair" not in cube.coords:
-        msg = "pairs of neighbours, and this row is a single building; add a wall or a building"
-    elif laws and len(contact) < laws and ("law" in cube.coords or laws > 1):
+        raise InputError(f"{what} needs several values of {names}, and this cube has one; run a sweep over several")
+    if pairs and "pair" not in cube.coords:
+        raise InputError(
+            f"{what} needs pairs of neighbours, and this row is a single building; add a wall or a building"
+        )
+    if laws and len(contact) < laws and ("law" in cube.coords or laws > 1):
         number, has = ("two laws", ", ".join(contact) or "none") if laws > 1 else ("a law", f"only {NO_POUNDING!r}")
-        msg = f"{number} with contact, this cube has {has}; add laws to the sweep"
-    elif 0 in cube.sizes.values():
-        msg = "a scenario, and this cube has none; select at least one"
-    if msg:
-        raise InputError(f"{what} needs {msg}")
-    need_variables(cube, what, outputs)
-    if one_of:
-        need_variables(cube, what, one_of, one=True)
+        raise InputError(f"{what} needs {number} with contact, this cube has {has}; add laws to the sweep")
 
 
 def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **arguments: Any) -> xr.Dataset:
@@ -143,12 +260,14 @@ def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **
     late = {axis: value for axis, value in at.items() if comparison.whole and axis in INNER_DIMS}
     early = {axis: value for axis, value in at.items() if axis not in late}
     result = comparison.make(select(cube, early, INNER_DIMS), **arguments)
-    shown = [result[name] for name in result.data_vars if str(name).endswith(comparison.variables or ("",))]
+    shown = [result[name] for name in result.data_vars if str(name).endswith(comparison.variables)]
     stored = [dim for dim in INNER_DIMS if any(dim in part.dims for part in shown)]
     for axis in late:
         if axis not in stored:
-            msg = f"the comparison {comparison.key!r} does not tell one {axis} from another, only {', '.join(stored)}"
-            raise InputError(f"{msg}; leave {axis} out")
+            raise InputError(
+                f"the comparison {comparison.key!r} does not tell one {axis} from another, only {', '.join(stored)}; "
+                f"leave {axis} out"
+            )
     return select(result, late, INNER_DIMS)
 
 
@@ -177,14 +296,15 @@ def table_rows(
 ) -> list[Row]:
     """Return the table of a comparison: its own, else a row per variable and columns, with what its values are of."""
     # records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too
-    import numpy as np
+    import xarray as xr
 
-    from pounding_sweep.analysis.scenarios import law_keys, of_law
+    from pounding_sweep.analysis.scenarios import fractiles_over, law_keys, of_law
 
     if comparison.rows:
-        return comparison.rows(result)
+        rows: list[Row] = comparison.load(comparison.rows)(result)
+        return rows
     counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}
-    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables or ("",))]
+    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables)]
     names = [name for name in names if name not in counts]
     if lead:
         names = [name for name in comparison.lead if name in names] or names[:2]
@@ -202,22 +322,59 @@ def table_rows(
         for law, part in parts:
             variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
             columns = [dim for dim in apart if dim in variable.dims]
-            cells = variable.transpose(*columns, ...)
-            never = None
+            pooled = [str(dim) for dim in variable.dims if dim not in columns]
+            spread, count = fractiles_over(variable.astype(float), pooled, list(shares.values()), "share")
+            table = xr.Dataset({"values": count, **dict(zip(shares, spread.drop_vars("share"), strict=True))})
             if "never" in part and {*part["never"].dims} <= {*variable.dims} and part["never"].any():
-                never = part["never"].broadcast_like(cells).transpose(*cells.dims).values
-            pooled = over_text({dim: size for dim, size in variable.sizes.items() if dim not in columns})
+                never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
+                table["never touches"] = never.sum(pooled).astype(int)
             units = str(result[name].attrs.get("units", ""))
-            names_of = {dim: cells[dim].values.tolist() for dim in columns}
-            array = np.asarray(cells.values, dtype=float)
-            for place in np.ndindex(array.shape[: len(columns)]):
-                values = array[place][np.isfinite(array[place])]
-                untouched = {} if never is None else {"never touches": int(np.nansum(never[place]))}
-                if values.size or untouched.get("never touches"):
-                    spread: Row = dict.fromkeys(shares)
-                    if values.size:
-                        spread = dict(zip(shares, np.quantile(values, list(shares.values())).tolist(), strict=True))
-                    labels = {dim: each[i] for (dim, each), i in zip(names_of.items(), place, strict=True)}
-                    about = {"variable": name, "units": units, **dict.fromkeys(used), **law, **labels}
-                    rows.append({**about, "values": int(values.size), **spread, **untouched, "over": pooled})
+            about = {"variable": name, "units": units, **dict.fromkeys(used), **law}
+            taken = over_text({dim: variable.sizes[dim] for dim in pooled})
+            for row in plain_rows(table.transpose(*columns)):
+                if row["values"] or row.get("never touches"):
+                    rows.append({**about, **row, "over": taken})
     return rows
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens in a scenario or does not."""
+
+    key: str  # name in calls and tables
+    title: str  # in words, ``{level}`` standing for the level with its unit
+    variable: str  # output that must exceed the level; "" for a touch, which needs none
+    per: str  # whom it happens to, "pair" or "building"; any storey counts
+    units: str = ""  # unit of the level
+
+    def words(self, level: float | None) -> str:
+        """Return the event in words."""
+        return self.title.format(level=f"{level:g} {self.units}" if self.variable else "")
+
+
+#: Every event by key.
+EVENTS: dict[str, Event] = {
+    event.key: event
+    for event in (
+        Event("touch", "the pair touches", "", "pair"),
+        Event("force", "contact force above {level}", "impact_force_max", "pair", "kN"),
+        Event("penetration", "penetration above {level}", "penetration_max", "pair", "m"),
+        Event("drift", "interstorey drift above {level}", "drift_max", "building", "m"),
+        Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
+        Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
+    )
+}
+
+
+def get_event(key: str, level: float | None) -> Event:
+    """Return an event by key."""
+    if key not in EVENTS:
+        raise InputError(unknown("event", key, EVENTS))
+    event = EVENTS[key]
+    if event.variable and (level is None or not math.isfinite(level) or level < 0.0):
+        raise InputError(
+            f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
+        )
+    if not event.variable and level is not None:
+        raise InputError(f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one")
+    return event

@@ -47,14 +47,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     return rows
 
 
-@comparison(
-    "which inputs of a design matter: first and total Sobol indices of each output",
-    needs='a design of kind "saltelli"',
-    columns=("law", "record"),
-    figure="sensitivity",
-    summary={"resamples": 100},
-    rows=index_rows,
-)
+@comparison("sensitivity")
 def sensitivity(
     cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
 ) -> xr.Dataset:

@@ -9,11 +9,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pounding_sweep.analysis.comparisons import MOTION_DIMS
-from pounding_sweep.analysis.comparisons.fragility import TRIALS, crossed, sentence
-from pounding_sweep.analysis.comparisons.incremental import NO_FRACTILES, directions
-from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.lognormal import FitStatus, merged
+from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
+from pounding_sweep.analysis.comparisons.suites import NO_FRACTILES, directions
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.select import (

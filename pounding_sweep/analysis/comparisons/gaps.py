@@ -1,4 +1,19 @@
-"""The gap that a pair needs so that it touches with a given probability: under a suite, at an intensity, in some years.
+"""Rules that say how far apart buildings must stand, from the displacements of each alone.
+
+All of them take the largest absolute displacements u of the two floors that could meet, relative to the ground, by the
+linear run of each building alone under the record itself. Standards find theirs from forces divided by a behaviour
+factor and multiply them by it again; what is taken here was never divided, so that the factors are 1 unless the user
+gives others (an amplification of displacements by yielding, say, or displacements that were reduced).
+
+Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
+
+The gap that each pair needs so that nothing touches: exactly, and by separation rules.
+
+As long as nothing touches, buildings don't know of each other, and floors of a pair
+meet where u_left - u_right of the run without pounding reaches the gap. So nothing
+touches in a row whose every gap is at least the largest such value of its own pair.
+
+The gap that a pair needs so that it touches with a given probability: under a suite, at an intensity, in some years.
 
 Until something touches, the row is as linear as its buildings: the required gap of a record grows in proportion to
 the intensity that the record is scaled to. One run without pounding of each record tells the gap at any intensity.
@@ -8,21 +23,342 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
-from pounding_sweep.analysis.comparisons.required_gap import required_gap
 from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
-from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
-from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import COMPARISON, check_levels, described, fractiles_over, labelled
+from pounding_sweep.analysis.rebuild import (
+    intensity_of,
+    own_intensity,
+    periods_of,
+    runs_of_cube,
+    runs_of_row,
+    stored_sweep,
+)
+from pounding_sweep.analysis.scenarios import (
+    COMPARISON,
+    ROUND_OFF,
+    check_levels,
+    described,
+    fractiles_over,
+    identity,
+    labelled,
+    peak_displacement,
+    values,
+)
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
+
+#: What is said of every clause of a standard.
+FROM_MEMORY = "stated from memory of the standard; the standard was not consulted"
+
+
+@dataclass(frozen=True)
+class BehaviourFactors:
+    """Factors by which standards turn reduced displacements into real ones, and what they divide by.
+
+    Each is one number for all buildings, or a mapping of building name to number. All are 1 by default, because the
+    displacements that the rules take come from linear runs under the record itself and were reduced by nothing.
+
+    Attributes
+    ----------
+    cd : float or mapping
+        Deflection amplification Cd of ASCE 7.
+    importance : float or mapping
+        Importance factor Ie of ASCE 7, a divisor.
+    q : float or mapping
+        Displacement behaviour factor q of Eurocode 8.
+    r : float or mapping
+        Response reduction factor R of IS 1893.
+    """
+
+    cd: float | Mapping[str, float] = 1.0
+    importance: float | Mapping[str, float] = 1.0
+    q: float | Mapping[str, float] = 1.0
+    r: float | Mapping[str, float] = 1.0
+
+    def of(self, factor: str, building: str) -> float:
+        """Return a factor of a building.
+
+        Raises
+        ------
+        InputError
+            It is not given for that building, or is no positive number.
+        """
+        given = getattr(self, factor)
+        if isinstance(given, Mapping) and building not in given:
+            raise InputError(
+                f"factor {factor!r} is given for {', '.join(given) or 'no building'}, but not for {building!r}"
+            )
+        value = float(given[building] if isinstance(given, Mapping) else given)
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"factor {factor!r} of building {building!r} is {value!r}; it must be a positive number")
+        return value
+
+    def text(self, factor: str) -> str:
+        """Return a factor in words."""
+        given = getattr(self, factor)
+        return ", ".join(f"{k}: {v:g}" for k, v in given.items()) if isinstance(given, Mapping) else f"{given:g}"
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """What a rule is given of two floors that could meet; arrays share their dimensions."""
+
+    left: xr.DataArray  # largest absolute displacements (m); 0 for a wall, which moves with the ground
+    right: xr.DataArray
+    correlation: xr.DataArray  # correlation of the two responses, see `cqc_correlation`; 0 at a wall
+    level: xr.DataArray  # two buildings, every floor of the lower of which is level with one of the other
+    factors: Mapping[str, Sequence[xr.DataArray]]  # behaviour factors of both sides
+
+
+@dataclass(frozen=True)
+class SeparationRule:
+    """A rule for the distance between two buildings."""
+
+    key: str  # name in tables
+    title: str  # the rule in words
+    formula: str  # of the displacements u1 and u2 (m)
+    clause: str  # where it is from
+    edition: str
+    note: str  # what else is to be said of it
+    gap: Callable[[Neighbours], xr.DataArray]  # `Neighbours` -> needed gap (m)
+
+
+def cqc_correlation(
+    period_1: xr.DataArray, period_2: xr.DataArray, damping_1: xr.DataArray, damping_2: xr.DataArray
+) -> xr.DataArray:
+    """Correlation of the responses of two oscillators to broad-band ground motion."""
+    r = period_2 / period_1
+    product = damping_1 * damping_2
+    top = 8.0 * product**0.5 * (damping_2 + damping_1 * r) * r**1.5
+    bottom = (1.0 - r**2) ** 2 + 4.0 * product * r * (1.0 + r**2) + 4.0 * (damping_1**2 + damping_2**2) * r**2
+    same = bottom == 0.0  # undamped, equal periods
+    return (top + same) / (bottom + same)
+
+
+def _root_of_squares(one: xr.DataArray, other: xr.DataArray) -> xr.DataArray:
+    return (one**2 + other**2) ** 0.5
+
+
+def _asce7(ends: Neighbours) -> xr.DataArray:
+    (cd_1, cd_2), (importance_1, importance_2) = ends.factors["cd"], ends.factors["importance"]
+    return _root_of_squares(ends.left * cd_1 / importance_1, ends.right * cd_2 / importance_2)
+
+
+#: All rules by key.
+SEPARATION_RULES: dict[str, SeparationRule] = {
+    rule.key: rule
+    for rule in (
+        SeparationRule(
+            "abs",
+            "sum of the largest displacements",
+            "u1 + u2",
+            "-",
+            "-",
+            "an upper bound: both displacements at once, towards each other",
+            lambda ends: ends.left + ends.right,
+        ),
+        SeparationRule(
+            "srss",
+            "square root of the sum of squares",
+            "sqrt(u1^2 + u2^2)",
+            "-",
+            "-",
+            "for responses that are not correlated",
+            lambda ends: _root_of_squares(ends.left, ends.right),
+        ),
+        SeparationRule(
+            "double_difference",
+            "double-difference combination",
+            "sqrt(u1^2 + u2^2 - 2 rho u1 u2)",
+            "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
+            "1992",
+            "rho by Der Kiureghian (1980), from the first periods and damping ratios",
+            lambda ends: (
+                (ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right).clip(min=0.0) ** 0.5
+            ),
+        ),
+        SeparationRule(
+            "asce7",
+            "ASCE/SEI 7, structural separation",
+            "sqrt(dM1^2 + dM2^2), dM = Cd u / Ie",
+            "12.12.3",
+            "ASCE/SEI 7-16, 7-22",
+            FROM_MEMORY,
+            _asce7,
+        ),
+        SeparationRule(
+            "ec8",
+            "Eurocode 8, seismic joint condition, buildings of one owner",
+            "sqrt((q1 u1)^2 + (q2 u2)^2), times 0.7 where all floors are level",
+            "4.4.2.7",
+            "EN 1998-1:2004",
+            FROM_MEMORY,
+            lambda ends: (
+                _root_of_squares(ends.left * ends.factors["q"][0], ends.right * ends.factors["q"][1])
+                * (1.0 - 0.3 * ends.level)
+            ),
+        ),
+        SeparationRule(
+            "is1893",
+            "IS 1893, separation between adjacent units",
+            "R1 u1 + R2 u2, halved where all floors are level",
+            "7.11.3",
+            "IS 1893 (Part 1):2016",
+            FROM_MEMORY,
+            lambda ends: (
+                (ends.left * ends.factors["r"][0] + ends.right * ends.factors["r"][1]) * (1.0 - 0.5 * ends.level)
+            ),
+        ),
+    )
+}
+
+
+@comparison("required-gap")
+def required_gap(
+    source: Scene | str | xr.Dataset,
+    records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]] | None = None,
+    *,
+    behaviour: BehaviourFactors | None = None,
+    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+) -> xr.Dataset:
+    """Find the gap at which each pair just does not touch, and what separation rules ask for.
+
+    Parameters
+    ----------
+    source : Scene, str or xarray.Dataset
+        A row, the name of a preset, or a cube. Of a cube with the law "none" and the outputs ``closing_max``,
+        ``displacement_max`` and ``displacement_min`` nothing is run; of any other the run without pounding is made
+        again, with row, building properties and scales from the sweep that the cube carries.
+    records : Record, str, path, or several, optional
+        Ground motions; needed with a row. With a cube: records to look through before they are looked for by name.
+    behaviour : BehaviourFactors, optional
+        Factors of the standards, all 1 by default.
+    folders : path or several, optional
+        Where to find records by name.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``record``, and on ``scale``, building properties or ``case`` where the cube has them: ``closing`` (pair,
+        storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys
+        and the exact required gap, 0 where it is below 1e-9 of the sum of the floors' displacements; where there are
+        bumpers their ``thickness`` (pair; m) is in it, storey by storey, and in what rules ask for; ``never`` (pair) is
+        1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the exact one, missing
+        where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors meet. Beside ``rule`` stand
+        its title, formula, clause, edition and note, beside ``pair`` the row's own gap.
+
+    Raises
+    ------
+    InputError
+        A row without records, a row without pairs, or a cube whose row or records can't
+        be known; the message says what is missing.
+
+    Notes
+    -----
+    The exact gap of a pair holds only where every pair of the row has at least its own: once
+    another pair pounds, the buildings move otherwise, and this pair may touch at a larger gap.
+
+    Something can strike where floors are level, and where a floor stands before columns ("a-b columns of b"), which is
+    looked at whatever the row's ``contacts``; the gap of a pair must be that of all its labels. The point of the
+    columns that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.scene.column_shares`); the rules
+    take its largest displacement from those of its floors in the same shares, which is never less than its own.
+
+    Examples
+    --------
+    >>> gaps = required_gap("mate2015", "el_centro")  # doctest: +SKIP
+    >>> gaps.exact.sel(record="el_centro", pair="left-middle").item()  # doctest: +SKIP
+    """
+    factors = behaviour or BehaviourFactors()
+    if isinstance(source, xr.Dataset):
+        scene, runs = runs_of_cube(source, [] if records is None else records, folders)
+    elif records is None:
+        raise InputError("the required gap of a row needs records: required_gap(scene, records)")
+    else:
+        scene, runs = runs_of_row(source, records, folders)
+    closing, (ends, thick) = values(runs, "closing_max"), _neighbours(scene, runs, factors)
+    closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
+    exact, reach = (closest + thick).max("storey"), closest.max("storey")
+    rules = list(SEPARATION_RULES.values())
+    index = labelled("rule", [rule.key for rule in rules], "separation rule")
+    rule_gap = xr.concat([(rule.gap(ends) + thick).max("storey") for rule in rules], dim=index)
+    found = {
+        "closing": (closing, "m", "largest closing displacement"),
+        "exact": (exact, "m", "exact required gap"),
+        "never": ((reach == 0.0).where(reach.notnull()), "1", "1 where the pair never touches, 0 where it does"),
+        "rule_gap": (rule_gap, "m", "required gap by the rule"),
+        "ratio": (rule_gap / exact.where(exact > 0.0), "1", "required gap by the rule over the exact one"),
+        "correlation": (ends.correlation, "1", "correlation of the first modes"),
+    }
+    variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}
+    coords: dict[str, Any] = {
+        f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
+        for name in ("title", "formula", "clause", "edition", "note")
+    }
+    gaps = [scene.gaps[pair] for pair in scene.pair_of_label]
+    coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
+    if thick.any():
+        coords["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
+    used = {f"factor_{f.name}": factors.text(f.name) for f in fields(factors)}
+    about = {} if isinstance(source, xr.Dataset) else identity(runs)
+    return xr.Dataset(variables).assign_coords(coords).assign_attrs({**about, **used})
+
+
+def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> tuple[Neighbours, xr.DataArray]:
+    """Return what rules are given, missing where no floors meet, and what bumpers take of the gap (m).
+
+    Both are on pair and storey.
+    """
+    labels = list(scene.pair_labels)
+    names = [building.name for building in scene.buildings]
+    pair = {"pair": labels}
+    floor = {**pair, "storey": np.arange(1, scene.n_storeys + 1)}
+    # building at each side of a pair, -1 for a wall
+    row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
+    sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], pair, ("pair",)) for side in (0, 1)]
+
+    def of_sides(part: xr.DataArray) -> list[xr.DataArray]:  # of a wall 1
+        picked = (part.isel(building=side).where(side >= 0, 1.0) for side in sides)
+        return [one.reset_coords(drop=True).transpose("pair", ...) for one in picked]
+
+    # of each floor that could meet another: shares of the floors that it moves with, those beside struck columns
+    moves = np.zeros((2, len(labels), scene.n_storeys, len(names), scene.n_storeys))
+    thick, meets = np.zeros((2, len(labels), scene.n_storeys))
+    for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
+        place = contact.place, contact.storey - 1
+        meets[place], thick[place] = 1.0, thickness
+        for dof, share in contact.ends:
+            building = int(np.searchsorted(scene.offsets, dof, side="right")) - 1
+            moves[(int(share < 0.0), *place, building, dof - scene.offsets[building])] += abs(share)
+    peaks = peak_displacement(runs).reset_coords(drop=True).rename(storey="floor")
+    known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(meets > 0.0, floor, ("pair", "storey"))
+    dims = ("pair", "storey", "building", "floor")
+    left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
+    periods, damping = of_sides(runs["fundamental_period"]), of_sides(runs["first_damping_ratio"])
+    level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
+    neighbours = zip(scene.row[:-1], scene.row[1:], strict=True)
+    lowest = [min(item.n_storeys for item in both if isinstance(item, Building)) for both in neighbours]
+    two = (sides[0] >= 0) & (sides[1] >= 0)
+    return Neighbours(
+        left,
+        right,
+        correlation=cqc_correlation(*periods, *damping).where(two, 0.0),
+        level=two & xr.DataArray((level == lowest)[list(scene.pair_of_label)], pair, ("pair",)),
+        factors={
+            f.name: of_sides(xr.DataArray([factors.of(f.name, name) for name in names], dims="building"))
+            for f in fields(factors)
+        },
+    ), xr.DataArray(thick, floor, ("pair", "storey"))
+
 
 #: Shares of the motions that may make a pair touch.
 PROBABILITIES = (0.5, 0.16, 0.1, 0.05, 0.02, 0.01)
@@ -66,15 +402,7 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
     return [{name: row.get(name) for name in first} | row | about for row in rows]
 
 
-@comparison(
-    "the gap that a pair needs so that it touches with no more than a given probability",
-    needs="several records; else what 'required-gap' needs",
-    columns=("probability", "pair"),
-    figure="gap-for-probability",
-    arguments=("probabilities", "intensity", "levels", "hazard", "years", "folders"),
-    rows=gap_rows,
-    whole=True,
-)
+@comparison("gap-for-probability")
 def gap_for_probability(
     cube: xr.Dataset,
     probabilities: Sequence[float] = PROBABILITIES,
@@ -97,7 +425,7 @@ def gap_for_probability(
     probabilities : sequence of float
         Shares of the motions under which the pair may touch, in (0, 1).
     intensity : str or DataArray, optional
-        As for `pounding_sweep.analysis.intensity.intensity_of`: every record is taken as scaled to one intensity.
+        As for `pounding_sweep.analysis.rebuild.intensity_of`: every record is taken as scaled to one intensity.
         Without it, the motions are those of the cube, at each of its scales.
     levels : sequence of float, optional
         Those intensities; by default the suite's median at each scale of the cube, of equal ones their own.

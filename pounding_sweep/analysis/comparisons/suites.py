@@ -1,4 +1,4 @@
-"""Response against intensity as records are scaled up: a curve per record and direction, and the suite's fractiles."""
+"""Responses under a suite of records: fractiles with counts of what they are of, and curves against intensity."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import comparison, over_text
-from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
-from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.comparisons import check_needs, comparison, over_text
+from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.analysis.scenarios import (
     ROUND_OFF,
     check_levels,
@@ -19,9 +18,85 @@ from pounding_sweep.analysis.scenarios import (
     fractiles_over,
     interpolate,
     need_variables,
+    present,
+    trusted,
     values,
 )
+from pounding_sweep.outputs.variables import STATUS, VARIABLES
 from pounding_sweep.spec.axes import DIMENSIONS
+
+#: Lower, median and upper fractile of a suite: a normal variable's mean and one standard deviation to each side.
+QUANTILES = (0.16, 0.5, 0.84)
+#: Results that are no response.
+_NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
+
+
+@comparison("fractiles")
+def fractiles(
+    cube: xr.Dataset, quantiles: Sequence[float] = QUANTILES, dim: str = "record", outputs: Iterable[str] | None = None
+) -> xr.Dataset:
+    """Return fractiles of every response over the records of a suite.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the axis `dim`.
+    quantiles : sequence of float
+        In [0, 1].
+    dim : str
+        The axis to take together.
+    outputs : iterable of str, optional
+        Variables of the cube; by default all that are responses.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own units, and
+        ``<output>_count``, how many values its fractiles are of: values are missing where a scenario is not ok, and
+        some where it is (no time of a first impact without one, no such storey). ``scenarios`` is the number along
+        `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs. Fractiles are of what
+        is left: where scenarios were left out because they are extreme, they are too low, which the counts tell.
+
+    Raises
+    ------
+    InputError
+        The cube has no such axis, one value of it, or no such output; a quantile is outside [0, 1].
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cube = xr.Dataset({"drift_max": ("record", [0.01, 0.02, 0.04])})
+    >>> fractiles(cube, [0.5]).drift_max_fractiles.values.tolist()
+    [0.02]
+    """
+    what = "taking fractiles"
+    check_quantiles(quantiles)
+    check_needs(cube, what, several=[dim])
+    names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
+    result: dict[str, xr.DataArray] = {}
+    for name in names:
+        part = values(cube, name)
+        if dim in part.dims:  # a selection may not vary along it
+            result[f"{name}_fractiles"], count = fractiles_over(part, [dim], quantiles)
+            result[f"{name}_count"] = described(count, "1", f"values that the fractiles of {name} are of")
+    ok = trusted(cube)
+    if dim in ok.dims:
+        flags = {"scenarios": (ok, "ok")}
+        flags |= {
+            f"left_out_{status.label}": (cube["status"] == int(status), f"left out: {status.label}")
+            for status in STATUS[1:]
+            if (cube["status"] == int(status)).any()
+        }
+        for name, (flag, text) in flags.items():
+            count = flag.sum(dim).astype(np.int64)
+            result[name] = described(count, "1", f"scenarios along {dim} that are {text}", bare=True)
+    return xr.Dataset(result, attrs={"over": over_text({dim: cube.sizes[dim]})})
+
+
+def responses(cube: xr.Dataset) -> list[str]:
+    """Return the variables of a cube that are responses of its scenarios."""
+    return [name for name in present(cube, VARIABLES) if name not in _NO_RESPONSES]
+
 
 #: Intensities at which the fractiles of a suite are given, where none are.
 LEVELS = 25
@@ -29,16 +104,7 @@ LEVELS = 25
 NO_FRACTILES = "no_fractiles"
 
 
-@comparison(
-    "responses against intensity as records are scaled up, with the fractiles of the suite",
-    needs="an axis of several scales or peak ground accelerations",
-    requires={"several": DIMENSIONS["scale"]},
-    columns=("law", "building", "pair", "quantile", "level"),
-    variables=("_fractiles",),
-    lead=("drift_max_fractiles", "impact_force_max_fractiles"),
-    figure="incremental",
-    arguments=("intensity", "quantiles", "levels", "folders"),
-)
+@comparison("incremental")
 def incremental_curves(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,
@@ -58,7 +124,7 @@ def incremental_curves(
     outputs : iterable of str, optional
         Variables of the cube; by default all that are responses.
     intensity, records, folders : optional
-        As for `pounding_sweep.analysis.intensity.intensity_of`.
+        As for `pounding_sweep.analysis.rebuild.intensity_of`.
     quantiles : sequence of float
         In [0, 1].
     levels : sequence of float, optional

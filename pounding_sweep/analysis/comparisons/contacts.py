@@ -1,22 +1,113 @@
-"""Where the energy of each building went, and whether what buildings gave equals what contacts took.
-
-Energies are in the relative formulation, per building and until the end of the
-record: input = damping + kinetic + strain + transfer. What all buildings gave
-(a wall gives nothing, it does not move) is the work that the contacts took in.
-"""
+"""How often, how hard and how soon floors touch, and whether what buildings gave equals what contacts took."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import check_needs, comparison
+from pounding_sweep.analysis.comparisons import check_needs, comparison, over_text
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import described, law_keys, pounding_only, present, values
+from pounding_sweep.analysis.scenarios import (
+    check_quantiles,
+    described,
+    fractiles_over,
+    labelled,
+    law_keys,
+    need_variables,
+    of_law,
+    pounding_only,
+    present,
+    scenario_dims,
+    touched,
+    trusted,
+    values,
+)
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.spec import scene_of
+
+#: What is said of the scenarios that touch, where a cube has it.
+OUTPUTS = ("impact_count", "impact_force_max", "impulse", "approach_speed_max", "penetration_max", "first_impact_time")
+#: Smallest, usual and largest values.
+QUANTILES = (0.0, 0.16, 0.5, 0.84, 1.0)
+
+
+@comparison("impacts")
+def impact_statistics(
+    cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = QUANTILES
+) -> xr.Dataset:
+    """Count the scenarios that touch, and give the spread of what happens in those.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with pairs; ``law`` may be an axis, a coordinate of listed cases or one value.
+    over : iterable of str, optional
+        Axes to take together; by default all but ``law``. The others stay.
+    quantiles : sequence of float
+        In [0, 1]; 0 and 1 are the smallest and the largest value.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``law`` and what else stays, without the law "none": ``scenarios`` that are ok and ``left_out`` that are not;
+        by pair and storey ``touching`` and ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share`` (a
+        touch at any storey); and on ``quantile``, by pair and storey, ``<output>_fractiles`` of the outputs of
+        `OUTPUTS` that the cube has, in their own units, over the scenarios that touch there. The attribute ``over``
+        names what was taken together.
+
+    Raises
+    ------
+    InputError
+        The cube has no pairs, no law with contact, nothing that tells a touch, or not the
+        axes to take together; a quantile is outside [0, 1].
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> count = (("law", "record", "pair", "storey"), [[[[0.0]], [[2.0]], [[3.0]], [[1.0]]]])
+    >>> cube = xr.Dataset({"impact_count": count}, {"law": ["linear"], "pair": ["left-right"], "storey": [1]})
+    >>> found = impact_statistics(cube, quantiles=[0.5]).squeeze()
+    >>> found.touching_share.item(), found.impact_count_fractiles.item()
+    (0.75, 2.0)
+    """
+    check_quantiles(quantiles)
+    cube = pounding_only(cube)
+    dims = scenario_dims(cube)
+    over = [over] if isinstance(over, str) else over
+    together = [dim for dim in dims if dim != "law"] if over is None else list(over)
+    for name in together:
+        if name not in dims:
+            raise InputError(f"this cube has no axis {name!r} to take together; valid: {', '.join(dims) or 'none'}")
+    if "law" in cube.coords and cube["law"].dims == ("case",) and "case" in together:
+        laws = law_keys(cube)
+        parts = [_statistics(of_law(cube, [law]), together, quantiles) for law in laws]
+        result = xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
+    else:
+        result = _statistics(cube, together, quantiles)
+    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}))
+
+
+def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
+    touch = touched(cube, "impact statistics")
+    ok = trusted(cube).broadcast_like(touch.isel(pair=0, storey=0, drop=True, missing_dims="ignore"))
+    counts = {
+        "scenarios": (ok.sum(over).astype(np.int64), "scenarios that are ok"),
+        "left_out": ((~ok).sum(over).astype(np.int64), "scenarios left out: their status is not ok"),
+    }
+    pair = touch.max("storey") if "storey" in touch.dims else touch
+    for prefix, part, where in (("", touch, "the floors"), ("pair_", pair, "the pair")):
+        count = part.sum(over).where(part.notnull().any(over))
+        counts[f"{prefix}touching"] = count, f"scenarios in which {where} touch"
+        counts[f"{prefix}touching_share"] = part.mean(over), f"share of scenarios in which {where} touch"
+    result = {name: described(part, "1", text, bare=True) for name, (part, text) in counts.items()}
+    for name in present(cube, OUTPUTS):
+        fractiles, _ = fractiles_over(values(cube, name).where(touch == 1.0), over, quantiles)
+        result[f"{name}_fractiles"] = fractiles.assign_attrs(comment="over the scenarios in which these floors touch")
+    return xr.Dataset(result)
+
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
@@ -26,14 +117,7 @@ BESIDE = {"hysteretic_energy": '"yield_strengths":', "energy_links": '"links":'}
 _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
 
 
-@comparison(
-    "where the energy of each building went, and whether transfers sum to the contacts' work",
-    needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
-    columns=("law", "building", "pair"),
-    lead=("transfer_share", "contact_work", "residual_relative"),
-    figure="energy-budget",
-    whole=True,
-)
+@comparison("energy")
 def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.
 
@@ -69,7 +153,8 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))
     pairs = ["pair"] if "pair" in cube.coords else []
     terms = [*TERMS, *(["contact_work"] if pairs else []), *(name for name, text in BESIDE.items() if text in row)]
-    check_needs(cube, what, axes=["building", *pairs], outputs=terms)
+    check_needs(cube, what, axes=["building", *pairs])
+    need_variables(cube, what, terms)
     if "sweep" in cube.attrs:  # a selection that left buildings or pairs out does not balance
         scene = scene_of(stored_sweep(cube)["scene"])
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
