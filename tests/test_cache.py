@@ -33,7 +33,7 @@ from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
-from pounding_sweep.schemes import implicit
+from pounding_sweep.schemes import newmark
 
 LINEAR = get_law("linear")
 DOUBLED = replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
@@ -371,7 +371,7 @@ def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, mon
     )
     record = ps.pulse_record("sine", amplitude=4.0, period=0.5, dt=0.02, duration=1.0)
 
-    monkeypatch.setattr(implicit, "MAX_SWEEPS", 1)
+    monkeypatch.setattr(newmark, "MAX_SWEEPS", 1)
     monkeypatch.setattr(cache, "_surroundings", lambda: "another source")
     one = ps.simulate(scene, record, law="linear", stiffness=2e5, method="newmark", dt=2e-3)
     assert float(one.impact_count.sum()) > 0

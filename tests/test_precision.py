@@ -16,8 +16,7 @@ from pounding_sweep.engine.kernel import emit, emit_flight, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
-from pounding_sweep.kernel.precision import TOLERANCES
-from pounding_sweep.kernel.spec import PARAMETERS
+from pounding_sweep.kernel.spec import PARAMETERS, TOLERANCES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES

@@ -31,8 +31,7 @@ from pounding_sweep.kernel.lanes import (
     sqrt,
     where,
 )
-from pounding_sweep.kernel.precision import TOLERANCES
-from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.kernel.spec import TOLERANCES, KernelSpec, LawShape, input_slots, property_slots, result_slots
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -454,9 +453,9 @@ class Group:
         """Whether a degree of freedom is a rotation, which the ground does not accelerate."""
         return bool(self.spec.foundations) and i >= self.spec.n_dof and (i - self.spec.n_dof) % 2 == 1
 
-    def each(self, n: int, straight: bool = True) -> Iterator[Any]:
+    def each(self, n: Any, straight: bool = True) -> Iterator[Any]:
         """Count to n, at run time in a long row."""
-        if self.long or not straight:
+        if self.long or not straight or isinstance(n, Count):
             yield from count_to(n, self.trace)
         else:
             yield from range(n)

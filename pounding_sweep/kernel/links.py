@@ -8,11 +8,9 @@ all floors, or as names of rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from pounding_sweep.kernel import foundation
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import fma, maximum, size, where
 
@@ -128,48 +126,3 @@ def sample(group: Group) -> None:
 def reader(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
     """Return what reads `motion` by name."""
     return partial(motion, group, j, ends)
-
-
-# implicit steps ------------------------------------------------------------------------------------------------------
-
-
-def solve(group: Group, be: Any, ga: Any, storeys: Sequence[Any], right: Sequence[Any]) -> list[Any]:
-    """Return (M + ga C + be K)^-1 `right` of the whole row, by what each of the `storeys` adds to its diagonal."""
-    # Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
-    # kernel is written.
-    spec, n = group.spec, group.spec.n_moving
-    diagonal: list[Any] = []
-    beside: list[dict[int, Any]] = [{} for _ in range(n)]
-    for i, b in enumerate(spec.building_of):
-        m = group.prop("m", i)
-        if spec.base(b) is not None:
-            diagonal.append(m)
-            continue
-        own = storeys[i] if spec.top[i] else storeys[i] + storeys[i + 1]
-        diagonal.append(fma(m, ga * group.prop("alpha", b), m) + own)
-        if not spec.bottom[i]:
-            beside[i][i - 1] = beside[i - 1][i] = -storeys[i]
-    foundation.stiffen(group, diagonal, beside, storeys, be, ga)
-    for j, (p, q) in enumerate(spec.links):
-        held = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
-        diagonal[p], diagonal[q] = diagonal[p] + held, diagonal[q] + held
-        beside[p][q] = beside[q][p] = -held
-    x, left, done = list(right), set(range(n)), []
-    while left:
-        i = min(left, key=lambda i: (len(beside[i]), i))
-        left.remove(i)
-        others, inverse = sorted(beside[i]), 1.0 / diagonal[i]
-        for p in others:
-            share = beside[i][p] * inverse
-            x[p] = fma(-share, x[i], x[p])
-            diagonal[p] = fma(-share, beside[i][p], diagonal[p])
-            for q in (q for q in others if q > p):
-                change = -share * beside[i][q]
-                beside[p][q] = beside[q][p] = beside[p][q] + change if q in beside[p] else change
-            del beside[p][i]
-        done.append((i, inverse))
-    for i, inverse in reversed(done):
-        for p, value in beside[i].items():
-            x[i] = fma(-value, x[p], x[i])
-        x[i] = x[i] * inverse
-    return x

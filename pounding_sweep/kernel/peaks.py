@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, dense, forces, links
+from pounding_sweep.kernel import bouc_wen, forces, links
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
     any_lane,
     count_to,
+    fma,
     maximum,
     minimum,
     size,
@@ -27,7 +28,7 @@ from pounding_sweep.kernel.lanes import (
     when_any,
     where,
 )
-from pounding_sweep.kernel.roots import horner, turn, with_slope
+from pounding_sweep.kernel.roots import coefficients, horner, polynomial, rate, turn, with_slope
 from pounding_sweep.kernel.row import add_forces, total_accelerations
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -326,7 +327,7 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
 
 def _accelerate(group: Group, t: Any) -> None:
     """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    s, (u, v) = group.state, (dense.Between(of, group, t) for of in (dense.displacement, dense.velocity))
+    s, (u, v) = group.state, (Between(of, group, t) for of in (displacement, velocity))
     if group.spec.smooth:
         bouc_wen.part(group, t)
     for part, moving in group.each_part():
@@ -342,3 +343,31 @@ def _accelerate(group: Group, t: Any) -> None:
     add_forces(group, "there", "press")
     if group.spec.links:
         links.accelerate(group, "there", u, v)
+
+
+def displacement(group: Group, i: Any, t: Any) -> Any:
+    """Displacement of a floor at a part t of the sub-step just tried."""
+    s, h = group.state, group.state["h"]
+    if group.spec.staged:  # the quintic that the stages left
+        bends = (h * s["v0", i], *(h * h * x for x in (0.5 * s["a0", i], *(s[name, i] for name in BENDS))))
+        return polynomial(t, s["u0", i], bends)
+    return polynomial(t, s["u0", i], coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))
+
+
+def velocity(group: Group, i: Any, t: Any) -> Any:
+    """Velocity of a floor at a part t of the sub-step just tried."""
+    s, h = group.state, group.state["h"]
+    if group.spec.staged:
+        bends = tuple(n * s[name, i] for n, name in enumerate(BENDS, 3))
+        return fma(h * t, polynomial(t, s["a0", i], bends), s["v0", i])
+    return polynomial(t, *rate(coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))) / h
+
+
+class Between:
+    """Displacements or velocities of all floors at a part of the sub-step, each worked out where it is asked for."""
+
+    def __init__(self, of: Callable[[Group, Any, Any], Any], group: Group, t: Any) -> None:
+        self._of, self._group, self._t = of, group, t
+
+    def __getitem__(self, i: Any) -> Any:
+        return self._of(self._group, i, self._t)

@@ -1,11 +1,23 @@
-"""The row of buildings: its equation of motion, its energies, its accelerations."""
+"""The row of buildings: its equation of motion, its energies, its accelerations.
+
+A foundation: a rigid base under a building, that sways and rocks on springs and dashpots.
+
+Displacements U of floors are those relative to the free field: with the base's displacement u, its rotation
+theta and the elevation h of a floor, U = u + h theta + (the building's own), so that masses stay apart.
+A storey's drift is U_i - U_(i-1) - (h_i - h_(i-1)) theta, with u in place of U_0, and its shear V_i acts on both
+floors and, by its lever arm, on the rotation; Rayleigh's a m acts on motions relative to the base,
+w_i = U_i - u - h_i theta, and on the base by reaction:
+
+    m_f u''     = V_1 + a sum m_i w_i' - K_h u - c_h u' - m_f g''
+    I   theta'' = sum V_i (h_i - h_(i-1)) + a sum m_i h_i w_i' - K_theta theta - c_theta theta'
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from pounding_sweep.kernel import foundation, hysteresis, links
+from pounding_sweep.kernel import hysteresis, links
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 
@@ -69,8 +81,9 @@ def accelerations(
     ground: Any,
     push: Sequence[Sequence[tuple[str, Any]]],
     constant: bool = True,
+    loads: bool = False,
 ) -> list[Any]:
-    """Accelerations of displacements x and velocities y, under forces `push` on each floor.
+    """Accelerations of displacements x and velocities y, under forces `push` on each floor; times masses if `loads`.
 
     They are relative to the ground, whose acceleration is `ground`; None: total ones.
     """
@@ -84,9 +97,26 @@ def accelerations(
                 net = net - force if sign == "-" else net + force
             alpha, moves = group.prop("alpha", b), group.deformation(i, y, p)
             drag = alpha * moves if ground is None else fma(alpha, moves, ground)
-            found.append(fma(group.prop("im", i), net, -drag))
-    bases = foundation.accelerations(group, f, x, y)
-    return found + [a if ground is None or group.rocks(i) else a - ground for i, a in bases]
+            found.append(fma(-group.prop("m", i), drag, net) if loads else fma(group.prop("im", i), net, -drag))
+    bases = _base_accelerations(group, f, x, y)
+    relative = [(i, a if ground is None or group.rocks(i) else a - ground) for i, a in bases]
+    return found + [group.prop("m", i) * a if loads else a for i, a in relative]
+
+
+def _base_accelerations(group: Group, shears: Any, x: Any, y: Any) -> Iterator[tuple[int, Any]]:
+    """Give total accelerations of the sway and the rocking of each base, from the state of the whole row."""
+    for b in group.spec.foundations:
+        floors, base = group.building_floors[b], group.spec.base(b)
+        assert base is not None
+        drags = [group.prop("m", i) * (group.prop("alpha", b) * group.deformation(i, y, i)) for i in floors]
+        sway, moment = shears[floors[0]], None
+        for i, drag in zip(floors, drags, strict=True):
+            sway = sway + drag
+            part = fma(group.prop("elevation", i), drag, group.prop("height", i) * shears[i])
+            moment = part if moment is None else moment + part
+        for i, load in zip(base, (sway, moment), strict=True):
+            held = fma(group.prop("dashpot", i), y[i], group.prop("k", i) * x[i])
+            yield i, group.prop("im", i) * (load - held)
 
 
 class Pushes:

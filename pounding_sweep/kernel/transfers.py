@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import dense, forces
+from pounding_sweep.kernel import forces
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, when_any, where
-from pounding_sweep.kernel.peaks import cubic_extremes, cubic_turns
+from pounding_sweep.kernel.peaks import Between, cubic_extremes, cubic_turns, velocity
 from pounding_sweep.kernel.row import each_given
 
 #: Gauss points between the start of a sub-step and an extreme.
@@ -85,7 +85,7 @@ def _given(group: Group, b: Any, t: Any) -> Any:
 
 def _power(group: Group, b: Any, t: Any) -> Any:
     """Power that a building gives at a part t of the sub-step."""
-    s, v = group.state, dense.Between(dense.velocity, group, t)
+    s, v = group.state, Between(velocity, group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
     for j in group.each_contact():

@@ -41,8 +41,7 @@ from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.schemes.base import SAFETY
-from pounding_sweep.schemes.explicit import Explicit
-from pounding_sweep.schemes.rk4 import Rk4
+from pounding_sweep.schemes.explicit import Explicit, Rk4
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
 MOST_LOST = {"float64": 1e-5, "float32": 1e-4}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -218,3 +219,79 @@ def _add_sums(group: Group, m: Any, touching: bool) -> None:
             s["gain", b] = h6 * m["gain", b]
     for i, _ in group.spec.smooth if "hysteretic" in asked else ():
         s["travel", i] = fma(h6, m["travel", i], s["travel", i])
+
+
+class Rk4(Explicit):
+    """The classical method of Kutta, with fewer operations for second-order systems.
+
+    With stage accelerations a1..a4,
+
+        u' = u + h v + h^2/6 (a1 + a2 + a3)
+        v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
+    """
+
+    name = "rk4"
+    title = "classical fourth-order Runge-Kutta"
+    source = "Hairer, Nørsett & Wanner 1993"
+    order = 4
+    follows_smooth = True
+    min_steps_located = 1.5
+    min_ground_steps = 1.0
+    step_cost = 2.6
+    ladder = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
+    finest_float32 = 64
+    undamped_radius = 2.0 * math.sqrt(2.0)
+    damped_radius = 2.615
+    nodes = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
+
+    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+        """Of the classical method."""
+        return np.hypot(x**4 / 120.0, x**5 / 144.0)
+
+    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+        """State that each stage leads to."""
+        half = 0.5 * h
+        if stage == 1:
+            return fma(half, v, u), fma(half, a[0], v)
+        if stage == 2:
+            return fma(half * half, a[0], x), fma(half, a[1], v)
+        if stage == 3:
+            return fma(half * h, a[1], fma(h, v, u)), fma(h, a[2], v)
+        sixth = h * (1.0 / 6.0)
+        return fma(h * sixth, a[0] + a[1] + a[2], fma(h, v, u)), fma(sixth, fma(2.0, a[1] + a[2], a[0] + a[3]), v)
+
+
+class CentralDifference(Explicit):
+    """Central differences (velocity Verlet): half the work of a Runge-Kutta step, no energy of its own without dampers.
+
+    With the acceleration a1 at the start and a2 at the end, where the dampers see the predicted velocity v + h a1,
+
+        u' = u + h v + h^2/2 a1
+        v' = v + h/2 (a1 + a2)
+
+    Of the step of an oscillator with x = omega h and y = c h / m, the trace is 2 - x^2 - y + x^2 y/4 + y^2/2 and the
+    determinant 1 - y + y^2/2 - x^2 y/4, so that it is stable where y <= 2 and x^2 <= 4 - 2 y + y^2: undamped to x = 2,
+    and whatever y to the least of that, x^2 = 3 at y = 1.
+    """
+
+    name = "central_difference"
+    title = "explicit central differences (velocity Verlet), dampers by a predicted velocity"
+    source = "Newmark 1959 (beta = 0); Swope et al. 1982"
+    order = 2
+    min_ground_steps = 8.0
+    min_steps_located = 1.5
+    step_cost = 1.6
+    undamped_radius = 2.0
+    damped_radius = math.sqrt(3.0)
+    nodes = ((0.0, 3.0), (1.0, 3.0))
+
+    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+        """Of free vibration, whose size is kept."""
+        return x * x / 24.0
+
+    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+        """State that each stage leads to."""
+        half = 0.5 * h
+        if stage == 1:
+            return fma(half * h, a[0], fma(h, v, u)), fma(h, a[0], v)
+        return x, fma(half, a[0] + a[1], v)

@@ -1,4 +1,4 @@
-"""Newmark's method; contact is added implicitly.
+"""Newmark's method; contact is implicit.
 
 Acceleration form: predictors
 
@@ -6,22 +6,472 @@ Acceleration form: predictors
 
 then (M + gamma h C + beta h^2 K) a' = -M g' - C v~ - K u~ (+ contact), and
 u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per building.
+
+The contact forces at the end of the step solve the contact law together with the end state that they themselves change.
+Each contact sees the row through one compliance, so each is one scalar equation, solved within a bracket; the contacts
+are swept until none changes any more (block Gauss-Seidel).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, impulse, links
-from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import fma, where
+from pounding_sweep.kernel import bouc_wen, impulse, links, yielding
+from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, contact_rate, is_closed, penetration
+from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.lanes import Cell, flag, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.located import keep_start
-from pounding_sweep.kernel.row import Pushes, accelerations, powers, storey_force
-from pounding_sweep.schemes import implicit
+from pounding_sweep.kernel.row import Part, Pushes, accelerations, damper_stiffness, powers
 from pounding_sweep.schemes.base import Scheme
+
+#: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
+MAX_SWEEPS = 500
+#: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
+STIFF_RATE = 2.0
+#: Floors that a contact acts on at one of its sides, and the share of each (None: all).
+Floors = list[tuple[Any, Any]]
+
+
+def _each_whole(group: Group) -> Iterator[tuple[Part, Sequence[Any]]]:
+    """Go through what moves as one in a step, and its degrees of freedom: buildings, or the row."""
+    if group.spec.whole:
+        yield list(enumerate(group.building_floors)), range(group.spec.n_moving)
+        return
+    for b, floors in group.each_building():
+        yield [(b, floors)], floors
+
+
+def _step(group: Group, part: Part, start: Sequence[Sequence[Any]], h: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return displacements, velocities and accelerations after a step from those of its start."""
+    beta, gamma, (u, v, a) = group.prop("newmark_beta"), group.prop("newmark_gamma"), start
+    h = group.full(h)
+    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
+    every = range(len(u))
+    x = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every]
+    y = [fma(pv, a[p], v[p]) for p in every]
+    push = Pushes(group, rows=False)
+    push.add_links(x, y)
+    ends = _solve_row(
+        group, part, be, gg, accelerations(group, part, x, y, group.state["g1"], push.on(every), loads=True)
+    )
+    return [fma(be, ends[p], x[p]) for p in every], [fma(gg, ends[p], y[p]) for p in every], ends
+
+
+def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any]) -> list[Any]:
+    """Return (M + ga C + be K)^-1 `right` of buildings that move as one."""
+    # Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
+    # kernel is written.
+    storeys = [_storey_stiffness(group, b, i, be, ga) for b, floors in part for i in floors]
+    diagonal: list[Any] = []
+    beside: list[dict[int, Any]] = [{} for _ in right]
+    for b, floors in part:
+        for s, i in enumerate(floors):
+            p, m = len(diagonal), group.prop("m", i)
+            if group.base(i) is not None:
+                diagonal.append(m)
+                continue
+            own = storeys[p] if i is floors[-1] else storeys[p] + storeys[p + 1]
+            diagonal.append(fma(m, ga * group.prop("alpha", b), m) + own)
+            if s:
+                beside[p][p - 1] = beside[p - 1][p] = -storeys[p]
+    _stiffen(group, diagonal, beside, storeys, be, ga)
+    for j, (p, q) in enumerate(group.spec.links):
+        held = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
+        diagonal[p], diagonal[q] = diagonal[p] + held, diagonal[q] + held
+        beside[p][q] = beside[q][p] = -held
+    x, left, done = list(right), set(range(len(right))), []
+    while left:
+        i = min(left, key=lambda i: (len(beside[i]), i))
+        left.remove(i)
+        others, inverse = sorted(beside[i]), 1.0 / diagonal[i]
+        for p in others:
+            share = beside[i][p] * inverse
+            x[p] = fma(-share, x[i], x[p])
+            diagonal[p] = fma(-share, beside[i][p], diagonal[p])
+            for q in (q for q in others if q > p):
+                change = -share * beside[i][q]
+                beside[p][q] = beside[q][p] = beside[p][q] + change if q in beside[p] else change
+            del beside[p][i]
+        done.append((i, inverse))
+    for i, inverse in reversed(done):
+        for p, value in beside[i].items():
+            x[i] = fma(-value, x[p], x[i])
+        x[i] = x[i] * inverse
+    return x
+
+
+def _stiffen(
+    group: Group, diagonal: list[Any], beside: list[dict[int, Any]], storeys: Sequence[Any], be: Any, ga: Any
+) -> None:
+    """Add to the matrix of an implicit step what foundations, and storeys above them by `storeys`, add to it."""
+
+    def add(share: Any, moved: dict[int, Any]) -> None:  # share times the square of a sum of weighted motions
+        for p, x in moved.items():
+            part = share * x
+            diagonal[p] = fma(part, x, diagonal[p])
+            for q, z in moved.items():
+                if q > p:
+                    other = part * z
+                    beside[p][q] = beside[q][p] = beside[p][q] + other if q in beside[p] else other
+
+    for b in group.spec.foundations:
+        floors, base = group.building_floors[b], group.spec.base(b)
+        assert base is not None
+        sway, rocks = base
+        for i in base:
+            held = fma(ga, group.prop("dashpot", i), be * group.prop("k", i))
+            diagonal.append(group.prop("m", i) + held)
+        for i in floors:
+            below = group.spec.below(i)
+            assert below is not None
+            one = group.full(1.0)
+            add(storeys[i], {i: one, below: -one, rocks: -group.full(group.prop("height", i))})
+            drag = ga * group.prop("alpha", b) * group.prop("m", i)
+            add(drag, {i: one, sway: -one, rocks: -group.full(group.prop("elevation", i))})
+
+
+def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
+    """Stiffness by which a storey resists an acceleration at the end of a Newmark step, its damper included."""
+    if not group.own_damper(i):
+        return fma(ga, group.prop("beta", b), be) * group.prop("k", i)
+    k = group.state["kt", i] if group.yields(i) else group.prop("k", i)
+    found = be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
+    return found + ga * group.prop("dashpot", i) if group.dashed(i) else found
+
+
+def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
+    """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
+    if group.spec.whole:  # both are of one whole, whose response is to the push on both
+        both = [(i, share if side else -share) for side in (0, 1) for i, share in _shares(group, j, side)]
+        return [(j * group.spec.n_moving, both, 1.0)]
+    most = max(group.spec.storeys)
+    sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
+    return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
+
+
+def _shares(group: Group, j: Any, side: int) -> Floors:
+    """Floors that a contact acts on at a side, with numbers for shares."""
+    return [(i, group.full(1.0) if share is None else share) for i, share in group.floors_of(j, side)]
+
+
+def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
+    """First floor and number of floors of what moves as one with a floor in a step."""
+    return (0, group.spec.n_moving) if group.spec.whole else group.home_of(floor)[:2]
+
+
+def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
+    """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
+    s, beta, gamma = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma")
+    be, ga = beta * h * h, gamma * h
+    if group.spec.whole:
+        right = [group.full(0.0) for _ in range(group.spec.n_moving)]
+        for floor, share in floors:
+            right = [where(flag(group.trace, floor == i), share, x) for i, x in enumerate(right)]
+        for i, x in enumerate(_solve_row(group, list(enumerate(group.building_floors)), be, ga, right)):
+            s["response", first + i] = x
+        return
+    home, storeys, b = group.home_of(floors[0][0])
+
+    def stiffness(i: Any) -> Any:
+        return _storey_stiffness(group, b, i, be, ga)
+
+    def ahead(p: Any, above: Any) -> tuple[Any, Any]:
+        i = home + p
+        diagonal = group.prop("m", i) * (1.0 + ga * group.prop("alpha", b)) + stiffness(i) + above
+        pushed = None
+        for floor, share in floors:
+            here, own = flag(group.trace, i == floor), group.full(1.0 if share is None else share)
+            pushed = where(here, own, group.full(0.0) if pushed is None else pushed)
+        return diagonal, pushed
+
+    def above(p: Any) -> Any:
+        top = p + 1 == storeys
+        if not isinstance(top, bool):
+            i = where(top, home + p, home + p + 1)
+            return where(top, group.full(0.0), group.full(stiffness(i)))
+        return 0.0 if top else stiffness(home + p + 1)
+
+    # elimination from the bottom, as in the flight step
+    s["diagonal"], s["response", first] = ahead(0, above(0))
+    for q in group.each(storeys - 1):
+        p = q + 1
+        k = stiffness(home + p)
+        diagonal, right = ahead(p, above(p))
+        low = -k / s["diagonal", q]
+        s["diagonal", p] = diagonal + low * k
+        s["response", first + p] = right - low * s["response", first + q]
+    last = storeys - 1
+    s["response", first + last] = s["response", first + last] / s["diagonal", last]
+    for q in group.each(last):
+        p = last - 1 - q
+        found = s["response", first + p] + stiffness(home + p + 1) * s["response", first + p + 1]
+        s["response", first + p] = found / s["diagonal", p]
+
+
+def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: Any, lanes: Any) -> None:
+    """Add a change (kN) of force to the end state of a building."""
+    s = group.state
+    home, storeys = _whole(group, floors[0][0])
+    for p in group.each(storeys):
+        i = home + p
+        a = change * s["response", first + p]
+        s["a", i] = where(lanes, s["a", i] + a, s["a", i])
+        s["u", i] = where(lanes, s["u", i] + be * a, s["u", i])
+        s["v", i] = where(lanes, s["v", i] + ga * a, s["v", i])
+
+
+def _unit(group: Group, j: Any) -> Any:
+    """Relative acceleration of a contact's floors for a unit force."""
+    unit = group.full(0.0)
+    for first, floors, _ in _sides(group, j):
+        for floor, share in floors:
+            unit = unit + part_of(group.state["response", first + (floor - _whole(group, floor)[0])], share)
+    return unit
+
+
+def solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
+    """Force F with F = law(d - bg F, v - gg F), in the lanes that ask."""
+    bg, gg = share
+    f0 = law(d, v)
+    asks = asks & ~(f0 == 0.0)
+
+    def miss(force: Any) -> Any:
+        return law(d - bg * force, v - gg * force) - force
+
+    lo, glo, hi = Cell(group.full(0.0)), Cell(f0), Cell(f0)
+    ghi = Cell(miss(f0))
+    wide = Cell(asks & (ghi.now * f0 > 0.0))
+    for _ in while_any(lambda: wide.now, group.trace, at_most=60):
+        mine = wide.now
+        lo.now, glo.now = where(mine, hi.now, lo.now), where(mine, ghi.now, glo.now)
+        hi.now = where(mine, hi.now * 2.0, hi.now)
+        ghi.now = where(mine, miss(hi.now), ghi.now)
+        wide.now = mine & (ghi.now * f0 > 0.0)
+    side, going = Cell(group.full(0.0)), Cell(asks)
+    for _ in while_any(lambda: going.now, group.trace, at_most=200):
+        a, b, ga, gb, last = lo.now, hi.now, glo.now, ghi.now, side.now
+        mine = going.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
+        t = b - gb * (b - a) / (gb - ga)
+        t = where((t > minimum(a, b)) & (t < maximum(a, b)), t, 0.5 * (a + b))
+        g = miss(t)
+        same, exact = mine & (g * f0 > 0.0), mine & (g == 0.0)
+        other = mine & ~same & ~exact
+        lo.now, glo.now = where(same, t, a), where(same, g, where(other & (last > 0.0), 0.5 * ga, ga))
+        hi.now = where(other | exact, t, b)
+        ghi.now = where(other, g, where(same & (last < 0.0), 0.5 * gb, gb))
+        side.now = where(same, -1.0, where(other, 1.0, last))
+        going.now = same | other
+    return where(asks, hi.now, 0.0)
+
+
+def correct(group: Group, h: Any) -> None:
+    """Find the contact forces at the end of the step and correct its end with them."""
+    s, spec = group.state, group.spec
+    h = group.full(h)
+    some = Cell(group.lanes_where(False))
+    for j in group.each_contact():
+        s["force", j] = 0.0
+        some.now = some.now | (~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0)
+    live = some.now & (h > 0.0)
+    with when_any(live):
+        _sweep(group, live, h)
+
+
+def _sweep(group: Group, live: Any, h: Any) -> None:
+    s, spec = group.state, group.spec
+    be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+    share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
+    for j in group.each_contact():
+        with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
+            for first, floors, _ in _sides(group, j):
+                _keep_compliance(group, first, floors, h)
+
+    def force_of(j: Any) -> Callable[[Any, Any], Any]:
+        law = group.law_of(j)
+
+        def force(d: Any, v: Any) -> Any:
+            if not spec.located:
+                return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
+            pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
+            return where(s["stiff"] > 0.0, yielding.held_force(group, j, d), pressed) if law.shape.yields else pressed
+
+        return force
+
+    def update(j: Any, here: Any) -> tuple[Any, Any]:
+        unit = _unit(group, j) * share
+        old = s["force", j]
+        d = penetration(group, j) + be * unit * old
+        v = group.between("v", j) + ga * unit * old
+        new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+        return new, new - old
+
+    _iterate(group, live, share, (be, ga), update)
+
+
+def _iterate(
+    group: Group, live: Any, share: Any, ends: tuple[Any, Any], update: Callable[[Any, Any], tuple[Any, Any]]
+) -> None:
+    """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
+    s, spec, (be, ga) = group.state, group.spec, ends
+    going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
+    for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
+        mine = going.now
+        most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
+        for j in group.each_contact():
+            here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
+            with when_any(here):
+                old = s["force", j]
+                new, change = update(j, here)
+                most.now = where(here, maximum(most.now, size(new)), most.now)
+                change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
+                moves = here & ~(change == 0.0)
+                with when_any(moves):
+                    s["force", j] = where(moves, new, old)
+                    for first, floors, sign in _sides(group, j):
+                        _push(group, first, floors, be, ga, (-share if sign < 0.0 else share) * change, moves)
+        largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
+        going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
+    failed = going.now & (moved.now > group.limit.unswept * largest.now)
+    s["unsolved"] = where(failed, 1.0, s["unsolved"])
+
+
+def correct_resting(group: Group, h: Any) -> None:
+    """Find the end forces by which resting floors accelerate as one; correct the end of the step with them."""
+    s = group.state
+    h = group.full(h)
+    live = is_closed(group) & (h > 0.0)
+    with when_any(live):
+        be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+        for j in group.each_contact():
+            with when_any(live & (s["ke", j] > 0.0)):
+                for first, floors, _ in _sides(group, j):
+                    _keep_compliance(group, first, floors, h)
+            s["force", j] = where(live, 0.0, s["force", j])
+
+        def update(j: Any, here: Any) -> tuple[Any, Any]:
+            del here
+            change = group.between("a", j) / _unit(group, j)
+            return s["force", j] + change, change
+
+        _iterate(group, live, 1.0, (be, ga), update)
+
+
+def balance(group: Group, lanes: Any, end: str = "1") -> None:
+    """Find the accelerations at the end of a step by the equation of motion; at its start ("0") without contacts."""
+    s = group.state
+    impulse.alone(group, s[f"g{end}"])
+    if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
+        for j in group.each_contact():
+            k = s["ke", j]
+            force = group.law_of(j).pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
+            force = where(k == 0.0, 0.0, force)
+            for floor, sign, share in group.ends(j):
+                before = s["alone", floor]
+                change = part_of(force, share) * group.prop("im", floor)
+                s["alone", floor] = before - change if sign == "-" else before + change
+    for i in group.each(group.spec.n_moving):
+        s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
+
+
+def soften(group: Group) -> None:
+    """Mark lanes in which a closed contact is too stiff for the next sub-step."""
+    s, h = group.state, group.state["h"]
+    mine = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
+    s["stiff"] = where(mine, 0.0, s["stiff"])
+    closed = mine & is_closed(group)
+    with when_any(closed):
+        hard = Cell(closed & ~closed)
+        for j in group.each_contact():
+            law, here = group.law_of(j), closed & (s["mode", j] > OPEN)
+            d, v = penetration(group, j), group.between("v", j)
+            if law.shape.yields:
+                yielding.set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
+            # the clip and the phase are those of the end, which `closed_force` knows
+            s["ke", j], s["ce", j] = where(here, s["kl", j], s["ke", j]), where(here, s["cl", j], s["ce", j])
+            if law.shape.yields:
+                yielding.stick(group, j, here)
+            ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
+            hard.now = hard.now | (
+                here & (h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE)
+            )
+        stiff = hard.now
+        s["stiff"] = where(stiff, 1.0, s["stiff"])
+        soft = closed & ~stiff
+        for j in group.each_contact():
+            slack = soft & (s["mode", j] == SLACK)
+            s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
+            s["ke", j] = where(slack, 0.0, s["ke", j])
+            if group.law_of(j).shape.yields:
+                yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
+        with when_any(stiff):
+            balance(group, stiff, end="0")
+            for i in group.each(group.spec.n_moving):
+                s["a0", i] = where(stiff, s["a", i], s["a0", i])
+
+
+def settle(group: Group, lanes: Any) -> None:
+    """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
+    s, r, h = group.state, group.asked, group.state["h"]
+    for j in group.each_contact():
+        law, here = group.law_of(j), lanes & (s["mode", j] > OPEN)
+        d, v, force = penetration(group, j), group.between("v", j), s["force", j]
+        if "force" in r:
+            s["fmax", j] = where(here, maximum(s["fmax", j], force), s["fmax", j])
+        if "penetration" in r:
+            s["dmax", j] = where(here, maximum(s["dmax", j], d), s["dmax", j])
+        if "impulse" in r:
+            s["impulse", j] = where(here, s["impulse", j] + h * force, s["impulse", j])
+        if "work" in r:
+            w = 0.5 * h * force * (group.between("v0", j) + v)
+            s["work", j] = where(here, s["work", j] + w, s["work", j])
+        nears, parting = SIDES[law.shape.rebound_only]
+        mode = where(d > 0.0, group.full(nears), OPEN)
+        if law.shape.one_sided:
+            mode = where((d > 0.0) & (v < 0.0), parting, mode)
+        if law.shape.clips:
+            slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
+            mode = where((d > 0.0) & slack, SLACK, mode)
+        pressing = mode == PRESSING
+        s["ke", j] = where(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), s["ke", j])
+        s["ce", j] = where(here, where(pressing, s["cl", j], 0.0), s["ce", j])
+        if law.shape.yields:
+            mode = where(here & pressing, yielding.settle(group, j, here & pressing, d, v), mode)
+        s["mode", j] = where(here, mode, s["mode", j])
+
+
+def touch_miss(group: Group) -> Any:
+    """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
+    s, late = group.state, Cell(group.full(0.0))
+    for j in group.each_contact():
+        nears = SIDES[group.law_of(j).shape.rebound_only][0]
+        d, v = penetration(group, j), group.between("v", j)
+        mine = (
+            (s["mode", j] == OPEN) & (s["next", j] == nears) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        )
+        mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
+        late.now = where(mine, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
+    return late.now
+
+
+def add_gains(group: Group) -> None:
+    """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
+    s = group.state
+    h6 = s["h"] * (1.0 / 6.0)
+    for part, moving in group.each_part() if "energy" in group.asked else ():
+        early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
+        late = powers(group, part, [s["v", i] for i in moving], s["g1"])
+        for (b, _), first, last in zip(part, early, late, strict=True):
+            s["e_in", b] = fma(h6, 3.0 * (first[0] + last[0]), s["e_in", b])
+            s["e_damp", b] = fma(h6, 3.0 * (first[1] + last[1]), s["e_damp", b])
+    if group.spec.smooth:
+        bouc_wen.add_lost(group)
+    if "links" in group.asked:
+        links.add_powers(group, "u0", "v0", 3.0, first=True)
+        links.add_powers(group, "u", "v", 3.0, first=False)
+        links.record(group, h6)
 
 
 class Newmark(Scheme):
@@ -51,36 +501,28 @@ class Newmark(Scheme):
         """By the first terms."""
         return np.hypot((0.5 * beta - 1.0 / 24.0) * x * x, 0.5 * (gamma - 0.5) * x)
 
+    soften, settle = staticmethod(soften), staticmethod(settle)
+    balance, touch_miss = staticmethod(balance), staticmethod(touch_miss)
+
     def begin(self, group: Group) -> None:
         """Accelerations at the start, which are part of the state."""
         if group.spec.impulsive and group.touching:
             impulse.rest(group, group.state["scale"] == group.state["scale"])
         else:
-            implicit.balance(group, None, group.state["g1"], pressed=True)
+            balance(group, None)
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
-        s = group.state
         if group.spec.smooth:
             keep_start(group)
             return self.trial(group)
-        if group.spec.whole:
-            keep_start(group)
-            for name, values in zip("uva", whole_step(group, h), strict=True):
-                group.put(name, values)
-            return lambda: add_gains(group)
-        for b, floors in group.each_building():
-            before = [[s[name, i] for i in floors] for name in "uva"]
-            u, v, a = before
-            for name, old, new in zip("uva", before, step(group, b, floors, u, v, a, h, s["g1"]), strict=True):
-                for i, x, y in zip(floors, old, new, strict=True):
-                    s[f"{name}0", i], s[name, i] = x, y
+        self._reach(group, h, flies=True)
         return lambda: add_gains(group)
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
         add = self.flight(group, h)
-        implicit.correct(group, h)
+        correct(group, h)
         return add
 
     def trial(self, group: Group) -> Callable[[], None]:
@@ -89,125 +531,20 @@ class Newmark(Scheme):
             self._reach(group, group.state["h"])
         return lambda: add_gains(group)
 
-    def _reach(self, group: Group, h: Any) -> None:
-        """Go to the end of a sub-step, shears of storeys in straight lines."""
+    def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
+        """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s = group.state
-        if group.spec.whole:
-            u, v, a = whole_step(group, h)
-            group.put("u", u)
-            group.put("v", v)
-            group.put("a", [where(h > 0.0, x, s["a0", i]) for i, x in enumerate(a)])
-        for b, floors in group.each_building() if not group.spec.whole else ():
-            u, v, before = ([s[name, i] for i in floors] for name in ("u0", "v0", "a0"))
-            now = step(group, b, floors, u, v, before, h, s["g1"])
-            for p, i in enumerate(floors):
-                s["u", i], s["v", i] = now[0][p], now[1][p]
-                # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
-                s["a", i] = where(h > 0.0, now[2][p], before[p])
+        for part, moving in _each_whole(group):
+            before = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
+            for name, old, new in zip("uva", before, _step(group, part, before, h), strict=True):
+                for i, x, y in zip(moving, old, new, strict=True):
+                    if flies:
+                        s[f"{name}0", i] = x
+                    # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
+                    s[name, i] = where(h > 0.0, y, x) if name == "a" and not flies else y
+        if flies:
+            return
         if group.spec.impulsive:
-            implicit.correct_resting(group, h)
+            correct_resting(group, h)
         elif group.touching:
-            implicit.correct(group, h)
-
-    def soften(self, group: Group) -> None:
-        """Mark lanes in which a closed contact is too stiff for the next sub-step."""
-        implicit.soften(group)
-
-    def settle(self, group: Group, lanes: Any) -> None:
-        """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
-        implicit.settle(group, lanes)
-
-    def balance(self, group: Group, lanes: Any) -> None:
-        """Accelerations that the equation of motion asks for at the present state."""
-        implicit.balance(group, lanes, group.state["g1"], pressed=True)
-
-    def touch_miss(self, group: Group) -> Any:
-        """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-        return implicit.touch_miss(group)
-
-
-def step(
-    group: Group,
-    b: Any,
-    floors: Sequence[Any],
-    u: Sequence[Any],
-    v: Sequence[Any],
-    a: Sequence[Any],
-    h: Any,
-    ground: Any,
-) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return displacements, velocities and accelerations of a building after a step, the ground at its end given."""
-    beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
-    h = group.full(h)
-    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
-    x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in range(len(floors))]
-    y = [fma(pv, a[i], v[i]) for i in range(len(floors))]
-    alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
-    k = [group.prop("k", i) for i in floors]
-    each = range(len(floors))
-    if apart := any(map(group.own_damper, floors)):
-        drifts, rates = ([z[s] - z[s - 1] if s else z[s] for s in each] for z in (x, y))
-        f = [storey_force(group, b, i, drifts[s], rates[s]) for s, i in enumerate(floors)]
-        own = [implicit.storey_stiffness(group, b, i, be, gg) for i in floors]
-    else:
-        w = [fma(group.prop("beta", b), y[s], x[s]) for s in each]
-        f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in each]
-    right: list[Any] = []
-    inverse: list[Any] = []  # in flight the same in all steps: divided once
-    off: list[Any] = [None]
-    top = len(floors) - 1
-    for s, i in enumerate(floors):
-        m = group.prop("m", i)
-        net = -f[s] if s == top else f[s + 1] - f[s]
-        r = fma(-m, fma(alpha, y[s], ground), net)
-        if apart:
-            e = fma(m, gg * alpha, m) + (own[s] if s == top else own[s] + own[s + 1])
-        else:
-            e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
-        if s:
-            off.append(own[s] if apart else stiff * k[s])
-            low = off[s] * inverse[s - 1]
-            e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
-        inverse.append(1.0 / e)
-        right.append(r)
-    ends: list[Any] = [None] * len(floors)
-    for s in range(top, -1, -1):
-        ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) * inverse[s]
-    after = [fma(be, ends[s], x[s]) for s in range(len(floors))]
-    return after, [fma(gg, ends[s], y[s]) for s in range(len(floors))], ends
-
-
-def whole_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return displacements, velocities and accelerations of a row that moves as one after a step from its start."""
-    beta, gamma, every = group.prop("newmark_beta"), group.prop("newmark_gamma"), range(group.spec.n_moving)
-    h = group.full(h)
-    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
-    u, v, a = (group.floors(f"{name}0") for name in "uva")
-    x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in every]
-    y = [fma(pv, a[i], v[i]) for i in every]
-    row = list(enumerate(group.building_floors))
-    push = Pushes(group, rows=False)
-    push.add_links(x, y)
-    own = [implicit.storey_stiffness(group, b, i, be, gg) for b, floors in row for i in floors]
-    load = accelerations(group, row, x, y, group.state["g1"], push.on(every))
-    right = [group.prop("m", i) * each for i, each in enumerate(load)]
-    ends = links.solve(group, be, gg, own, right)
-    return [fma(be, ends[i], x[i]) for i in every], [fma(gg, ends[i], y[i]) for i in every], ends
-
-
-def add_gains(group: Group) -> None:
-    """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
-    s = group.state
-    h6 = s["h"] * (1.0 / 6.0)
-    for part, moving in group.each_part() if "energy" in group.asked else ():
-        early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
-        late = powers(group, part, [s["v", i] for i in moving], s["g1"])
-        for (b, _), first, last in zip(part, early, late, strict=True):
-            s["e_in", b] = fma(h6, 3.0 * (first[0] + last[0]), s["e_in", b])
-            s["e_damp", b] = fma(h6, 3.0 * (first[1] + last[1]), s["e_damp", b])
-    if group.spec.smooth:
-        bouc_wen.add_lost(group)
-    if "links" in group.asked:
-        links.add_powers(group, "u0", "v0", 3.0, first=True)
-        links.add_powers(group, "u", "v", 3.0, first=False)
-        links.record(group, h6)
+            correct(group, h)

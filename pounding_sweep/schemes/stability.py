@@ -9,7 +9,7 @@ from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Exact
-from pounding_sweep.schemes.rk4 import Rk4
+from pounding_sweep.schemes.explicit import Rk4
 
 #: Longest sub-step of the stages of exact flight, in steps: under a smooth ground motion, under a rough one, and there
 #: where accelerations are asked for, which are cubics between its ends.
