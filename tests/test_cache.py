@@ -30,7 +30,7 @@ from pounding_sweep.kernel import lanes
 from pounding_sweep.kernel.group import BENDS
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.output.provenance import package_digest
+from pounding_sweep.output.identity import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import newmark

@@ -25,8 +25,8 @@ from typer.main import get_command
 
 from pounding_sweep.cli.app import INTERRUPTS, app, open_streams
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.describe import summarize
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.output.summary import summarize
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run import execute
@@ -544,7 +544,7 @@ def test_summary_of_a_product(summary):
 @pytest.mark.parametrize("size", [8, 100, 10**6])
 def test_summary_of_listed_cases_and_in_parts(summary, monkeypatch, size):
     rows = summary(cube())
-    monkeypatch.setattr("pounding_sweep.output.summary.SLAB_BYTES", size)
+    monkeypatch.setattr("pounding_sweep.output.describe.SLAB_BYTES", size)
     cases = cube().stack(case=("law", "gap"), create_index=False).transpose("case", "pair", "storey")
     assert summary(cube()) == summary(cases) == rows
 

@@ -18,11 +18,10 @@ from typer.testing import CliRunner
 from pounding_sweep.base.errors import InputError, OutputError, WriteError
 from pounding_sweep.cli.app import app
 from pounding_sweep.output import export as exporting
-from pounding_sweep.output import tables
-from pounding_sweep.output.export import export_cube
+from pounding_sweep.output import export as tables
+from pounding_sweep.output.export import export_cube, long_table
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.output.tables import long_table
 
 AXES = {"law": ["none", "linear", "hertz_damped"], "gap": [0.01, 0.1, 1 / 3], "record": ["one", "two"]}
 NAMES = ("drift_max", "impact_force_max", "impact_count", "energy_input")

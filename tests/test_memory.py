@@ -21,12 +21,11 @@ from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
 from pounding_sweep.base.errors import OutputError, SweepError, WriteError
+from pounding_sweep.output import netcdf as slabbing
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.describe import describe
-from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.output.netcdf import block_shape, cuts, slab_shape, slabs, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
-from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.scenarios import Chunk
 from pounding_sweep.resume.checkpoint import ChunkStore

@@ -13,7 +13,7 @@ import pytest
 from test_cli import TINY, cli, environment, same_data, write
 
 from pounding_sweep.cli.app import reporting
-from pounding_sweep.output import summary
+from pounding_sweep.output import describe
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer
 
@@ -202,7 +202,7 @@ def terminate():
             "the cube out.nc is complete; {parts} is left: remove it, or run again with --overwrite where scenarios "
             "have no result",
         ),
-        pytest.param((summary, "summarize"), True, "the cube out.nc is complete", marks=pytest.mark.slow),
+        pytest.param((describe, "summarize"), True, "the cube out.nc is complete", marks=pytest.mark.slow),
         (
             (cube_writer, "write_cube_of"),
             True,

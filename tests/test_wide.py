@@ -17,7 +17,7 @@ from pounding_sweep.analysis.rebuild import with_intensities
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.output import tables
+from pounding_sweep.output import export as tables
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select

@@ -27,7 +27,7 @@ from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
-from pounding_sweep.output.provenance import library_attribute, library_versions
+from pounding_sweep.output.identity import library_attribute, library_versions
 from pounding_sweep.outputs.variables import (
     CHANGE,
     OK_CLAIM,

@@ -144,8 +144,8 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     with reporting():
         from pounding_sweep.analysis.rebuild import intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
+        from pounding_sweep.output.identity import plain
         from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.output.provenance import plain
         from pounding_sweep.output.select import select
 
         values = axis_values(options.at or [])
@@ -197,7 +197,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
     """Count the scenarios of a cube, and by status those that no comparison takes: they are not ok."""
-    from pounding_sweep.output.slabs import status_counts
+    from pounding_sweep.output.netcdf import status_counts
     from pounding_sweep.outputs.variables import STATUS, Status
 
     if "status" not in cube.data_vars:

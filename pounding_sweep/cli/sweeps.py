@@ -109,8 +109,8 @@ def run_command(
     named, out = out is not None, out or Path(f"{options.sweep.stem}.nc")
     with reporting(out) as warnings:
         from pounding_sweep.cli.progress import make_progress
+        from pounding_sweep.output.describe import summarize
         from pounding_sweep.output.netcdf import check_output
-        from pounding_sweep.output.summary import summarize
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         sweep = options.load()

@@ -16,7 +16,7 @@ from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import CubeAxis, law_coordinates
-from pounding_sweep.output.provenance import library_attribute, library_versions
+from pounding_sweep.output.identity import library_attribute, library_versions
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.records.measures import record_measures
 from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name

@@ -28,22 +28,40 @@ from pounding_sweep.output.dataset import (
     encoding_of,
     package_version,
 )
-from pounding_sweep.output.integrity import (
+from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
     FREE,
+    KNOWN_BY,
+    LIBRARIES,
+    MAKER_ATTRIBUTES,
+    ORIGINS,
     OWN_LAWS,
     REMEDY,
     check_axes,
     differing_laws,
+    makers,
+    motion_of,
+    numbered,
     outer_dims,
+    plain,
     recorded_axes,
     recorded_sweep,
+    runs,
+    scenario_keys,
 )
-from pounding_sweep.output.netcdf import check_output, check_space, open_cube, reading, write_in_slabs
-from pounding_sweep.output.provenance import LIBRARIES, MAKER_ATTRIBUTES, ORIGINS, makers, plain, runs
-from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, numbered, scenario_keys
-from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
+from pounding_sweep.output.netcdf import (
+    BLOCK_BYTES,
+    SLAB_BYTES,
+    block_shape,
+    check_output,
+    check_space,
+    open_cube,
+    reading,
+    slab_shape,
+    slabs,
+    write_in_slabs,
+)
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 

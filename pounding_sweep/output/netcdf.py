@@ -1,4 +1,4 @@
-"""The one writer and reader of cubes.
+"""The one writer and reader of cubes, large ones a part at a time.
 
 A file appears under its name only when it is complete and on disk. HDF5 is
 not thread-safe: everything of this package that touches a netCDF file holds
@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import itertools
+import math
 import os
 import shutil
 import stat
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,10 +28,71 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import absolute, failure, remove_leftovers, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, CubeParts, encoding_of
+from pounding_sweep.outputs.variables import INNER_DIMS
 
 if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
+
+
+#: Wanted size (bytes) of one stored block of the largest variable.
+BLOCK_BYTES = 2**20
+#: Wanted size (bytes) of what is held of a cube at a time.
+SLAB_BYTES = 2**25
+
+
+def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
+    """Return the largest block of at most `most` elements that lie side by side."""
+    shape = [1] * len(sizes)
+    for axis in reversed(range(len(sizes))):
+        room = max(1, most // math.prod(shape))
+        if room < sizes[axis]:
+            shape[axis] = math.ceil(sizes[axis] / math.ceil(sizes[axis] / room))
+            break
+        shape[axis] = max(1, sizes[axis])
+    return tuple(shape)
+
+
+def slab_shape(sizes: Sequence[int], block: Sequence[int], most: int) -> tuple[int, ...]:
+    """Return the shape of a slab of about `most` elements that is made of whole blocks, at least one."""
+    shape = list(block)
+    for axis in reversed(range(len(sizes))):
+        blocks = max(1, most // math.prod(shape))  # that fit along this dimension
+        shape[axis] = min(sizes[axis], blocks * block[axis])
+        if shape[axis] < sizes[axis]:
+            break
+    return tuple(shape)
+
+
+def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
+    """Go through all slabs of that shape, the last ones of a dimension cut off where it ends."""
+    along = [
+        [slice(first, min(first + step, size)) for first in range(0, size, step)]
+        for size, step in zip(sizes, shape, strict=True)
+    ]
+    yield from itertools.product(*along)
+
+
+def cuts(variable: xr.DataArray | xr.Variable) -> Iterator[dict[str, slice]]:
+    """Go through a variable in parts that fit into memory."""
+    if variable.nbytes <= SLAB_BYTES:
+        yield {}
+        return
+    dims = [str(dim) for dim in variable.dims if dim not in INNER_DIMS]
+    sizes = [variable.sizes[dim] for dim in dims]
+    each = variable.nbytes // math.prod(sizes)
+    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):
+        yield dict(zip(dims, slab, strict=True))
+
+
+def status_counts(status: xr.DataArray) -> dict[int, int]:
+    """Count the scenarios of each status that occurs, by rising code."""
+    found: Counter[int] = Counter()
+    for cut in cuts(status):
+        codes, counts = np.unique(status.isel(cut).values, return_counts=True)
+        found.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
+    return dict(sorted(found.items()))
+
 
 #: Held by the thread that reads or writes a netCDF file; a thread may take it several times.
 NETCDF_LOCK = threading.RLock()

@@ -41,7 +41,7 @@ from pounding_sweep.base.files import (
     sync_folder,
 )
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.output.provenance import libraries, package_digest
+from pounding_sweep.output.identity import libraries, package_digest
 from pounding_sweep.spec.spec import to_json
 
 if TYPE_CHECKING:

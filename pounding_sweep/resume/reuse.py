@@ -14,22 +14,27 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.model.laws import law_of
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
-from pounding_sweep.output.integrity import (
+from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
     FREE,
+    MAKER_ATTRIBUTES,
     OWN_LAWS,
     check_axes,
     differing_laws,
+    library_attribute,
+    library_versions,
+    motion_of,
     other_values,
+    places_of,
+    plain,
     recorded_sweep,
+    scenario_keys,
+    source,
 )
 from pounding_sweep.output.labels import scenario_axes
-from pounding_sweep.output.netcdf import open_cube, reading
-from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, plain, source
+from pounding_sweep.output.netcdf import SLAB_BYTES, block_shape, open_cube, reading, slabs
 from pounding_sweep.output.results import table_type
-from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
-from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import BLOCK, Chunk, Scenarios, case_variants, chunk_key, product_variants

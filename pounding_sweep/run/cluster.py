@@ -20,7 +20,7 @@ from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.provenance import fingerprint
+from pounding_sweep.output.identity import fingerprint
 from pounding_sweep.plan.scenarios import ChunkTask, Receive, Run, Scenarios
 from pounding_sweep.records import Record
 

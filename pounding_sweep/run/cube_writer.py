@@ -10,8 +10,8 @@ import numpy as np
 
 from pounding_sweep.output.dataset import CubeParts, as_read, frame, label
 from pounding_sweep.output.labels import global_attributes, scenario_axes
+from pounding_sweep.output.netcdf import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.output.results import table_type
-from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import inner_shape, mask_invalid
 from pounding_sweep.run.audit import Audit, add_to_cube
 

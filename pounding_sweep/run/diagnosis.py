@@ -63,7 +63,7 @@ def diagnose() -> dict[str, Any]:
 @cache
 def installed_versions() -> dict[str, str | None]:
     """Return the versions of Python, the package and what it uses."""
-    from pounding_sweep.output.provenance import LIBRARIES
+    from pounding_sweep.output.identity import LIBRARIES
 
     required = _required()
     needed = sorted({*LIBRARIES, *(name for name, extra in required.items() if not extra)}, key=str.lower)

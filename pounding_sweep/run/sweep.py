@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
 from pounding_sweep.base.text import html_table
-from pounding_sweep.output.provenance import package_digest
+from pounding_sweep.output.identity import package_digest
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
 
