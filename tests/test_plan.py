@@ -486,7 +486,6 @@ def test_a_plan_made_in_parts_is_the_whole(axes, monkeypatch):
     """Large plans are worked out in parts: the same scenarios, steps and chunks, in no more memory."""
     spec = build_spec(scene=row(), records=motions(), **axes, accuracy=1e-3)
     whole = make_plan(spec)
-    monkeypatch.setattr("pounding_sweep.plan.scenarios.BLOCK", 7)
     monkeypatch.setattr("pounding_sweep.plan.advice.BLOCK", 7)
     parts = make_plan(spec)
     assert len(whole.unique) > 7

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures
-from pounding_sweep.spec.axes import reference_stiffness
 from pounding_sweep.spec.spec import SweepSpec
 
 #: Factors that turn g, m/s2 or cm/s2 into another unit, which records as they are read do not need.
@@ -90,19 +90,19 @@ LIMITS = {
 
 def doubts(spec: SweepSpec) -> list[str]:
     """Return what of a sweep is outside any real building, one text each."""
-    scene, factors = spec.scene, _factors(spec)
-    texts: list[str] = []
+    scene, requested, texts = spec.scene, requested_scenarios(spec), list[str]()
+    used = requested.variants[np.unique(requested.variant)]
 
     def check(kind: str, named: Iterable[tuple[str, float]]) -> None:
-        texts.extend(filter(None, [LIMITS[kind].doubt(named)]))
+        if text := LIMITS[kind].doubt(named):
+            texts.append(text)
 
     gaps = spec.gaps or [gap for case in spec.cases or () for gap in np.ravel(case.gap or ()).tolist()]
     # comparisons use the row's own gaps, even where others replace them in every scenario
     places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(gaps, "")
     check("gap", ((place, gap) for gap, place in places.items()))
-    for building in scene.buildings:
-        name = building.name
-        masses, periods = factors["mass_factor", name], factors["period_factor", name]
+    for building, *factors in zip(scene.buildings, used.mass_factor.T, used.period_factor.T, strict=True):
+        name, (masses, periods) = building.name, (np.unique([own.min(), own.max()]).tolist() for own in factors)
         floors = [f"{name}, floor {i}" for i in range(1, building.n_storeys + 1)]
         storeys = [f"{name}, storey {i}" for i in range(1, building.n_storeys + 1)]
         check("mass", [(at, f * m) for at, m in zip(floors, building.masses, strict=True) for f in masses])
@@ -115,23 +115,25 @@ def doubts(spec: SweepSpec) -> list[str]:
         texts.extend(filter(None, [_weight_like(building)]))
         check("period", [(name, p * float(building.periods[0])) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
-    scenarios = list(dict.fromkeys(_scales(spec)))
-    named = [(f"{record}, scale {scale:.4g}", abs(scale) * pga) for record, scale, pga in scenarios]
+    pairs = zip(*(own.ravel() for own in np.broadcast_arrays(requested.record, requested.values["scale"])), strict=True)
+    scenarios = [(spec.records[i], float(scale)) for i, scale in dict.fromkeys(pairs)]
+    named = [(f"{record.name}, scale {scale:.4g}", abs(scale) * record.pga) for record, scale in scenarios]
     check("pga", named)
     check("strongest", [max(named, key=lambda item: item[1])])
     texts += [text for record in spec.records for text in record_doubts(record)]
-    factor = next((scale for _, scale, _ in scenarios if _converts(scale)), None)
+    factor = next((scale for _, scale in scenarios if _converts(scale)), None)
     if factor is not None:
         texts.append(f"record scale {factor:g} converts units, but records are in m/s2 already; leave it out")
-    negative = list(dict.fromkeys(f"{scale:g}" for _, scale, _ in scenarios if scale < 0.0))
+    negative = list(dict.fromkeys(f"{scale:g}" for _, scale in scenarios if scale < 0.0))
     if negative:
         question = "it turns the ground motion round; was a range or a sign meant?"
         texts.append(f"record scale {', '.join(negative[:_NAMED])} is negative: {question}")
-    still = list(dict.fromkeys(record for record, scale, _ in scenarios if not scale))
-    if still:
+    if still := [record.name for record, scale in scenarios if not scale]:
         texts.append(f"record scale 0 leaves the ground of {', '.join(still[:_NAMED])} standing still")
-    for kind, exponent in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
-        check(kind, [("", k) for k in dict.fromkeys(_contact_stiffnesses(spec, exponent))])
+    law, stiffness = np.broadcast_arrays(requested.law, requested.values["stiffness"])
+    exponent = np.array([spec.law(key).exponent or 0.0 for key in spec.laws])[law]
+    for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
+        check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
     return texts
 
 
@@ -186,42 +188,3 @@ def doubts_of(scene: Scene, largest_drift: np.ndarray) -> list[str]:
     )
     text = LIMITS["drift"].doubt(ratios)
     return [f"{text}; a linear spring knows nothing of a storey that has failed"] if text else []
-
-
-def _factors(spec: SweepSpec) -> dict[tuple[str, str], tuple[float, ...]]:
-    """Return the least and the largest factor on each building, by kind and name."""
-    found = {}
-    for building in spec.scene.buildings:
-        for kind, argument in (("mass_factor", "mass_factors"), ("period_factor", "period_factors")):
-            values = dict(getattr(spec, argument)).get(building.name, (1.0,))
-            if spec.cases:
-                values = [dict(getattr(case, argument)).get(building.name, 1.0) for case in spec.cases]
-            found[kind, building.name] = tuple(dict.fromkeys((min(values), max(values))))
-    return found
-
-
-def _scales(spec: SweepSpec) -> Iterator[tuple[str, float, float]]:
-    """Give record, scale and the record's own peak (m/s2) of the scenarios."""
-    if spec.cases:
-        peaks = {record.name: record.pga for record in spec.records}
-        for case in spec.cases:
-            name = str(case.record)
-            yield name, spec.case_value(case, "scale"), peaks[name]
-        return
-    axis, values = spec.needed_axis("scale")
-    for record in spec.records:
-        for value in values:
-            yield record.name, spec.scale(axis, value, record), record.pga
-
-
-def _contact_stiffnesses(spec: SweepSpec, exponent: float) -> Iterator[float]:
-    """Give the contact stiffnesses of laws of a force exponent."""
-    laws = [law for law in map(spec.law, spec.laws) if law.exponent == exponent]
-    if spec.cases:
-        keys = {law.key for law in laws}
-        yield from (spec.case_value(case, "stiffness") for case in spec.cases if case.law in keys)
-        return
-    axis, values = spec.needed_axis("stiffness")
-    for law in laws:
-        if spec.stiffnesses or reference_stiffness(spec.scene, law) is not None:
-            yield from (axis.value(value, scene=spec.scene, law=law) for value in values)

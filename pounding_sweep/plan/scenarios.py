@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,8 +19,6 @@ from pounding_sweep.outputs.variables import CHANGE
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
 
-#: Scenarios whose columns are worked out at once.
-BLOCK = 2**18
 #: Share of what is left that one chunk takes, near the end of a sweep.
 SHARE = 1.0 / 16.0
 #: Smallest chunk over the largest, where there are scenarios for it.
@@ -51,42 +49,137 @@ class Scenarios:
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What a sweep asks for, coded: equal codes are scenarios that can't differ."""
+class Requested:
+    """What a sweep asks for: columns that broadcast over the dimensions of its cube, or over its listed cases."""
 
-    codes: np.ndarray  # sorted by them, scenarios that are most alike stand side by side; int64, shape (n_asked,)
+    shape: tuple[int, ...]
+    #: index into the laws and records of the sweep; int
+    law: np.ndarray
+    record: np.ndarray
+    values: dict[str, np.ndarray]  # scale, stiffness, restitution, and gap, with one more dimension for pairs
+    ranks: dict[str, np.ndarray]  # places of these and of the variants when sorted, gaps last; int
+    variant: np.ndarray
     variants: Variants  # building properties
-    table: Callable[[np.ndarray], Scenarios]  # asked scenarios (positions) -> `Scenarios`
 
 
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
     """Reduce what a sweep asks for to what can matter."""
-    asked = _asked_product(spec, laws) if spec.cases is None else _asked_cases(spec, laws)
-    first, inverse = _distinct(asked.codes)
-    variants, table_of = asked.variants, asked.table
-    del asked  # and its codes
-    if len(first) <= BLOCK:
-        return table_of(first), variants, inverse
-    starts = range(0, len(first), BLOCK)
-    return joined([table_of(first[start : start + BLOCK]) for start in starts]), variants, inverse
+    requested, last, scene = requested_scenarios(spec), len(laws) - 1, spec.scene
+    # no law acts where no floors meet, any where all contacts have bumpers
+    acting = {law.key: 0 if scene.padded and i < last else i for i, law in enumerate(laws)}
+    law = np.array([acting[key] if scene.contacts else last for key in spec.laws], np.int16)[requested.law]
+    touching = law != last
+    matters = {
+        "gap": touching,
+        "stiffness": touching & ~np.array([scene.padded or item.exponent is None for item in laws])[law],
+        "restitution": touching & np.array([not scene.padded and item.takes_restitution for item in laws])[law],
+    }
+    ranks = {name: np.where(matters.get(name, True), column, 0) for name, column in requested.ranks.items()}
+    # the column with most values innermost; sorted() is stable, so that gaps are innermost among equals
+    inner = sorted(((column, int(column.max()) + 1) for column in ranks.values()), key=lambda item: item[1])
+    codes = _combine([(requested.record, len(spec.records)), (law, len(laws)), *inner])
+    first, inverse = _distinct(np.broadcast_to(codes, requested.shape).reshape(-1))
+    del codes, inner, ranks
+    steps = [math.prod(requested.shape[i + 1 :]) for i in range(len(requested.shape))]
+
+    def column(values: np.ndarray) -> np.ndarray:
+        """Return what a column has in each unique scenario; of one value, as one row of memory."""
+        varies = [size > 1 for size in values.shape[: len(steps)]]
+        if not any(varies):
+            return np.broadcast_to(values[(0,) * len(steps)], (len(first), *values.shape[len(steps) :]))
+        places = zip(varies, steps, values.shape, strict=False)
+        return values[tuple(first // step % size if several else 0 for several, step, size in places)]
+
+    def effective(name: str, ignored: float) -> np.ndarray:
+        values, used = requested.values[name], matters[name]
+        return column(np.where(used[..., None] if name == "gap" else used, values, ignored))
+
+    table = Scenarios(
+        law=column(law),
+        record=column(requested.record),
+        scale=column(requested.values["scale"]),
+        stiffness=effective("stiffness", 0.0),
+        restitution=effective("restitution", 1.0),
+        gaps=np.broadcast_to(effective("gap", math.inf), (len(first), len(scene.pair_names))),
+        variant=column(requested.variant),
+    )
+    return table, requested.variants, inverse
 
 
-def joined(parts: list[Scenarios]) -> Scenarios:
-    """Put tables one below the other; a column in which all rows agree takes the memory of one row again."""
-    n = sum(map(len, parts))
+def requested_scenarios(spec: SweepSpec) -> Requested:
+    """Return the scenarios of a sweep, of its axes or its listed cases."""
+    return _product(spec) if spec.cases is None else _listed(spec)
 
-    columns = {name: [getattr(part, name) for part in parts] for name in Scenarios.__dataclass_fields__}
-    parts.clear()
 
-    def column(name: str) -> np.ndarray:
-        pieces = columns.pop(name)  # let go of before the next column is joined
-        if all(not piece.strides[0] and (piece[0] == pieces[0][0]).all() for piece in pieces):
-            return np.broadcast_to(pieces[0][:1], (n, *pieces[0].shape[1:]))
-        if name == "gaps" and not any(piece.strides[1] for piece in pieces):
-            return np.broadcast_to(np.concatenate([piece[:, :1] for piece in pieces]), (n, pieces[0].shape[1]))
-        return np.concatenate(pieces)
+def _product(spec: SweepSpec) -> Requested:
+    dims = ("law", "gap", "stiffness", "restitution", "record", "scale", "variant")
 
-    return Scenarios(*(column(name) for name in list(columns)))
+    def along(*own: str, values: Any) -> np.ndarray:
+        """Return values by some dimensions as a column."""
+        values = np.asarray(values)
+        sizes = dict(zip(own, values.shape, strict=False))
+        return values.reshape([sizes.get(dim, 1) for dim in dims] + list(values.shape[len(own) :]))
+
+    (stiffness, stiffnesses), (scale, scales) = spec.needed_axis("stiffness"), spec.needed_axis("scale")
+    contact = [[stiffness.value(v, scene=spec.scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
+    factors = np.array([[spec.scale(scale, v, record) for v in scales] for record in spec.records])
+    gaps = np.array([spec.scene.gaps] if spec.gaps is None else np.array(spec.gaps)[:, None], float)
+    variants, axes = _product_variants(spec.scene, spec.property_axes), spec.property_axes
+    grids = np.meshgrid(*(_ranks(axis.values) for axis in axes), indexing="ij")
+    inner = sorted(((grid, len(axis.values)) for grid, axis in zip(grids, axes, strict=True)), key=lambda own: own[1])
+    ranks = {
+        "scale": _ranks(scales),
+        "stiffness": _ranks(stiffnesses),
+        "restitution": _ranks(spec.restitutions),
+        "variant": _combine(inner).reshape(-1),
+        "gap": np.zeros(1, np.int64) if spec.gaps is None else _ranks(spec.gaps),
+    }
+    counts = {"law": len(spec.laws), "record": len(spec.records)} | {name: len(own) for name, own in ranks.items()}
+    return Requested(
+        shape=tuple(counts[dim] for dim in dims),
+        law=along("law", values=np.arange(len(spec.laws))),
+        record=along("record", values=np.arange(len(spec.records), dtype=np.int32)),
+        values={
+            "scale": along("record", "scale", values=factors[:1] if (factors == factors[0]).all() else factors),
+            "stiffness": along("law", "stiffness", values=contact),
+            "restitution": along("restitution", values=np.array(spec.restitutions, float)),
+            "gap": along("gap", values=gaps[:, :1] if (gaps == gaps[:, :1]).all() else gaps),
+        },
+        ranks={name: along(name, values=own) for name, own in ranks.items()},
+        variant=along("variant", values=np.arange(len(variants) > 1, len(variants), dtype=np.int32)),
+        variants=variants,
+    )
+
+
+def _listed(spec: SweepSpec) -> Requested:
+    cases, places = spec.cases or (), {record.name: i for i, record in enumerate(spec.records)}
+    variants, variant = case_variants(spec.scene, cases)
+    gaps = np.empty((len(cases), len(spec.scene.pair_names)))
+    for i, case in enumerate(cases):
+        gaps[i] = spec.scene.gaps if case.gap is None else case.gap
+    values = {
+        "scale": np.array([spec.case_value(case, "scale") for case in cases], float),
+        "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
+        "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
+    }
+    columns = {**values, "variant": variant}
+    return Requested(
+        shape=(len(cases),),
+        law=np.array([spec.laws.index(case.law) for case in cases]),
+        record=np.array([0 if case.record is None else places[case.record] for case in cases], np.int32),
+        values=values | {"gap": gaps},
+        ranks={name: np.unique(own, return_inverse=True)[1] for name, own in columns.items()}
+        | {"gap": np.unique(gaps, axis=0, return_inverse=True)[1].reshape(-1)},
+        variant=variant,
+        variants=variants,
+    )
+
+
+def joined(parts: Sequence[Scenarios]) -> Scenarios:
+    """Put tables one below the other."""
+    return Scenarios(
+        *(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True))
+    )
 
 
 def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -155,130 +248,9 @@ def _combine(columns: Sequence[tuple[np.ndarray, int]]) -> np.ndarray:
     return codes
 
 
-def _gather(values: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Return `values` at `index`; where there is but one value, as one row of memory."""
-    return values[index] if len(values) > 1 else np.broadcast_to(values, (len(index), *values.shape[1:]))
-
-
-def _effective_laws(spec: SweepSpec, laws: Sequence[Law]) -> dict[str, int]:
-    """Law that really acts, by key: none where no floors meet, any where all contacts have bumpers."""
-    last = len(laws) - 1
-    if not spec.scene.contacts:
-        return {law.key: last for law in laws}
-    return {law.key: 0 if spec.scene.padded and law.has_contact else i for i, law in enumerate(laws)}
-
-
-def _ranks(values: Sequence[float] | np.ndarray) -> np.ndarray:
+def _ranks(values: Sequence[float]) -> np.ndarray:
     """Places of the values of an axis when sorted."""
-    ranks = np.empty(len(values), np.int64)
-    ranks[np.argsort(np.asarray(values, dtype=float), kind="stable")] = np.arange(len(values))
-    return ranks
-
-
-def _variant_ranks(spec: SweepSpec) -> np.ndarray:
-    """Places of the combinations of property values when sorted, the axis with the most values innermost."""
-    axes = spec.property_axes
-    shape = [len(axis.values) for axis in axes]
-    codes = np.zeros(shape, np.int64)
-    for place in sorted(range(len(axes)), key=shape.__getitem__):
-        ranks = _ranks(axes[place].values)
-        codes = codes * len(ranks) + ranks.reshape([-1 if i == place else 1 for i in range(len(axes))])
-    return codes.reshape(-1)
-
-
-def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
-    acting, last = _effective_laws(spec, laws), len(laws) - 1
-    law_of = np.array([acting[key] for key in spec.laws], np.int16)
-    kind, values = spec.needed_axis("stiffness")
-    stiffness = np.array([[kind.value(v, scene=spec.scene, law=spec.law(key)) for v in values] for key in spec.laws])
-    n_pairs = len(spec.scene.pair_names)
-    if spec.gaps is None:
-        gaps, gap_ranks = np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs), np.zeros(1, np.int64)
-    else:
-        gap_ranks = _ranks(spec.gaps)
-        gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
-    equal = bool((gaps == gaps[:, :1]).all())  # at all pairs
-    restitutions = np.array(spec.restitutions, dtype=float)
-    kind, scales = spec.needed_axis("scale")
-    factors = np.array([[spec.scale(kind, v, record) for v in scales] for record in spec.records])
-    alike = bool((factors == factors[0]).all())  # whatever the record
-    variants = product_variants(spec.scene, spec.property_axes)
-    first_variant = len(variants) > 1  # behind the scene as given
-    ranks = {
-        "scale": _ranks(scales),
-        "stiffness": _ranks(values),
-        "restitution": _ranks(restitutions),
-        "variant": _variant_ranks(spec),
-        "gap": gap_ranks,
-    }
-    dims = ("gap", "stiffness", "restitution", "record", "scale", "variant")  # as in the cube, behind the law
-    shape = tuple(len(spec.records) if dim == "record" else len(ranks[dim]) for dim in dims)
-    # outermost first; sorted() is stable, so that gaps are innermost among equals
-    order = sorted(ranks, key=lambda name: len(ranks[name]))
-    codes = np.empty((len(spec.laws), *shape), np.int64)
-    for i, law in enumerate(law_of):
-        ignored = {"stiffness", "restitution", "gap"} if law == last else set()
-        ignored |= {"stiffness", "restitution"} if spec.scene.padded else set()
-        ignored |= set() if laws[law].takes_restitution else {"restitution"}
-        ignored |= {"stiffness"} if laws[law].exponent is None else set()  # velocities jump
-        block = np.arange(len(spec.records)) * len(laws) + law
-        block = block.reshape([-1 if dim == "record" else 1 for dim in dims])
-        for name in order:
-            own = np.zeros_like(ranks[name]) if name in ignored else ranks[name]
-            block = block * len(own) + own.reshape([-1 if dim == name else 1 for dim in dims])
-        codes[i] = block
-
-    asked_shape = codes.shape
-
-    def table(asked: np.ndarray) -> Scenarios:
-        at_law, at_gap, at_stiffness, at_restitution, at_record, at_scale, at_variant = np.unravel_index(
-            asked, asked_shape
-        )
-        law = _gather(law_of, at_law)
-        open_everywhere = law == last
-        takes = np.array([item.takes_restitution for item in laws])[law]
-        rows = np.broadcast_to(_gather(gaps[:, :1], at_gap), (len(asked), n_pairs)) if equal else _gather(gaps, at_gap)
-        return Scenarios(
-            law=law,
-            record=_gather(np.arange(len(spec.records), dtype=np.int32), at_record),
-            scale=_gather(factors[0], at_scale) if alike else factors[at_record, at_scale],
-            stiffness=np.where(open_everywhere, 0.0, stiffness[at_law, at_stiffness]),
-            restitution=np.where(takes, restitutions[at_restitution], 1.0),
-            gaps=np.where(open_everywhere[:, None], np.inf, rows) if open_everywhere.any() else rows,
-            variant=_gather(np.arange(first_variant, len(variants), dtype=np.int32), at_variant),
-        )
-
-    return _Asked(codes.reshape(-1), variants, table)
-
-
-def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
-    cases = spec.cases or ()
-    acting, last = _effective_laws(spec, laws), len(laws) - 1
-    names = {record.name: i for i, record in enumerate(spec.records)}
-    law = np.array([acting[c.law] for c in cases], np.int16)
-    record = np.array([names[c.record] if c.record is not None else 0 for c in cases], np.int32)
-    takes = np.array([item.takes_restitution for item in laws])[law]
-    restitution = np.array([1.0 if c.restitution is None else c.restitution for c in cases])
-    stiffness = np.array([spec.case_value(case, "stiffness") for case in cases])
-    if spec.scene.padded:
-        restitution[:] = stiffness[:] = 1.0
-    gaps = np.empty((len(cases), len(spec.scene.pair_names)))
-    for i, case in enumerate(cases):
-        gaps[i] = spec.scene.gaps if case.gap is None else case.gap
-    gaps[law == last] = np.inf
-    variants, variant = case_variants(spec.scene, cases)
-    whole = Scenarios(
-        law=law,
-        record=record,
-        scale=np.array([spec.case_value(case, "scale") for case in cases], dtype=float),
-        stiffness=np.where(law == last, 0.0, stiffness),
-        restitution=np.where(takes, restitution, 1.0),
-        gaps=gaps,
-        variant=variant,
-    )
-    columns = (whole.scale, whole.stiffness, whole.restitution, variant, *whole.gaps.T)
-    inner = sorted((_factors(column) for column in columns), key=lambda column: column[1])
-    return _Asked(_combine([_factors(record), _factors(law), *inner]), variants, whole.__getitem__)
+    return np.argsort(np.argsort(np.asarray(values, float), kind="stable"))
 
 
 def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
@@ -291,67 +263,45 @@ def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
     )
 
 
-def product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
+def _product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
     """Return the scene as given, and behind it every combination of the values of axes, the last varying fastest."""
-    shape = [len(axis.values) for axis in axes]
-    n = 1 + math.prod(shape) if axes else 1
-    kinds = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
-    columns: dict[str, dict[str | None, np.ndarray]] = {kind: {} for kind in kinds}
-    for place, axis in enumerate(axes):
-        values = np.array(axis.values).reshape([-1 if i == place else 1 for i in range(len(shape))])
-        columns[axis.kind][axis.building] = np.broadcast_to(values, shape).ravel()
-
-    def factors(kind: str, own: float = 1.0) -> np.ndarray:
-        result = np.full((n if columns[kind] else 1, len(scene.buildings)), own)
-        for index, building in enumerate(scene.buildings):
-            if building.name in columns[kind]:
-                result[1:, index] = columns[kind][building.name]
-        return np.broadcast_to(result, (n, result.shape[1]))
-
-    ratio = np.full(n, np.nan)
-    for values in columns["damping_ratio"].values():
-        ratio[1:] = _own_ratio(scene, values)
-    hardening = _own_hardening(scene, factors("hardening", np.nan))
-    scaled = (factors(kind) for kind in ("period_factor", "mass_factor", "strength_factor"))
-    period, mass, strength = scaled
-    same = n == 2 and np.isnan(ratio[1]) and np.isnan(hardening).all()
-    same = same and all((each == 1.0).all() for each in (period, mass, strength))
-    return variants_of(scene) if same else Variants(scene, period, mass, ratio, strength, hardening)
+    grids = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
+    settings = [(axis.kind, axis.building, grid.ravel()) for axis, grid in zip(axes, grids, strict=True)]
+    table = _variants(scene, grids[0].size if axes else 0, settings)
+    same = len(table) <= 2 and all(np.array_equal(own[0], own[-1], equal_nan=True) for own in table.columns)
+    return variants_of(scene) if same else table
 
 
 def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
     """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
-    n = len(scene.buildings)
-    table = np.ones((1 + len(cases), len(FACTOR_KINDS) * n + 1))
-    at = {kind: slice(i * n, (i + 1) * n) for i, kind in enumerate(FACTOR_KINDS.values())}
-    table[:, at["hardening"]] = table[:, -1] = np.nan
-    place = {building.name: i for i, building in enumerate(scene.buildings)}
-    for row, case in zip(table[1:], cases, strict=True):
-        for argument, kind in FACTOR_KINDS.items():
-            for name, factor in dict(getattr(case, argument)).items():
-                row[at[kind]][place[name]] = factor
-        if case.damping_ratio is not None:
-            row[-1] = case.damping_ratio
-    table[:, -1] = _own_ratio(scene, table[:, -1])
-    table[:, at["hardening"]] = _own_hardening(scene, table[:, at["hardening"]])
-    found: dict[bytes, int] = {}
-    index = np.array([found.setdefault(row.tobytes(), len(found)) for row in table], np.int32)
-    kept = table[np.unique(index, return_index=True)[1]]
-    return Variants(scene, damping_ratio=kept[:, -1], **{kind: kept[:, part] for kind, part in at.items()}), index[1:]
+    ratios = [np.nan if case.damping_ratio is None else case.damping_ratio for case in cases]
+    settings: list[tuple[str, str | None, np.ndarray]] = [("damping_ratio", None, np.array(ratios, float))]
+    for argument, kind in FACTOR_KINDS.items():
+        factors = [dict(getattr(case, argument)) for case in cases]
+        default = math.nan if kind == "hardening" else 1.0
+        for name in {name for own in factors for name in own}:
+            settings.append((kind, name, np.array([own.get(name, default) for own in factors])))
+    table, rows = _variants(scene, len(cases), settings), dict[bytes, int]()
+    index = [rows.setdefault(row.tobytes(), len(rows)) for row in np.column_stack(table.columns)]
+    return table[np.unique(index, return_index=True)[1]], np.array(index[1:], np.int32)
 
 
-def _own_hardening(scene: Scene, hardening: np.ndarray) -> np.ndarray:
-    """Replace a hardening that a building has of its own by NaN."""
-    if np.isnan(hardening).all():
-        return hardening
-    return np.where(hardening == [building.uniform_hardening for building in scene.buildings], np.nan, hardening)
-
-
-def _own_ratio(scene: Scene, ratios: np.ndarray) -> np.ndarray:
-    """Replace a damping ratio that all buildings have of their own by NaN."""
-    own = {building.damping_ratio for building in scene.buildings}
-    (ratio,) = own if len(own) == 1 else (None,)
-    return np.where(ratios == ratio, np.nan, ratios) if isinstance(ratio, float) else ratios
+def _variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np.ndarray]]) -> Variants:
+    """Return the scene as given and behind it `n` variants: values of a property of a building, or of all."""
+    shape = (n + 1, len(scene.buildings))
+    columns = {kind: np.broadcast_to(math.nan if kind == "hardening" else 1.0, shape) for kind in FACTOR_KINDS.values()}
+    ratio, ratios = np.full(n + 1, math.nan), {building.damping_ratio for building in scene.buildings}
+    for kind, name, values in settings:  # NaN: the scene's own
+        if name is None:
+            (own,) = ratios if len(ratios) == 1 else (None,)
+            ratio[1:] = np.where(values == own, math.nan, values) if isinstance(own, float) else values
+            continue
+        index = [building.name for building in scene.buildings].index(name)
+        columns[kind] = columns[kind].copy()
+        columns[kind][1:, index] = values
+        if kind == "hardening":
+            columns[kind][columns[kind] == [building.uniform_hardening for building in scene.buildings]] = math.nan
+    return Variants(scene, damping_ratio=ratio, **columns)
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,15 @@ from pounding_sweep.output.netcdf import SLAB_BYTES, block_shape, open_cube, rea
 from pounding_sweep.output.results import table_type
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.plan.scenarios import BLOCK, Chunk, Scenarios, case_variants, chunk_key, product_variants
+from pounding_sweep.plan.scenarios import Chunk, Scenarios, chunk_key, requested_scenarios
 from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
     import xarray as xr
+
+#: Scenarios whose keys are worked out at once.
+KEY_BLOCK = 2**18
 
 
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest: str) -> None:
@@ -127,13 +130,6 @@ def dimensions(spec: SweepSpec) -> tuple[str, ...]:
     return tuple(spec.axes) or ("case",)
 
 
-def varies_buildings(spec: SweepSpec) -> bool:
-    """Whether scenarios of a sweep differ in building properties, or from the scene as given."""
-    if spec.cases is not None:
-        return len(case_variants(spec.scene, spec.cases)[0]) > 1
-    return len(product_variants(spec.scene, spec.property_axes)) > 1
-
-
 def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Dataset]:
     """Return an earlier sweep and its cube, without the records that the new sweep has not."""
     known = {motion_of(record): record for record in whole.records}
@@ -179,7 +175,7 @@ class EarlierCube:
             if not spec.n_scenarios:
                 return
             self._old = old = make_plan(spec)
-            self._check_numerics(shared, old, varied=varies_buildings(self._whole))
+            self._check_numerics(shared, old, varied=len(requested_scenarios(self._whole).variants) > 1)
             if spec.cases is not None:
                 check_listed(self.path, shared, old)
 
@@ -226,7 +222,7 @@ class EarlierCube:
             record = np.array([motions.index(motion_of(record)) for record in plan.spec.records])
             parts = [
                 self._keys(replace(table, law=law[table.law], record=record[table.record]), plan, part)
-                for part in np.split(rows, range(BLOCK, len(rows), BLOCK))
+                for part in np.split(rows, range(KEY_BLOCK, len(rows), KEY_BLOCK))
                 for table in (plan.unique[part],)
             ]
             return np.concatenate(parts)
