@@ -41,7 +41,7 @@ MUTANTS = (
         "test_refinement.py",
     ),
     # scenarios beyond the stability limit are run
-    ("plan/plan.py", "else step > limit", "else step > 2.0 * limit", "test_plan.py"),
+    ("plan/plan.py", "/ steps > limit", "/ steps > 2.0 * limit", "test_plan.py"),
     # a damaged chunk is read
     (
         "resume/checkpoint.py",

@@ -486,7 +486,7 @@ def test_a_plan_made_in_parts_is_the_whole(axes, monkeypatch):
     """Large plans are worked out in parts: the same scenarios, steps and chunks, in no more memory."""
     spec = build_spec(scene=row(), records=motions(), **axes, accuracy=1e-3)
     whole = make_plan(spec)
-    monkeypatch.setattr("pounding_sweep.plan.advice.BLOCK", 7)
+    monkeypatch.setattr("pounding_sweep.plan.scenarios.BLOCK", 7)
     parts = make_plan(spec)
     assert len(whole.unique) > 7
     for name in whole.unique.__dataclass_fields__:
@@ -551,10 +551,7 @@ def test_steps_follow_from_all_but_the_gaps(monkeypatch):
         method="rk4",
     )
     found = make_plan(spec)
-    for module in ("plan", "advice"):
-        monkeypatch.setattr(
-            f"pounding_sweep.plan.{module}.but_for_gaps", lambda table: (table, np.ones(len(table), int))
-        )
+    monkeypatch.setattr("pounding_sweep.plan.plan.but_for_gaps", lambda table: (table, np.ones(len(table), int)))
     each = make_plan(spec)
     assert len(np.unique(found.steps)) > 1
     assert found.steps.tolist() == each.steps.tolist()

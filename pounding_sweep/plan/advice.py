@@ -13,9 +13,9 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +24,13 @@ from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, pha
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
-from pounding_sweep.model.variants import Variants, distinct, variants_of
+from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
-from pounding_sweep.plan.scenarios import but_for_gaps
+from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import MAX_STEPS, step_fault
-
-if TYPE_CHECKING:
-    from pounding_sweep.plan.scenarios import Scenarios
-    from pounding_sweep.spec.spec import SweepSpec
-
+from pounding_sweep.spec.spec import SweepSpec, step_fault
 
 #: Variants whose motions are estimated at a time, and points of a record times variants.
 _BLOCK = 4096
@@ -61,20 +56,14 @@ def highest_frequency(row: Scene | Variants) -> np.ndarray:
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
     """Estimate how fast the neighbours of each pair approach each other (m/s), shape (variants, pairs)."""
     variants = variants_of(row)
-
-    def speeds(motions: np.ndarray) -> np.ndarray:
-        blocks = [motions[:, first : first + _BLOCK] for first in range(0, motions.shape[1], _BLOCK)]
-        return np.concatenate([_pair_speeds(variants.scene, block, record) for block in blocks], axis=1)
-
-    # masses that vary with their stiffnesses change no motion
-    motion = np.vstack([variants.period_factor.T, np.nan_to_num(variants.damping_ratio, nan=-1.0)])
-    return np.asarray(distinct(motion, speeds).T)
+    first, which = variants.flights()
+    parts = [_pair_speeds(variants[first[k : k + _BLOCK]], record) for k in range(0, len(first), _BLOCK)]
+    return np.asarray(np.concatenate(parts, axis=1).T[which])
 
 
-def _pair_speeds(scene: Scene, motions: np.ndarray, record: Record) -> np.ndarray:
+def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     """Largest difference of the roof velocities of neighbours in their first modes (m/s), shape (pairs, n)."""
-    factors, ratio = motions[:-1].T, np.where(motions[-1] < 0.0, np.nan, motions[-1])
-    variants = Variants(scene, factors, np.ones_like(factors), ratio)
+    scene = variants.scene
     h, ground = record.dt, record.acceleration
     moving = [isinstance(item, Building) for item in scene.row]
     frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(scene.buildings))])
@@ -155,12 +144,8 @@ EARLY = 0.6
 ROUNDING = 2e-5
 #: The same of schemes that step all along: what is rounded in each step adds up.
 ROUNDING_OF_STEPS = 2e-4
-#: Scenarios whose times are worked out at once.
-BLOCK = 2**16
-#: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
-_STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
-#: Powers of ten by which they are multiplied at most: more steps than any record can be cut into.
-_MOST_DECADES = 8
+#: Numbers of steps that a record interval may have: few, so that many scenarios share one.
+_STEPS = np.unique([*range(1, 7), *(m * 10**d for m in (8, 10, 12, 16, 20, 25, 30, 40, 50, 60) for d in range(9))])
 
 
 @dataclass(frozen=True)
@@ -170,23 +155,13 @@ class Curve:
     steps: tuple[float, ...]  # steps in the shortest time of the scenario, rising
     error: tuple[float, ...]  # relative error of so many steps
 
-    @cached_property
-    def _log_error(self) -> np.ndarray:
-        """Logarithm of the largest error of so many steps or more: no use of a lucky coarse step."""
-        return np.asarray(np.log(np.maximum.accumulate(np.asarray(self.error)[::-1])[::-1]))
-
     def needed(self, accuracy: float) -> float:
         """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached."""
-        log_error = self._log_error
-        within = log_error <= math.log(accuracy) + 1e-12
-        if not within[-1]:
+        # the largest error of so many steps or more, by rising errors: no use of a lucky coarse step
+        error = np.log(np.maximum.accumulate(self.error[::-1]))
+        if error[0] > math.log(accuracy) + 1e-12:
             return math.inf
-        first = int(np.argmax(within))
-        if first == 0:
-            return self.steps[0]
-        low, high = first - 1, first
-        share = (log_error[low] - math.log(accuracy)) / (log_error[low] - log_error[high])
-        return float(self.steps[low] * (self.steps[high] / self.steps[low]) ** share)
+        return float(np.exp(np.interp(math.log(accuracy), error, np.log(self.steps[::-1]))))
 
 
 @dataclass(frozen=True)
@@ -203,9 +178,7 @@ class Measured:
 class Advice:
     """What was chosen for a sweep."""
 
-    method: str  # scheme
-    precision: str  # number format
-    refinement: float  # divisor of the lengths that steps do not set (see `Numerics`)
+    numerics: Numerics  # scheme, number format, and the largest step of the runs without pounding
     steps: np.ndarray  # steps per record interval of each scenario, shape (scenarios,)
     uncoupled: np.ndarray  # those of each run without pounding, shape (records, variants)
     sentence: str  # what was chosen
@@ -244,37 +217,28 @@ def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(kind for kind, names in CLASSES.items() if asked & set(names)) or ("motions",)
 
 
-@lru_cache(maxsize=8)
-def _ladder(decades: int) -> np.ndarray:
-    """Numbers of steps that a record interval may have, up to so many decades and one more."""
-    return np.array(sorted({1, 2, 3, 4, 5, 6, 8, *(m * 10**d for m in _STEPS for d in range(decades + 1))}))
-
-
 def whole_steps(wanted: np.ndarray) -> np.ndarray:
     """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ..."""
-    wanted = np.asarray(wanted, dtype=float)
-    ladder = _ladder(max(0, math.ceil(math.log10(max(1.0, float(wanted.max(initial=1.0)))))))
-    return np.asarray(ladder[np.searchsorted(ladder, wanted * (1.0 - 1e-9))])
+    return np.asarray(_STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))])
 
 
 def advise(
     spec: SweepSpec,
     laws: Sequence[Law],
     table: Scenarios,
+    repeats: np.ndarray,
     variants: Variants,
-    *,
-    initial_speed: float = 0.0,
-    measured: Measured | None = None,
+    initial_speed: float,
 ) -> Advice:
-    """Choose the scheme of a sweep with an accuracy, and the steps of its unique scenarios; always the same.
+    """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
 
-    `laws` are those that `table` counts, the last without contact; `initial_speed` (m/s) is the largest of approach
-    at the start. Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
+    `laws` are those that `table` counts, the last without contact; each row of it stands for `repeats` scenarios.
+    `initial_speed` (m/s) is the largest of approach at the start. Raises `SweepError` if a law was not measured, or no
+    scheme reached the accuracy.
     """
     assert spec.accuracy is not None
-    measured = load_measured() if measured is None else measured
-    rows, repeats = but_for_gaps(table)
-    demand = _Demand(spec, laws, rows, repeats, variants, initial_speed)
+    measured = load_measured()
+    demand = _Demand(spec, laws, table, repeats, variants, initial_speed)
     schemes = [
         (method, precision)
         for method, precision in measured.cost
@@ -295,25 +259,45 @@ def advise(
         if max(need.values()) == math.inf:
             reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")
             continue
-        steps, no_contact = demand.steps(scheme[0], need)
+        steps, uncoupled = demand.steps(scheme[0], need)
         costs[scheme] = demand.cost(scheme[0], measured.cost[scheme], steps, need)
         if best is None or costs[scheme] < costs[best[0]]:
-            best = scheme, need, steps, no_contact  # the steps of the others are let go
+            best = scheme, need, steps, uncoupled  # the steps of the others are let go
     if best is None:
         raise SweepError(
             f"accuracy {spec.accuracy:g} was not reached when errors were measured "
             f"({', '.join(reached)}); ask for less, for other laws or another method, or give dt and see the "
             "audit of the cube"
         )
-    scheme, need, steps, no_contact = best
-    others = {name: cost / costs[scheme] for name, cost in costs.items() if name != scheme and costs[scheme] > 0}
-    return Advice(
-        *scheme,
-        _refinement(scheme[0], need),
-        np.repeat(steps, repeats) if len(rows) < len(table) else steps,
-        no_contact,
-        *demand.describe(measured, scheme, need, steps, no_contact, others),
+    scheme, need, steps, uncoupled = best
+    (method, precision), quantile = scheme, float(measured.about["quantile"])
+    others = {" ".join(name): cost / costs[scheme] for name, cost in costs.items() if name != scheme and costs[scheme]}
+    cheapest = min(others, key=others.__getitem__, default=None)
+    more = "" if cheapest is None else f" ({cheapest}: {others[cheapest]:.2g} times the cost)"
+    interval, used = np.array([record.dt for record in spec.records]), uncoupled[:, np.unique(table.variant)]
+    counts = np.concatenate([steps, used.ravel()])
+    lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
+    low, high = int(counts.min()), int(counts.max())
+    number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
+    own = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
+    sentence = (
+        f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
+        f"scenarios refined{more}"
     )
+    numbers = {
+        "accuracy": spec.accuracy,
+        "method": method,
+        "precision": precision,
+        "steps_per_record_interval": [low, high],
+        "step": [float(lengths.min()), float(lengths.max())],
+        "quantile": quantile,
+        "refinement" if SCHEMES[method].flies_exactly else "steps_in_shortest_time": need,
+        "laws_not_measured": list(dict.fromkeys(law.key for law in own if LAWS.get(law.key) != law)),
+        "relative_cost_of_others": others,
+    }
+    largest = float((interval / uncoupled.min(axis=1)).max())
+    rest = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
+    return Advice(Numerics(method, largest, *rest), steps, uncoupled, sentence, numbers)
 
 
 def rounding(method: str) -> float:
@@ -387,63 +371,43 @@ class _Demand:
         self.mode = math.pi / highest_frequency(variants)
         # only forces that are not linear make contacts of a duration that depends on the speed
         linear = all(law.exponent in (None, 1.0) for law in (*laws, *(bumper.law for bumper in spec.scene.bumpers)))
-        for r, record in enumerate(spec.records):
-            still = np.zeros((len(variants), len(spec.scene.pair_names)))
-            speeds = still if linear else approach_speeds(variants, record)
-            for i, law in enumerate(laws):
-                if law.exponent is None or not spec.scene.contacts:
-                    continue
-                mine = np.flatnonzero((table.law == i) & (table.record == r))
-                for first in range(0, len(mine), BLOCK):
-                    rows = mine[first : first + BLOCK]
-                    self.contact[rows] = shortest_contact(
-                        variants[table.variant[rows]],
-                        law,
-                        table.stiffness[rows],
-                        table.restitution[rows],
-                        np.abs(table.scale[rows])[:, None] * speeds[table.variant[rows]] + initial_speed,
-                        spec.restitution_basis,
-                    )
+        still = np.zeros((len(variants), len(spec.scene.pair_names)))
+        speeds = np.stack([still if linear else approach_speeds(variants, record) for record in spec.records])
+        for i, rows in table.by_law():
+            part = table[rows]
+            self.contact[rows] = shortest_contact(
+                variants[part.variant],
+                laws[i],
+                part.stiffness,
+                part.restitution,
+                np.abs(part.scale)[:, None] * speeds[part.record, part.variant] + initial_speed,
+                spec.restitution_basis,
+            )
 
     def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
-        spec, table = self.spec, self.table
-        interval = np.array([record.dt for record in spec.records])
-        alone = np.ones(len(self.variants))
-        # of exact flight contacts have sub-steps of their own
-        uncoupled_need = EXACT_STEPS * _refinement(method, need) if SCHEMES[method].flies_exactly else need["none"]
-        open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
-        uncoupled = whole_steps(np.maximum(uncoupled_need / self.mode, 1.0 / open_limit) * interval[:, None])
-        most = np.full(len(spec.records), np.max(uncoupled_need / self.mode))
-        steps = np.empty(len(table), np.int32)
-        for first in range(0, len(table), BLOCK):
-            rows = slice(first, first + BLOCK)
-            record = table.record[rows]
-            wanted = self._wanted(method, need, uncoupled_need, rows)
-            np.maximum.at(most, record, wanted) if len(most) > 1 else np.maximum(most, wanted.max(), out=most)
-            steps[rows] = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
-        for r, each in enumerate(spec.records):
-            if fault := step_fault(each, float(most[r]) * each.dt):
+        spec, table, scheme = self.spec, self.table, SCHEMES[method]
+        interval, mode = np.array([record.dt for record in spec.records]), self.mode[table.variant]
+        # of exact flight contacts have sub-steps of their own: modes decide
+        of_modes = EXACT_STEPS * _refinement(method, need) if scheme.flies_exactly else need["none"]
+        wanted = np.maximum(of_modes / mode, CONTACT_MARGIN * scheme.min_steps_located / self.contact)
+        if not scheme.flies_exactly:
+            of_laws = np.array([need[law.key] for law in self.laws])[table.law]
+            wanted = np.maximum(wanted, of_laws / np.minimum(self.contact, mode))
+        # the step itself must not exceed the limit by its rounding
+        wanted = np.maximum(wanted, 1.0 / (stable_steps(spec, self.laws, table, self.variants, method) * (1.0 - 1e-6)))
+        most = np.full(len(interval), np.max(of_modes / self.mode))
+        np.maximum.at(most, table.record, wanted)
+        for record, rate in zip(spec.records, most.tolist(), strict=True):
+            if fault := step_fault(record, rate * record.dt):
                 raise SweepError(f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it")
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
-        np.maximum(steps, least[table.record, table.variant], out=steps)
-        return steps, np.maximum(uncoupled, least).astype(np.int32)
-
-    def _wanted(self, method: str, need: dict[str, float], uncoupled_need: float, rows: slice) -> np.ndarray:
-        """Return the steps per second that scenarios ask for: those of modes, contacts, and the stability limit."""
-        table = self.table[rows]
-        contact, mode = self.contact[rows], self.mode[table.variant]
-        wanted = uncoupled_need / mode
-        if not SCHEMES[method].flies_exactly:
-            of_laws = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
-            wanted = np.maximum(of_laws, wanted)  # where contacts are followed with sub-steps, modes decide
-        wanted = np.maximum(wanted, CONTACT_MARGIN * SCHEMES[method].min_steps_located / contact)
-        for i in np.unique(table.law).tolist():
-            mine = np.flatnonzero(table.law == i)
-            some = self.variants[table.variant[mine]]
-            limit = self._limit(some, method, self.laws[i], table.stiffness[mine], table.restitution[mine])
-            wanted[mine] = np.maximum(wanted[mine], 1.0 / limit)
-        return np.asarray(wanted)
+        one = np.ones(len(self.variants))
+        limit = largest_step(self.variants, self.laws[-1], 0.0 * one, one, method=method) * (1.0 - 1e-6)
+        uncoupled = whole_steps(np.maximum(of_modes / self.mode, 1.0 / limit) * interval[:, None])
+        steps = whole_steps(wanted * interval[table.record])
+        steps = np.maximum(steps, least[table.record, table.variant])
+        return steps.astype(np.int32), np.maximum(uncoupled, least).astype(np.int32)
 
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
         """Least steps per interval at which the buildings of each variant keep their phase over so long a record."""
@@ -453,7 +417,7 @@ class _Demand:
         flies = SCHEMES[method].flies_exactly and not stepped
         limit = MAX_PHASE_ERROR if flies else min(self.spec.accuracy, MAX_PHASE_ERROR)
         result, error = np.zeros(len(self.variants), dtype=int), phase_errors(self.variants, record)
-        for steps in _ladder(_MOST_DECADES).tolist():
+        for steps in _STEPS.tolist():
             numerics = Numerics(method, record.dt / steps)
             late = error(numerics) > limit
             result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
@@ -461,68 +425,14 @@ class _Demand:
                 break
         return result
 
-    def _limit(
-        self, row: Variants, method: str, law: Law, stiffness: np.ndarray, restitution: np.ndarray
-    ) -> np.ndarray:
-        limit = largest_step(row, law, stiffness, restitution, method=method, basis=self.spec.restitution_basis)
-        return limit * (1.0 - 1e-6)  # the step itself must not exceed the limit by its rounding
-
     def cost(self, method: str, each: float, steps: np.ndarray, need: dict[str, float]) -> float:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
         total, refinement = 0.0, _refinement(method, need)
-        for r, record in enumerate(self.spec.records):
-            mine = self.table.record == r
-            for count in np.unique(steps[mine]).tolist():
-                rows = np.flatnonzero(mine & (steps == count))
-                each_interval: Any = float(count)
-                if SCHEMES[method].flies_exactly:
-                    numerics = Numerics(method, record.dt / count, refinement=refinement)
-                    kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
-                    each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
-                total += (record.n_points - 1) * float((each_interval * self.repeats[rows]).sum())
+        for r, count, rows in self.table.by_step(steps):
+            record, each_interval = self.spec.records[r], np.full(len(rows), float(count))
+            if SCHEMES[method].flies_exactly:
+                numerics = Numerics(method, record.dt / count, refinement=refinement)
+                kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
+                each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
+            total += (record.n_points - 1) * float((each_interval * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * each * 1e-9
-
-    def describe(
-        self,
-        measured: Measured,
-        scheme: SchemeAndFormat,
-        need: dict[str, float],
-        steps: np.ndarray,
-        uncoupled: np.ndarray,
-        others: dict[SchemeAndFormat, float],
-    ) -> tuple[str, dict[str, Any]]:
-        """Say in one sentence what was chosen, and return the numbers that led to it."""
-        spec, quantile = self.spec, float(measured.about["quantile"])
-        uncoupled = uncoupled[:, np.unique(self.table.variant)]
-        counts = np.concatenate([steps, uncoupled.ravel()])
-        interval = np.array([r.dt for r in spec.records])
-        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / uncoupled).ravel()])
-        contacts = self.contact[np.isfinite(self.contact)]
-        laws = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
-        cheapest = min(others, key=lambda name: others[name], default=None)
-        more = "" if cheapest is None else f" ({' '.join(cheapest)}: {others[cheapest]:.2g} times the cost)"
-        number = _range(counts, "d") + (" step" if counts.max() == 1 else " steps")
-        sentence = (
-            f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
-            f"scenarios refined{more}"
-        )
-        numbers = {
-            "accuracy": spec.accuracy,
-            "method": scheme[0],
-            "precision": scheme[1],
-            "steps_per_record_interval": [int(counts.min()), int(counts.max())],
-            "step": [float(lengths.min()), float(lengths.max())],
-            "quantile": quantile,
-            "refinement" if SCHEMES[scheme[0]].flies_exactly else "steps_in_shortest_time": need,
-            "least_steps_per_contact": CONTACT_MARGIN * SCHEMES[scheme[0]].min_steps_located,
-            "half_period_of_highest_mode": [float(self.mode.min()), float(self.mode.max())],
-            "contact_duration": [float(contacts.min()), float(contacts.max())] if contacts.size else None,
-            "laws_not_measured": list(dict.fromkeys(law.key for law in laws if LAWS.get(law.key) != law)),
-            "relative_cost_of_others": {" ".join(name): ratio for name, ratio in others.items()},
-        }
-        return sentence, numbers
-
-
-def _range(values: np.ndarray, form: str) -> str:
-    low, high = format(values.min(), form), format(values.max(), form)
-    return low if low == high else f"{low} to {high}"

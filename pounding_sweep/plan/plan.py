@@ -31,8 +31,15 @@ from pounding_sweep.outputs.variables import (
     inner_shape,
     reducers_for,
 )
-from pounding_sweep.plan.scenarios import Chunk, Scenarios, but_for_gaps, cut, uncoupled_runs_of, unique_scenarios
-from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.plan.scenarios import (
+    Chunk,
+    Scenarios,
+    but_for_gaps,
+    cut,
+    stable_steps,
+    uncoupled_runs_of,
+    unique_scenarios,
+)
 from pounding_sweep.spec.spec import SweepSpec, digest
 
 #: Steps that most scenarios take in all, over those that they begin with.
@@ -43,8 +50,6 @@ CHUNK_SECONDS = 1.0
 CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
 PLAN_BYTES = 320
-#: Scenarios whose largest steps are found at a time.
-LIMIT_BLOCK = 1 << 16
 #: Scenarios that must share a run without pounding for the extremes of its windows to be worth finding, and where
 #: energies are asked for, which runs that are known by blocks have not.
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
@@ -227,11 +232,10 @@ class Plan:
         flights = np.broadcast_to(np.int16(0), len(table))
         if self.numerics.scheme.flies_exactly and len(self.variants) > 1:
             flights = np.zeros(len(table), np.int32)
-            for index, record in enumerate(self.spec.records):
-                for count in np.unique(steps[table.record == index]).tolist():
-                    mine = np.flatnonzero((table.record == index) & (steps == count))
-                    kernel = self.kernel(len(self.laws) - 1, record=index, steps=count)
-                    flights[mine] = kernel.flight_substeps(record, self.variants[table.variant[mine]])
+            for index, count, rows_of in table.by_step(steps):
+                kernel = self.kernel(len(self.laws) - 1, record=index, steps=count)
+                variants = self.variants[table.variant[rows_of]]
+                flights[rows_of] = kernel.flight_substeps(self.spec.records[index], variants)
         most = CHUNK_BYTES // self.bytes_per_scenario
         seconds = self.scenario_seconds
         return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
@@ -327,6 +331,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     """Reduce a sweep to its unique scenarios."""
     laws = _laws(spec)
     unique, variants, inverse = unique_scenarios(spec, laws)
+    table, repeats = but_for_gaps(unique)  # no step depends on gaps
     choice: tuple[Any, ...] = ()
     if spec.accuracy is None:
         assert spec.method is not None
@@ -335,42 +340,24 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
         of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
         uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
-        steps = of_record[unique.record]
+        steps = of_record[table.record]
     else:
         from pounding_sweep.plan.advice import advise
 
-        advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
-        uncoupled, steps, choice = advice.uncoupled, advice.steps, (advice.sentence, advice.numbers)
-        largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, uncoupled, strict=True))
-        rest = (spec.locate, spec.beta, spec.gamma, advice.precision, advice.refinement)
-        numerics = Numerics(advice.method, largest, *rest)
-    limit = _limits(spec, laws, unique, variants, numerics)
+        advice = advise(spec, laws, table, repeats, variants, initial_speed)
+        numerics, steps, uncoupled = advice.numerics, advice.steps, advice.uncoupled
+        choice = advice.sentence, advice.numbers
+    limit = stable_steps(spec, laws, table, variants, numerics.method)
     interval = np.array([record.dt for record in spec.records])
-    step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)
-    refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
-    return Plan(spec, unique, variants, inverse, refused, _once(limit), numerics, _once(steps), uncoupled, *choice)
+    refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / steps > limit
 
+    def repeated(column: np.ndarray) -> np.ndarray:
+        """Return a column for all scenarios; where all rows agree, in the memory of one."""
+        alike = len(column) > 0 and bool((column == column[0]).all())
+        return np.broadcast_to(column[0], len(unique)) if alike else np.repeat(column, repeats)
 
-def _once(column: np.ndarray) -> np.ndarray:
-    """Return a column that takes the memory of one row if all rows agree."""
-    alike = len(column) > 0 and bool((column == column[0]).all())
-    return np.broadcast_to(column[0], column.shape) if alike else column
-
-
-def _limits(
-    spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, variants: Variants, numerics: Numerics
-) -> np.ndarray:
-    """Largest stable step (s) of each row."""
-    table, repeats = but_for_gaps(unique)  # no step depends on gaps
-    limit = np.full(len(table), np.inf)
-    settings = {"method": numerics.method, "beta": spec.beta, "gamma": spec.gamma, "basis": spec.restitution_basis}
-    for i, law in enumerate(laws):
-        mine = np.flatnonzero(table.law == i)
-        for first in range(0, len(mine), LIMIT_BLOCK):
-            rows = mine[first : first + LIMIT_BLOCK]
-            part = variants[table.variant[rows]], law, table.stiffness[rows], table.restitution[rows]
-            limit[rows] = largest_step(*part, **settings)  # type: ignore[arg-type]
-    return np.repeat(limit, repeats) if len(table) < len(unique) else limit
+    columns = repeated(refused), repeated(limit), numerics, repeated(steps)
+    return Plan(spec, unique, variants, inverse, *columns, uncoupled, *choice)
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,9 +16,12 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import CHANGE
+from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
 
+#: Rows of a law that are worked out at once.
+BLOCK = 2**16
 #: Share of what is left that one chunk takes, near the end of a sweep.
 SHARE = 1.0 / 16.0
 #: Smallest chunk over the largest, where there are scenarios for it.
@@ -46,6 +49,19 @@ class Scenarios:
 
     def __getitem__(self, rows: Any) -> Scenarios:
         return Scenarios(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def by_law(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Go through the rows of each law, so many at a time."""
+        for law in np.unique(self.law).tolist():
+            rows = np.flatnonzero(self.law == law)
+            yield from ((law, rows[first : first + BLOCK]) for first in range(0, len(rows), BLOCK))
+
+    def by_step(self, steps: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Go through the rows of each record and number of steps per record interval."""
+        for record in np.unique(self.record).tolist():
+            of_record = self.record == record
+            for count in np.unique(steps[of_record]).tolist():
+                yield record, count, np.flatnonzero(of_record & (steps == count))
 
 
 @dataclass(frozen=True)
@@ -206,6 +222,17 @@ def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
         return table, np.broadcast_to(np.int32(1), len(table))
     first = np.flatnonzero(new)
     return table[first], np.diff(first, append=len(table))
+
+
+def stable_steps(spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variants: Variants, method: str) -> np.ndarray:
+    """Largest stable step (s) of each row."""
+    limit = np.full(len(table), np.inf)
+    settings: dict[str, Any] = {"beta": spec.beta, "gamma": spec.gamma, "basis": spec.restitution_basis}
+    for i, rows in table.by_law():
+        part = table[rows]
+        own = variants[part.variant], laws[i], part.stiffness, part.restitution
+        limit[rows] = largest_step(*own, method=method, **settings)
+    return limit
 
 
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
