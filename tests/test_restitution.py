@@ -532,7 +532,7 @@ def test_the_certificate_as_json():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--restitution", "--e", "0.2;0.6"), "--e '0.2;0.6' is no list of restitutions; give numbers in [0, 1]"),
+        (("--restitution", "--e", "0.2;0.6"), "--e '0.2;0.6' is no list of numbers; give them as 0.2,0.6"),
         (("--restitution", "--e", "2"), "restitutions to certify are [2.0]; give one or more in [0, 1]"),
         (("--e", "0.5"), "give --restitution or --check with it"),
     ],

@@ -501,4 +501,4 @@ def test_the_command_prints_json(tiny):
 def test_the_command_names_wrong_steps(tiny, steps):
     done = command(tiny, "--steps", steps)
     assert done.exit_code == 2
-    assert "is no list of steps" in done.stderr
+    assert "is no list of numbers" in done.stderr

@@ -34,7 +34,6 @@ from pounding_sweep.outputs.variables import (
     STATUS,
     Status,
     comparable,
-    get_variable,
     inner_shape,
     relative_errors,
 )
@@ -339,12 +338,8 @@ def _coordinates(
 
 def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
     """Return attributes: settings, machine and sweep."""
-    machine = diagnose()
-    processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}
-    records = [
-        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
-        for r in spec.records
-    ]
+    state = diagnose()
+    machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
     return {
         **made_here(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
@@ -356,14 +351,11 @@ def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> di
         "resolution_factor": RESOLUTION,
         "input_change": CHANGE,
         "sensitive_change": OK_CLAIM,
-        "machine": json.dumps({"system": machine["system"], **processor}, sort_keys=True),
-        "records": json.dumps(records, sort_keys=True, ensure_ascii=False),
+        "machine": json.dumps({"system": state["system"], **machine}),
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": digest(spec),
         **{library_attribute(name): version for name, version in library_versions().items()},
-        "python_version": str(machine["versions"]["python"]),
-        "xarray_version": xr.__version__,
     }
 
 
@@ -525,13 +517,11 @@ def warn_of_doubt(measured: xr.Dataset) -> None:
     if not doubtful:
         return
     one = measured.isel(error.argmax(...))
-    gaps = ", ".join(f"{gap:g}" for gap in one.scenario_gap.values)
     warnings.warn(
         f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of twice "
         f"its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst "
         f"{one.scenario_reference_error.item():.1e} in {one.output.item()} of law {one.scenario_law.item()}, "
-        f"gaps {gaps} m, stiffness {one.scenario_stiffness.item():g}, restitution {one.scenario_restitution.item():g}. "
-        "Compare a smaller finest step",
+        f"gaps {', '.join(f'{gap:g}' for gap in one.scenario_gap.values)} m. Compare a smaller finest step",
         RuntimeWarning,
         stacklevel=3,
     )
@@ -539,7 +529,7 @@ def warn_of_doubt(measured: xr.Dataset) -> None:
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, in the order of `valid`."""
-    names = (requested,) if isinstance(requested, str) else tuple(requested)
+    names = tuple(requested)
     for name in names:
         if name not in valid:
             raise InputError(unknown(kind, name, valid))
@@ -557,9 +547,7 @@ def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...
         cut = tuple(Numerics("rk4", step).steps(record) for record in spec.records)
         by_cut.setdefault(cut, step)
     if not by_cut:
-        raise InputError(
-            f"no steps are given; give one or more (s), such as {', '.join(f'{s:g}' for s in DEFAULT_STEPS)}"
-        )
+        raise InputError("no steps are given; give one or more (s), such as 1e-3")
     return tuple(by_cut.values())
 
 
@@ -579,42 +567,54 @@ def check_trade(dataset: xr.Dataset) -> None:
 
 def leading_outputs(trade: xr.Dataset) -> list[str]:
     """Return the two outputs that tables and figures show: peak force and displacement where they are there."""
-    outputs = [str(name) for name in trade["output"].values]
-    leading = [name for name in LEADING if name in outputs]
-    return (leading + [name for name in outputs if name not in leading])[: len(LEADING)]
+    outputs = trade["output"].values.tolist()
+    return sorted(outputs, key=lambda name: LEADING.index(name) if name in LEADING else len(LEADING))[: len(LEADING)]
+
+
+def _nested(table: xr.Dataset) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the values of variables by output, population and statistic."""
+    nested: dict[str, dict[str, dict[str, Any]]] = {}
+    frame = table.to_dataframe(["output", "population", "statistic"])[list(table.data_vars)]
+    for (output, population, statistic), values in zip(frame.index, frame.to_dict("records"), strict=True):
+        cell = {str(name): finite(value) for name, value in values.items()}
+        nested.setdefault(output, {}).setdefault(population, {})[statistic] = cell
+    return nested
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
     """Return one row per configuration."""
     check_trade(trade)
     trade = trade.load()
-    dims = ("output", "population", "statistic")
-    outputs, populations, statistics = (trade[dim].values.tolist() for dim in dims)
     rows = []
     for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
         one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
         row: dict[str, Any] = {name: one[name].item() for name in CONFIGURATION} | {"located": bool(one["located"])}
         if (scheme := SCHEMES.get(row["scheme"])) is not None and scheme.flies_exactly and not row["located"]:
             continue  # there is no such thing: it flies exactly between located touches
-        row["time_steps"] = dict(zip(one["record"].values.tolist(), one["time_step"].values.tolist(), strict=True))
+        row["time_steps"] = one["time_step"].to_series().to_dict()
         row |= {name: finite(one[name].item()) for name in ("cost", "cost_median")}
-        counts = zip(one["status"].values.tolist(), one["status_count"].values.tolist(), strict=True)
-        row["statuses"] = {label: count for label, count in counts if count}
-        values, limits, front = (one[name].transpose(*dims).values for name in ("error", "resolution", "pareto"))
-
-        def cell(*at: int, values: Any = values, limits: Any = limits, front: Any = front) -> dict[str, Any]:
-            numbers = {"value": finite(float(values[at])), "resolution": finite(float(limits[at]))}
-            return numbers | {"pareto": bool(front[at])}
-
-        row["errors"] = {
-            output: {
-                population: {statistic: cell(i, j, k) for k, statistic in enumerate(statistics)}
-                for j, population in enumerate(populations)
-            }
-            for i, output in enumerate(outputs)
-        }
-        rows.append(row)
+        row["statuses"] = {label: count for label, count in one["status_count"].to_series().items() if count}
+        cells = one[["error", "resolution"]].rename(error="value").assign(pareto=one["pareto"] == 1)
+        rows.append(row | {"errors": _nested(cells)})
     return rows
+
+
+def report(trade: xr.Dataset) -> dict[str, Any]:
+    """Return every output, population and statistic of a trade, for JSON."""
+    errors = _nested(trade[["reference_error"]])
+    return {
+        **{name: int(trade.attrs[name]) for name in ("sample_scenarios", "sensitive_scenarios", "touching_scenarios")},
+        "unique_scenarios": int(trade.attrs["unique_scenarios"]),
+        "reference_step": float(trade.attrs["reference_step"]),
+        "reference_errors": {
+            output: {
+                population: {statistic: cell["reference_error"] for statistic, cell in cells.items()}
+                for population, cells in populations.items()
+            }
+            for output, populations in errors.items()
+        },
+        "configurations": trade_rows(trade),
+    }
 
 
 def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:
@@ -622,58 +622,55 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
     shown = leading_outputs(trade)
     headings = ["scheme", "located", "precision", "step s", "s per 1000"]
     headings += [f"{_short(name)} {statistic}" for name in shown for statistic in ("median", "worst")]
-    headings += ["ok", "not ok"]
     rows = []
     for row in trade_rows(trade):
         statuses = dict(row["statuses"])
         ok = statuses.pop(Status.OK.label, 0)
         refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label, 0) == trade.sizes["scenario"]
-        true_steps = sorted(set(row["time_steps"].values()))
+        steps = sorted(set(row["time_steps"].values()))
         cells = [
             row["scheme"],
             "yes" if row["located"] else "no",
             row["precision"],
-            " to ".join(f"{s:.4g}" for s in true_steps[:: max(1, len(true_steps) - 1)]),
+            " to ".join(f"{step:.4g}" for step in dict.fromkeys((steps[0], steps[-1]))),
             "-" if row["cost"] is None else f"{row['cost']:.3g}",
         ]
-        for name in shown:
-            errors = row["errors"][name][population]
-            cells += [_error_text(errors[statistic], refused) for statistic in ("median", "worst")]
-        cells += [str(ok), ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items()) or "-"]
-        rows.append(cells)
-    return headings, rows
+        for name, statistic in product(shown, ("median", "worst")):
+            cells.append(_error_text(row["errors"][name][population][statistic], refused))
+        others = ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items())
+        rows.append([*cells, str(ok), others or "-"])
+    return [*headings, "ok", "not ok"], rows
 
 
 def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows of the orders of convergence: one row per law and leading output."""
-    schemes = [str(name) for name in trade["scheme"].values]
-    median = trade.sel(population="steady", statistic="median")
+    schemes = trade["scheme"].values.tolist()
+    median = trade.sel(population="steady", statistic="median", precision="float64")
+    median = median.isel(located=int(np.argmax(trade["located"].values)))
     rows = []
-    for law in (str(name) for name in trade["law"].values):
-        for output in leading_outputs(trade):
-            cells = [law, _short(output)]
-            for scheme in schemes:
-                place = {"law": law, "output": output, "scheme": scheme, "precision": "float64"}
-                one = median.sel(place).isel(located=int(np.argmax(trade["located"].values)))
-                error, step = one["law_error"].values, one["step"].values
-                fitted = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
-                points = np.log(step[fitted]), np.log(error[fitted])
-                fit = np.polyfit(*points, 1)[0] if fitted.sum() >= 3 else math.nan
-                cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
-            rows.append(cells)
+    for law, output in product(trade["law"].values.tolist(), leading_outputs(trade)):
+        cells = [law, _short(output)]
+        for scheme in schemes:
+            one = median.sel(law=law, output=output, scheme=scheme)
+            error, step = one["law_error"].values, one["step"].values
+            fitted = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
+            fit = np.polyfit(np.log(step[fitted]), np.log(error[fitted]), 1)[0] if fitted.sum() >= 3 else math.nan
+            cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
+        rows.append(cells)
     return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows
 
 
 def _error_text(error: dict[str, Any], refused: bool) -> str:
     value, resolution = error["value"], error["resolution"]
-    mark = "*" if error["pareto"] else " "
     if value is None:
-        return f"{'-' if refused or resolution is None else 'diverged'}{mark}"
-    if resolution is not None and value < resolution:
-        return f"<{resolution:.1e}{mark}"
-    return f"{value:.1e}{mark}"
+        text = "-" if refused or resolution is None else "diverged"
+    elif resolution is not None and value < resolution:
+        text = f"<{resolution:.1e}"
+    else:
+        text = f"{value:.1e}"
+    return text + ("*" if error["pareto"] else " ")
 
 
 def _short(name: str) -> str:
     """Name an output briefly."""
-    return {"impact_force_max": "force", "displacement_max": "displ."}.get(name, get_variable(name).name)
+    return {"impact_force_max": "force", "displacement_max": "displ."}.get(name, name)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +21,7 @@ from pounding_sweep.cli.app import (
     Workers,
     command,
     numbers_of,
+    progress_display,
     reporting,
     say,
     say_laws,
@@ -59,8 +56,7 @@ def tradeoff_command(
 ) -> None:
     """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
     with reporting():
-        from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, tradeoff
-        from pounding_sweep.cli.progress import make_progress
+        from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, report, tradeoff
         from pounding_sweep.figures import plot
         from pounding_sweep.output.netcdf import check_output, write_cube
         from pounding_sweep.run.sweep import load_sweep
@@ -70,37 +66,17 @@ def tradeoff_command(
         if figure is not None:
             check_output(figure, overwrite=True, netcdf=False)
         loaded = load_sweep(sweep, folders=folders or None)
-        form = "steps (s); give numbers with commas between, as 2e-3,1e-3"
-        chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps", form)
-        with closing(make_progress(quiet)) as progress:
+        chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps")
+        with progress_display(quiet) as progress:
             trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
         if out is not None:
             write_cube(trade, out, overwrite)
+        files = [] if figure is None else [plot(trade, "work-precision", figure)]
         if as_json:
-            print_json(_trade_report(trade))
+            print_json(report(trade))
         else:
             _print_trade(trade)
-        files = [] if figure is None else [plot(trade, "work-precision", figure)]
-        files += [] if out is None else [out]
-        if files and not as_json:
-            print(*files, sep="\n")
-
-
-def _trade_report(trade: xr.Dataset) -> dict[str, Any]:
-    """Collect everything that is printed, and every output."""
-    from pounding_sweep.accuracy.tradeoff import trade_rows
-
-    counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
-    errors: dict[str, Any] = {}
-    frame = trade["reference_error"].transpose("output", "population", "statistic").to_series()
-    for (output, population, statistic), error in frame.items():
-        errors.setdefault(output, {}).setdefault(population, {})[statistic] = finite(error)
-    return {
-        **{name: int(trade.attrs[name]) for name in counts},
-        "reference_step": float(trade.attrs["reference_step"]),
-        "reference_errors": errors,
-        "configurations": trade_rows(trade),
-    }
+            print(*files, *([] if out is None else [out]), sep="\n", end="\n" * bool(files or out))
 
 
 def _print_trade(trade: xr.Dataset) -> None:
@@ -109,35 +85,28 @@ def _print_trade(trade: xr.Dataset) -> None:
     attributes = trade.attrs
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
     headings, rows = table_of(trade)
-    right = tuple(range(3, len(headings) - 1))
-    print_table(headings, rows, right=right)
-    print()
-    print(
-        f"{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of the "
-        f"{sample - sensitive} that are not sensitive."
-    )
-    print(
-        "s per 1000: processor seconds per thousand scenarios on one core; * no other row is cheaper and as accurate."
-    )
+    right = range(3, len(headings) - 1)
+    print_table(headings, rows, right)
     own = trade["reference_error"].sel(population="steady", statistic="worst")
     limits = ", ".join(f"{own.sel(output=name).item():.1e} ({name})" for name in leading_outputs(trade))
     print(
+        f"\n{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of "
+        f"the {sample - sensitive} that are not sensitive.\n"
+        "s per 1000: processor seconds per thousand scenarios on one core; * no other row is cheaper and as accurate.\n"
         f"Compared with {attributes['reference']} at {attributes['reference_step']:.4g} s, whose worst error is at "
-        f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios."
+        f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios.\n"
     )
-    print()
     headings, rows = order_table(trade)
-    print_table(headings, rows, right=tuple(range(2, len(headings))))
+    print_table(headings, rows, range(2, len(headings)))
     print("order: by which power of the step the median error falls (located, float64; resolved errors only).")
     if sensitive:
-        print()
         print(
-            f"{sensitive} scenarios ({sensitive / sample:.1%}) are sensitive: gaps, stiffness and ground motion "
+            f"\n{sensitive} scenarios ({sensitive / sample:.1%}) are sensitive: gaps, stiffness and ground motion "
             f"changed by {attributes['input_change']:g} of themselves change an output by more than "
             f"{attributes['sensitive_change']:g}. Their errors:"
         )
         headings, rows = table_of(trade, "sensitive")
-        print_table(headings[:-2], [row[:-2] for row in rows], right=right)
+        print_table(headings[:-2], [row[:-2] for row in rows], right)
 
 
 #: Violations that are printed in full.
@@ -146,14 +115,13 @@ SHOWN = 20
 
 @command("extremes")
 def extremes_command(
-    scenes: Annotated[int, Option("--scenes", metavar="N", help="Random scenes.")] = 320,
-    seed: Annotated[int, Option("--seed", metavar="S", help="Seed of the random scenes.")] = 1,
+    scenes: Annotated[int, Option(metavar="N", help="Random scenes.")] = 320,
+    seed: Annotated[int, Option(metavar="S", help="Seed of the random scenes.")] = 1,
     law: Annotated[
-        list[str] | None, Option("--law", metavar="LAW", help="Contact law; repeat for several; all by default.")
+        list[str] | None, Option(metavar="LAW", help="Contact law; repeat for several; all by default.")
     ] = None,
     family: Annotated[
-        list[str] | None,
-        Option("--family", metavar="NAME", help="Family of scenarios; repeat for several; all by default."),
+        list[str] | None, Option(metavar="NAME", help="Family of scenarios; repeat for several; all by default.")
     ] = None,
     precision: Annotated[str, Option(metavar="FORMAT", help="float64 or float32.")] = "float64",
     map_file: Annotated[
@@ -167,9 +135,9 @@ def extremes_command(
 ) -> None:
     """Judge extreme scenarios: crashes, false statuses, errors."""
     with reporting():
-        from pounding_sweep.accuracy.extremes import run_extremes
-        from pounding_sweep.cli.progress import make_progress
-        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.accuracy.extremes import run_extremes, stability_map
+        from pounding_sweep.figures import plot
+        from pounding_sweep.output.netcdf import check_output, write_cube
         from pounding_sweep.run.execute import check_scheduler
 
         if map_file is not None:
@@ -177,51 +145,44 @@ def extremes_command(
         if plot_file is not None:
             check_output(plot_file, overwrite=True, netcdf=False)
         n_workers, tell = check_scheduler("threads", workers), None if quiet else say
-        with closing(make_progress(quiet)) as progress:
+        with progress_display(quiet) as progress:
             suite = run_extremes(
                 scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress,
                 tell=tell,
             )  # fmt: skip
         files = [str(file) for file in (map_file, plot_file) if file is not None]
         if files:
-            _map(map_file, plot_file, law)
+            stability = stability_map(*(law or ())[:1])
+            if map_file is not None:
+                write_cube(stability, map_file, overwrite=True)
+            if plot_file is not None:
+                plot(stability, "stability-map", plot_file)
         if as_json:
             print_json({**suite.as_dict(), "files": files})
         else:
             _print_extremes(suite)
-            print(*files, sep="\n", end="\n" if files else "")
+            print(*files, sep="\n", end="\n" * bool(files))
         if suite.faults:
             say(f"failed: {len(suite.faults)} violations; each names its scenario, and --json gives all of them")
             raise Exit(FAILED)
-
-
-def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) -> None:
-    """Make the map's files."""
-    from pounding_sweep.accuracy.extremes import stability_map
-    from pounding_sweep.figures import plot
-    from pounding_sweep.output.netcdf import write_cube
-
-    dataset = stability_map(laws[0]) if laws else stability_map()
-    if map_file is not None:
-        write_cube(dataset, map_file, overwrite=True)
-    if plot_file is not None:
-        plot(dataset, "stability-map", plot_file)
 
 
 def _print_extremes(suite: Extremes) -> None:
     from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS
 
     labels = [s.label for s in STATUS if any(result.statuses[s.label] for result in suite.results)]
-    statuses, judged = ["scenarios", *(label.replace("_", " ") for label in labels)], ["missed", "sensitive", "unknown"]
-    judged += ["worst error", "created energy", "violations", "s"]
-    rows: list[list[list[str]]] = [[], []]
-    for each in suite.results:
-        worst = f"{each.worst_error:.1e}", f"{each.worst_created_energy:.1e}"
-        counts = (each.missed, each.sensitive, each.unknown, *worst, len(each.violations), f"{each.seconds:.2f}")
-        for table, cells in zip(rows, ((each.scenarios, *(each.statuses[x] for x in labels)), counts), strict=True):
-            table.append([each.family, each.method, *map(str, cells)])
-    for headings, table in zip((statuses, judged), rows, strict=True):
-        print_table(["family", "scheme", *headings], table, right=range(2, len(headings) + 2))
+    tables: dict[tuple[str, ...], list[list[str]]] = {
+        ("scenarios", *(label.replace("_", " ") for label in labels)): [],
+        ("missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"): [],
+    }
+    for result in suite.results:
+        worst = f"{result.worst_error:.1e}", f"{result.worst_created_energy:.1e}"
+        judged = result.missed, result.sensitive, result.unknown, *worst, len(result.violations)
+        counts = (result.scenarios, *map(result.statuses.__getitem__, labels)), (*judged, f"{result.seconds:.2f}")
+        for rows, cells in zip(tables.values(), counts, strict=True):
+            rows.append([result.family, result.method, *map(str, cells)])
+    for headings, rows in tables.items():
+        print_table(["family", "scheme", *headings], rows, right=range(2, len(headings) + 2))
         print()
     for fault in suite.faults[:SHOWN]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
@@ -229,9 +190,9 @@ def _print_extremes(suite: Extremes) -> None:
             "{family} ({case}), {law}, {method} {precision}, dt {dt:g} s, k {stiffness:.4g}, e {restitution:.4g}, "
             "gaps {where} m, scale {scale:.4g}: {fault}".format(**fault, where=gaps)
         )
-    total = sum(result.scenarios for result in suite.results)
     print(
-        f"{total} scenarios of {len(suite.laws)} laws in {seconds_text(suite.seconds)}, references included; "
+        f"{sum(result.scenarios for result in suite.results)} scenarios of {len(suite.laws)} laws in "
+        f"{seconds_text(suite.seconds)}, references included; "
         f"{seconds_text(suite.compile_seconds)} until the kernels were ready. {len(suite.faults)} violations.\n"
         f"missed: ok, but a peak force, penetration or displacement is off by more than {OK_CLAIM:g}.\n"
         f"sensitive: those of them in which inputs changed by {CHANGE:g} change a peak by more than {OK_CLAIM:g}.\n"
@@ -241,20 +202,18 @@ def _print_extremes(suite: Extremes) -> None:
     )
 
 
-#: What is listed of each law, and its heading in the table.
-_LAW_COLUMNS = {
-    "key": "law",
-    "model": "paper",
-    "title": "",
-    "formula": "force (kN)",
-    "stiffness_unit": "stiffness k",
-    "validity": "restitution e",
-    "number_text": "damping number",
-    "relation": "",
-    "reference": "source",
-}
-#: What JSON calls them, where that is not the name of the attribute.
-_LAW_JSON = {"validity": "restitution", "number_text": "damping_number", "reference": "source"}
+#: What is listed of each law: attribute, its heading in the table ("": not there) and its name in JSON.
+_LAW_COLUMNS = (
+    ("key", "law", "key"),
+    ("model", "paper", "model"),
+    ("title", "", "title"),
+    ("formula", "force (kN)", "formula"),
+    ("stiffness_unit", "stiffness k", "stiffness_unit"),
+    ("validity", "restitution e", "restitution"),
+    ("number_text", "damping number", "damping_number"),
+    ("relation", "", "relation"),
+    ("reference", "source", "source"),
+)
 
 
 @command("laws")
@@ -273,81 +232,76 @@ def laws_command(
 ) -> None:
     """List the contact laws, say what restitution they really give, or check one, such as one of your own."""
     with reporting():
+        from pounding_sweep.accuracy.certificate import RESTITUTIONS
         from pounding_sweep.model.laws import LAWS
         from pounding_sweep.model.rebound import RELATIONS
 
-        if check is not None:
-            if restitution:
-                raise InputError("--check measures the restitution of its law too; leave out --restitution")
-            _check_law(check, nominal, as_json)
-            return
-        if restitution:
-            _print_certificate(nominal, as_json)
-            return
-        if nominal is not None:
+        if nominal is not None and not (restitution or check):
             raise InputError(
                 f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it"
             )
-        rows = [{name: str(getattr(law, name) or "") for name in _LAW_COLUMNS} for law in LAWS.values()]
-        for row in rows:
-            row["relation"] = RELATIONS[row["relation"]].text if row["relation"] else ""
-        if as_json:
-            print_json([{_LAW_JSON.get(name, name): text for name, text in row.items()} for row in rows])
+        values = RESTITUTIONS if nominal is None else numbers_of(nominal, "--e")
+        if check is not None:
+            _check_law(check, values, as_json)
             return
-        shown = {name: heading for name, heading in _LAW_COLUMNS.items() if heading}
-        print_table(list(shown.values()), [[row[name] or "-" for name in shown] for row in rows])
-        print()
-        print("d: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
+        if restitution:
+            _print_certificate(values, as_json)
+            return
+        rows = [[str(getattr(law, name) or "") for name, _, _ in _LAW_COLUMNS] for law in LAWS.values()]
+        if as_json:
+            keys = [key for _, _, key in _LAW_COLUMNS]
+            laws = [dict(zip(keys, row, strict=True)) for row in rows]
+            print_json([law | {"relation": law["relation"] and RELATIONS[law["relation"]].text} for law in laws])
+            return
+        shown = [(i, heading) for i, (_, heading, _) in enumerate(_LAW_COLUMNS) if heading]
+        print_table([heading for _, heading in shown], [[row[i] or "-" for i, _ in shown] for row in rows])
+        print("\nd: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
         print("paper: model number in Mate, Bakre & Jaiswal (2015). Laws of your own: FILE.py:NAME, see --check.")
 
 
-#: What the check of a law tells of each restitution.
-_CHECKED = ("damping_number", "measured", "solved", "analytic")
-
-
-def _print_certificate(nominal: str | None, as_json: bool) -> None:
-    """Measure and print the restitution of every law, at the values of a list such as "0.2,0.6"."""
+def _print_certificate(nominal: list[float] | tuple[float, ...], as_json: bool) -> None:
+    """Measure and print the restitution of every law."""
     from pounding_sweep.accuracy.certificate import certify, deviation
-    from pounding_sweep.cli.progress import make_progress
     from pounding_sweep.model.laws import get_law
     from pounding_sweep.run.execute import check_scheduler
 
-    table = certify(_restitutions(nominal), workers=check_scheduler("threads", None), progress=make_progress())
+    with progress_display() as progress:
+        table = certify(nominal, workers=check_scheduler("threads", None), progress=progress)
     off = deviation(table)
     worst = off.isel(off.argmax(...))
     place = {name: worst[name].item() for name in ("law", "basis", "restitution")}
-    summary = {name: table.attrs[name] for name in ("method", "steps_per_contact")}
+    summary, rows = {name: table.attrs[name] for name in ("method", "steps_per_contact")}, _rows(table)
     if as_json:
-        print_json({**summary, "largest_deviation": {"value": worst.item(), **place}, "rows": _rows(table)})
+        print_json({**summary, "largest_deviation": {"value": worst.item(), **place}, "rows": rows})
         return
     lines = []
-    for law in table.law.values:
-        takes = get_law(str(law)).takes_restitution
-        for e in table.restitution.values if takes else table.restitution.values[:1]:
-            published, realised = (table.sel(law=law, basis=basis, restitution=e) for basis in table.basis.values)
-            cells = [_cell(published.damping_number, ".6g"), _cell(published.measured, ".7f")]
-            cells += [_cell(published.analytic, ".7f"), _cell(realised.damping_number, ".6g")]
-            lines.append([str(law), f"{e:g}" if takes else "any", *cells, _cell(realised.measured, ".7f")])
+    for published, realised in zip(
+        *([row for row in rows if row["basis"] == b] for b in table.basis.values), strict=True
+    ):
+        takes = get_law(published["law"]).takes_restitution
+        if takes or published["restitution"] == table.restitution[0]:
+            cells = _cells(published, damping_number=".6g", measured=".7f", analytic=".7f")
+            cells += _cells(realised, damping_number=".6g", measured=".7f")
+            lines.append([published["law"], f"{published['restitution']:g}" if takes else "any", *cells])
     headings = ["law", "nominal e", "published damping", "measured e", "closed form", "realised damping", "measured e"]
     print_table(headings, lines, right=range(1, len(headings)))
-    print()
-    print("Two free masses, e = velocity of parting over velocity of approach, measured through the kernels.")
-    print("damping: the law's damping number by its published formula, and with restitution_basis = 'realised'.")
     print(
+        "\nTwo free masses, e = velocity of parting over velocity of approach, measured through the kernels.\n"
+        "damping: the law's damping number by its published formula, and with restitution_basis = 'realised'.\n"
         f"Largest |measured - closed form|: {worst.item():.1e} ({place['law']}, {place['basis']}, "
         f"e = {place['restitution']:g}), {summary['method']}, {summary['steps_per_contact']} steps per contact."
     )
 
 
-def _check_law(name: str, nominal: str | None, as_json: bool) -> None:
+def _check_law(name: str, nominal: list[float] | tuple[float, ...], as_json: bool) -> None:
     """Check one law and print the result; exit with a failure where it is not what its formulas say."""
     from pounding_sweep.accuracy.law_check import check_law
-    from pounding_sweep.cli.progress import make_progress
     from pounding_sweep.model.laws import find_law
 
     law = find_law(name)
     say_laws([law] if law.source else [])
-    check = check_law(law, _restitutions(nominal), progress=make_progress())
+    with progress_display() as progress:
+        check = check_law(law, nominal, progress=progress)
     if as_json:
         about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
         rest = {name: getattr(check, name) for name in ("twin", "impacts", "faults", "notes")}
@@ -361,7 +315,7 @@ def _check_law(name: str, nominal: str | None, as_json: bool) -> None:
 def _print_law_check(check: LawCheck) -> None:
     from pounding_sweep.model.rebound import RELATIONS
 
-    law, table = check.law, check.certificate.isel(law=0)
+    law = check.law
     relation = RELATIONS[law.relation].text if law.relation else "none known: it may depend on the approach velocity"
     factor = f", with {law.relation_factor:.6g} times the damping number" * (law.relation_factor != 1.0)
     print_pairs(
@@ -376,21 +330,19 @@ def _print_law_check(check: LawCheck) -> None:
     )
     print()
     headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
-    lines = []
-    for basis in table.basis.values:
-        for e in table.restitution.values:
-            row = table.sel(basis=basis, restitution=e)
-            if row.measured.notnull():
-                forms = zip(_CHECKED, (".6g", ".9f", ".9f", ".9f"), strict=True)
-                lines.append([str(basis), f"{e:g}", *(_cell(row[name], form) for name, form in forms)])
+    forms = {"damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}
+    lines = [
+        [row["basis"], f"{row['restitution']:g}", *_cells(row, **forms)]
+        for row in _rows(check.certificate, "solved")
+        if row["measured"] is not None
+    ]
     print_table(headings, lines, right=range(1, len(headings)))
-    print()
-    print(
-        "Two free masses, e = velocity of parting over velocity of approach: by the kernels, by an independent solver"
-    )
-    print("of the formulas (DOP853), and by the closed form.")
     worst = max(check.twin, key=lambda name: check.twin[name])
-    print(f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst}).")
+    print(
+        "\nTwo free masses, e = velocity of parting over velocity of approach: by the kernels, by an independent\n"
+        "solver of the formulas (DOP853), and by the closed form.\n"
+        f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst})."
+    )
     for fault in check.faults:
         print(f"fault: {fault}")
     if not check.faults:
@@ -399,26 +351,15 @@ def _print_law_check(check: LawCheck) -> None:
         print(f"note: {note}.")
 
 
-def _cell(value: xr.DataArray, form: str) -> str:
-    number = value.item()
-    return "-" if math.isnan(number) else format(number + 0.0, form)
-
-
-def _restitutions(nominal: str | None) -> Sequence[float]:
-    from pounding_sweep.accuracy.certificate import RESTITUTIONS
-
-    form = "restitutions; give numbers in [0, 1] with commas between, as 0.2,0.6"
-    return RESTITUTIONS if nominal is None else numbers_of(nominal, "--e", form)
+def _cells(row: dict[str, Any], **forms: str) -> list[str]:
+    return ["-" if row[name] is None else format(row[name] + 0.0, form) for name, form in forms.items()]
 
 
 def _rows(table: xr.Dataset, *more: str) -> list[dict[str, Any]]:
     """One row per law, basis and nominal restitution; None where the law is not valid there."""
-    places = itertools.product(*(table[name].values.tolist() for name in ("law", "basis", "restitution")))
-    columns = {name: table[name].values.ravel().tolist() for name in (*_CHECKED[:2], "analytic", *more)}
-    return [
-        {"law": law, "basis": basis, "restitution": e} | {name: finite(values[i]) for name, values in columns.items()}
-        for i, (law, basis, e) in enumerate(places)
-    ]
+    columns = table[["damping_number", "measured", "analytic", *more]]
+    rows = columns.to_dataframe(["law", "basis", "restitution"]).reset_index().to_dict("records")
+    return [{name: finite(value) for name, value in row.items()} for row in rows]
 
 
 @command("doctor")
@@ -441,7 +382,7 @@ def doctor_command(
                 first = f"; {missing} kernels are compiled first: about {seconds_text(seconds)} of CPU time"
                 say(f"running the self-check{first if missing else ''}")
             check = self_check()
-            error = check.error_max if math.isfinite(check.error_max) else None
+            error = finite(check.error_max)
             state["self_check"] = asdict(check) | {"error_max": error, "passed": check.passed, "tolerance": TOLERANCE}
             if not as_json:
                 _print_self_check(state["self_check"])
@@ -458,36 +399,25 @@ def _print_state(state: dict[str, Any]) -> None:
     missing = {name: f"not installed; pip install '{NAME}[{extra}]'" for name, extra in state["optional"].items()}
     limits = " ".join(f"{name}={value}" for name, value in state["threads"]["environment"].items())
     default, every = (seconds_text(state["compile_seconds"][name]) for name in ("default", "all"))
+    compiling = f"about {default} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)"
+    vectors = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
     space = "free space unknown" if free is None else f"{bytes_text(free)} free"
     sections = {
         "Versions": [(name, text or missing.get(name, "not installed")) for name, text in state["versions"].items()],
         "Processor": [
             ("system", state["system"]),
             ("name", cpu["name"]),
-            (
-                "vectors",
-                f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown",
-            ),
+            ("vectors", vectors),
             ("scenarios", f"{cpu['lanes_per_kernel']} side by side in a kernel"),
             ("cores", f"{cpu['cores_usable']} usable of {cpu['cores']}"),
             ("features", " ".join(cpu["features"])),
         ],
         "Threads": [("workers", str(state["threads"]["workers"])), ("limits", limits or "none set")],
-        "Memory": [
-            (
-                "free",
-                "unknown"
-                if memory["free_bytes"] is None
-                else f"{bytes_text(memory['free_bytes'])} ({memory['limit']})",
-            )
-        ],
+        "Memory": [("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})")],
         "Kernel cache": [
             ("folder", cache["folder"] or "none"),
             ("kernels", f"{cache['kernels']}, {bytes_text(cache['bytes'])}"),
-            (
-                "compiling",
-                f"about {default} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)",
-            ),
+            ("compiling", compiling),
         ],
         "Record folders": [(item["folder"], f"{item['files']} record files") for item in state["record_folders"]]
         or [("none", "POUNDING_SWEEP_RECORDS is not set; el_centro is always there")],

@@ -11,7 +11,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,6 +24,7 @@ from pounding_sweep.base.text import printable
 
 if TYPE_CHECKING:
     from pounding_sweep.model.laws import Law
+    from pounding_sweep.run.execute import Progress
     from pounding_sweep.run.sweep import Sweep
 
 NAME = "pounding-sweep"
@@ -43,11 +44,10 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
     from pounding_sweep.base.errors import ClusterError, PoundingSweepError, RunError, WriteError
 
     said: list[str] = []
-    left = _left_by(out)
+    before = _written_at(out) if out else None
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        text = str(message)
-        if text not in said:
+        if (text := str(message)) not in said:
             said.append(text)
             say(f"warning: {text}")
 
@@ -56,29 +56,27 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
         try:
             yield said
             sys.stdout.flush()
-        except (WriteError, RunError, ClusterError) as error:
-            say(f"failed: {error}{left()}")
-            raise typer.Exit(FAILED) from None
-        except PoundingSweepError as error:
-            say(f"error: {error}")
-            raise typer.Exit(BAD_INPUT) from None
-        except KeyboardInterrupt:
-            say(f"interrupted{left()}")
-            raise typer.Exit(INTERRUPTED) from None
+            return
         except (typer.Exit, BrokenPipeError):
             raise
+        except (WriteError, RunError, ClusterError) as error:
+            text, code = f"failed: {error}", FAILED
+        except PoundingSweepError as error:
+            text, code = f"error: {error}", BAD_INPUT
+        except KeyboardInterrupt:
+            text, code = "interrupted", INTERRUPTED
         except Exception as error:
+            text, code = f"failed: {type(error).__name__}: {error}", FAILED
             # values of a cube are read where they are used, so that damage may show late
             if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):
-                say(f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again")
-                raise typer.Exit(BAD_INPUT) from None
-            if isinstance(error, OSError) and error.filename is None and _stdout_fails():
-                say(f"failed: stdout can't be written ({error.strerror}), give it another place{left()}")
-                raise typer.Exit(FAILED) from None
-            # a fault of the package, or of the machine: the traceback is for the report
-            _print("".join(traceback.format_exception(error)).rstrip("\n"))
-            say(f"failed: {type(error).__name__}: {error}{left()}")
-            raise typer.Exit(FAILED) from None
+                text = f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again"
+                code = BAD_INPUT
+            elif isinstance(error, OSError) and error.filename is None and _stdout_fails():
+                text = f"failed: stdout can't be written ({error.strerror}), give it another place"
+            else:  # a fault of the package, or of the machine: the traceback is for the report
+                _print("".join(traceback.format_exception(error)).rstrip("\n"))
+        say(text if out is None or code == BAD_INPUT else f"{text}{_left_by(out, before)}")
+        raise typer.Exit(code) from None
 
 
 @contextmanager
@@ -149,46 +147,20 @@ def open_streams() -> None:
         stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # names on a terminal of ASCII
 
 
-def _left_by(out: Path | None) -> Callable[[], str]:
-    """Return what says, when a run ends early, what it leaves behind; nothing for other commands."""
-    from pounding_sweep.base.errors import InputError, OutputError
-    from pounding_sweep.base.files import absolute
+def _left_by(out: Path, before: int | None) -> str:
+    """Say what a run that ends early leaves behind; `before` is when the cube was last written before it."""
+    from pounding_sweep.resume.checkpoint import parts_folder
 
-    try:
-        target = out and absolute(out)  # now: the working folder may be removed meanwhile
-    except (InputError, OSError, ValueError):  # said by who writes there
-        target = None
-    before = target and _stamp(target)
-
-    def left() -> str:
-        if target is None:
-            return ""
-        from pounding_sweep.resume.checkpoint import ChunkStore, parts_folder
-
-        parts = parts_folder(target)
-        if _stamp(target) not in (None, before):
-            more = f"; {parts} is left: remove it, or run again with --overwrite where scenarios have no result"
-            return f"; the cube {out} is complete{more if parts.is_dir() else ''}"
-        if not parts.is_dir():
-            return ""
-        try:
-            chunks = len(ChunkStore(parts, "").completed())
-        except OutputError as error:
-            return f"; what is finished is kept, but {error}"
-        if not chunks:
-            return "; nothing was finished yet"
-        return f"; {chunks} finished chunks are kept in {parts}: running the same command again continues from there"
-
-    return left
+    if _written_at(out) not in (None, before):
+        return f"; the cube {out} is complete"
+    with suppress(InputError):  # the working folder may be gone
+        if (parts := parts_folder(out)).is_dir():
+            return f"; what is finished is kept in {parts}: running the same command again continues from there"
+    return ""
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return what differs between a file and the one that replaced it; None where there is none."""
-    try:
-        status = path.stat()
-    except (OSError, ValueError):
-        return None
-    return status.st_mtime_ns, status.st_size
+def _written_at(path: Path) -> int | None:
+    return path.stat().st_mtime_ns if path.is_file() else None
 
 
 app = typer.Typer(
@@ -206,14 +178,6 @@ At = Annotated[
     list[str] | None,
     Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
 ]
-Intensity = Annotated[
-    str | None,
-    Option(
-        metavar="MEASURE",
-        help="Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
-        "what the records are scaled to by default.",
-    ),
-]
 Quiet = Annotated[bool, Option("--quiet", help="Show no progress.")]
 AsJson = Annotated[bool, Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
@@ -223,20 +187,6 @@ Folders = Annotated[
 Workers = Annotated[int | None, Option(metavar="N", help="Threads or processes; one per core by default.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace the output file if it exists.")]
 SkipMissing = Annotated[bool, Option("--skip-missing-records", help="Skip records that cannot be found.")]
-#: Arguments of comparisons by the option that gives them.
-ARGUMENTS = {
-    "--reference": "reference",
-    "--event": "event",
-    "--level": "level",
-    "--quantile": "quantiles",
-    "--probability": "probabilities",
-    "--intensity": "intensity",
-    "--given": "levels",
-    "--hazard": "hazard",
-    "--years": "years",
-    "--one-dispersion": "one_dispersion",
-    "--records": "folders",
-}
 #: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
 FIGURE_FILE = "PNG, SVG or PDF file; replaced if it exists."
 
@@ -335,18 +285,28 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
     return register
 
 
-def numbers_of(text: str, option: str, form: str) -> list[float]:
-    """Read numbers separated by commas; `form` says what the option takes, with an example."""
+def numbers_of(text: str, option: str) -> list[float]:
+    """Read numbers separated by commas."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"{option} {text!r} is no list of {form}") from None
+        raise InputError(f"{option} {text!r} is no list of numbers; give them as 0.2,0.6") from None
 
 
-def axis_values(given: list[str]) -> dict[str, list[str]]:
+@contextmanager
+def progress_display(quiet: bool = False) -> Iterator[Progress]:
+    """Show progress on stderr while the block runs, unless `quiet`."""
+    from pounding_sweep.cli.progress import ProgressDisplay
+    from pounding_sweep.run.execute import Progress
+
+    with closing(Progress() if quiet else ProgressDisplay()) as progress:
+        yield progress
+
+
+def axis_values(texts: list[str]) -> dict[str, list[str]]:
     """Read texts AXIS=VALUE, of which several may be of one axis; raises `InputError` for any other text."""
     values: dict[str, list[str]] = {}
-    for text in given:
+    for text in texts:
         axis, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01")
@@ -363,12 +323,9 @@ def main() -> None:
 def _print_version(wanted: bool) -> None:
     """Print the version and leave, if `wanted`."""
     if wanted:
-        from importlib.metadata import PackageNotFoundError, version
+        from importlib.metadata import version
 
-        try:
-            print(f"{NAME} {version(NAME)}")
-        except PackageNotFoundError:  # run from a source tree that is not installed
-            print(f"{NAME} (version unknown: not installed)")
+        print(f"{NAME} {version(NAME)}")
         raise typer.Exit
 
 

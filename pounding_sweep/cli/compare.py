@@ -14,24 +14,27 @@ from typer import Option
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
-from pounding_sweep.cli.app import (
-    ARGUMENTS,
-    AsJson,
-    At,
-    CubeFile,
-    Folders,
-    Intensity,
-    axis_values,
-    command,
-    reporting,
-    say,
-)
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, reporting, say
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: Rows of each table in a summary.
 SHOWN = 12
+#: Arguments of comparisons by the option that gives them.
+ARGUMENTS = {
+    "--reference": "reference",
+    "--event": "event",
+    "--level": "level",
+    "--quantile": "quantiles",
+    "--probability": "probabilities",
+    "--intensity": "intensity",
+    "--given": "levels",
+    "--hazard": "hazard",
+    "--years": "years",
+    "--one-dispersion": "one_dispersion",
+    "--records": "folders",
+}
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
 
@@ -79,7 +82,14 @@ class CompareOptions:
         list[float] | None,
         Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
     ] = None
-    intensity: Intensity = None
+    intensity: Annotated[
+        str | None,
+        Option(
+            metavar="MEASURE",
+            help="Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
+            "what the records are scaled to by default.",
+        ),
+    ] = None
     levels: Annotated[
         list[float] | None,
         Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
@@ -105,6 +115,7 @@ class CompareOptions:
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import check_quantiles
+        from pounding_sweep.output.netcdf import check_output
 
         keys = list(dict.fromkeys(self.what)) if self.what else list(COMPARISONS)
         for key in keys:
@@ -114,7 +125,7 @@ class CompareOptions:
         for option, name in ARGUMENTS.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
-            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and not c.rows)]
+            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and c.rows is None)]
             if name in arguments and not set(takers) & set(keys):
                 of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
                 raise InputError(f"{option} is for {of}; leave it out, or add --what {takers[0]}")
@@ -133,9 +144,17 @@ class CompareOptions:
                 raise InputError(unknown("axis to take together", axis, MOTION_DIMS))
         if any("event" in COMPARISONS[key].arguments for key in keys):
             get_event(self.event or DEFAULT_EVENT, self.level)
-        if self.out is not None:
-            _check_data(self.out, keys, self.overwrite)
+        for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
+            if os.path.exists(path):  # Path.exists raises where the folder can't be read
+                check_output(path, self.overwrite, netcdf=path.suffix == ".nc")
         return keys, arguments
+
+
+#: Attributes of results that are told above their tables.
+_NOTES = (
+    *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
+    *("no_fractiles", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
+)
 
 
 @command("compare")
@@ -145,8 +164,9 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
         from pounding_sweep.analysis.rebuild import intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
         from pounding_sweep.output.identity import plain
-        from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.output.netcdf import open_cube, status_counts
         from pounding_sweep.output.select import select
+        from pounding_sweep.outputs.variables import STATUS
 
         values = axis_values(options.at or [])
         keys, arguments = options.checked()
@@ -157,11 +177,12 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
             if reference is not None and laws and reference not in laws:
                 raise InputError(unknown("reference law", reference, laws))
             selection = select(cube, values)
-            scenarios, left_out = _left_out(selection)
+            counts = status_counts(selection["status"]) if "status" in selection else {}
+            left_out = {status.label: counts[status] for status in STATUS[1:] if status in counts}
             for key in keys:
                 comparison = COMPARISONS[key]
-                part: dict[str, Any] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
-                report[key] = part | {"left_out": left_out}
+                part = {"title": comparison.title, "needs": comparison.needs, "possible": True, "left_out": left_out}
+                report[key] = part
                 settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
                 settings |= {} if what or out else comparison.summary
                 if "over" in comparison.arguments and what:
@@ -172,48 +193,28 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
                 except InputError as error:
                     if what:
                         raise
-                    report[key] |= {"possible": False, "why_not": str(error)}
+                    part |= {"possible": False, "why_not": str(error)}
                     continue
                 quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
                 rows, lead = (
                     table_rows(result, comparison, lead=lead, over=over, quantiles=quantiles) for lead in (False, True)
                 )
                 intensity = options.intensity
-                if intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
+                if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
                     measured = intensity_of(cube, intensity, folders=options.folders or None)
                     rows = with_intensity(rows, measured, intensity)
                 attributes = {str(k): finite(plain(v)) for k, v in result.attrs.items()}
-                report[key] |= {"attributes": attributes, "rows": rows, "lead": lead}
+                part |= {"attributes": attributes, "rows": rows, "lead": lead}
                 if out is not None:
-                    report[key]["files"] = _write(result, rows, key, out, options.overwrite)
+                    part["files"] = _write(result, rows, key, out, options.overwrite)
         if as_json:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
-        else:
-            if left_out:
-                counts = ", ".join(f"{count} {label}" for label, count in left_out.items())
-                print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {counts}\n")
-            _print(report, str(options.cube), summary=not what)
-
-
-def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
-    """Count the scenarios of a cube, and by status those that no comparison takes: they are not ok."""
-    from pounding_sweep.output.netcdf import status_counts
-    from pounding_sweep.outputs.variables import STATUS, Status
-
-    if "status" not in cube.data_vars:
-        return 0, {}
-    labels = {int(status): status.label for status in STATUS}
-    counts = status_counts(cube["status"])
-    return cube["status"].size, {labels.get(code, f"code {code}"): n for code, n in counts.items() if code != Status.OK}
-
-
-def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
-    """Raise `OutputError` where a table or a result is there already, before anything is computed or replaced."""
-    from pounding_sweep.output.netcdf import check_output
-
-    for path in (folder / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")):
-        if os.path.exists(path):  # Path.exists raises where the folder can't be read
-            check_output(path, overwrite, netcdf=path.suffix == ".nc")
+            return
+        if left_out:
+            missing, scenarios = sum(left_out.values()), sum(counts.values())
+            listed = ", ".join(f"{count} {label}" for label, count in left_out.items())
+            print(f"{missing} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
+        _print(report, options.cube, summary=not what)
 
 
 def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
@@ -246,7 +247,7 @@ def _headings(rows: list[Row]) -> list[str]:
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
-def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> None:
+def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> None:
     possible = {key: part for key, part in report.items() if part["possible"]}
     if summary:
         print(f"Comparisons of {cube}; all columns of one: --what COMPARISON")
@@ -255,9 +256,7 @@ def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> No
             print("Not possible with this cube")
             print_pairs([(key, part["why_not"]) for key, part in report.items() if key not in possible], indent=2)
     for number, (key, part) in enumerate(possible.items()):
-        if summary or number:
-            print()
-        print(f"{key}: {part['title']}")
+        print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
         rows = part["lead"][:SHOWN] if summary else part["rows"]
         for name in _NOTES:
             if name in part["attributes"]:
@@ -266,9 +265,10 @@ def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> No
             _print_rows(rows)
         else:
             print("  no values")
-        if more := (len(part["lead"]) if summary else len(rows)) - len(rows):
+        if more := len(part["lead"]) - len(rows) if summary else 0:
             print(f"  and {more} more rows: --what {key}")
-        print("\n".join(part.get("files", [])), end="\n" * ("files" in part))
+        for file in part.get("files", ()):
+            print(file)
 
 
 def _print_rows(rows: list[Row], apart: bool = False) -> None:
@@ -288,13 +288,6 @@ def _print_rows(rows: list[Row], apart: bool = False) -> None:
     if notes:
         print(f"  {'; '.join(notes)}")
     print_table(headings, cells, [i for i, name in enumerate(headings) if name in numeric])
-
-
-#: Attributes of results that are told above their tables.
-_NOTES = (
-    *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
-    *("no_fractiles", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
-)
 
 
 def _cell(value: Any) -> str:

@@ -12,7 +12,6 @@ from typer import Argument, Option
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.text import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import (
-    ARGUMENTS,
     FIGURE_FILE,
     AsJson,
     At,
@@ -90,15 +89,14 @@ def _print_unfinished(survey: Survey) -> None:
         if not survey.planned:
             rows.append(("", "(which of them have to is known after the runs without pounding)"))
     print_pairs(rows)
-    if survey.parts:
+    cells = []
+    for part in survey.parts:
+        counts = (part.chunks, part.chunks_done), (part.scenarios, part.scenarios_done)
+        numbers = (number for all_, done in counts for number in (all_, done, all_ - done))
+        cells.append([part.stage, part.law, part.record, *map(str, numbers)])
+    if cells:
         print()
         headings = ["stage", "law", "record", "chunks", "done", "missing", "scenarios", "done", "missing"]
-        cells = [
-            [part.stage, part.law, part.record]
-            + [str(n) for n in (part.chunks, part.chunks_done, part.chunks - part.chunks_done)]
-            + [str(n) for n in (part.scenarios, part.scenarios_done, part.scenarios - part.scenarios_done)]
-            for part in survey.parts
-        ]
         print_table(headings, cells, right=range(3, 9))
 
 
@@ -125,15 +123,9 @@ def plot_command(
     contours: Annotated[bool, Option("--contours", help="Of a map, lines of equal value as well.")] = False,
     dpi: Annotated[float, Option(metavar="N", help="Dots per inch of a PNG.")] = 150.0,
     only_list: Annotated[bool, Option("--list", help="List the figures, and what of them CUBE.nc allows.")] = False,
-    of_comparisons: Annotated[list[str] | None, Option(*ARGUMENTS, hidden=True)] = None,
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
-        if of_comparisons:
-            raise InputError(
-                f"{', '.join(ARGUMENTS)} are options of comparisons; give them to "
-                "'pounding-sweep compare CUBE.nc -o FOLDER', which draws the figures as well"
-            )
         from pounding_sweep.figures import FIGURES, SOURCES, plot
         from pounding_sweep.output.netcdf import open_cube
 
@@ -237,19 +229,18 @@ def export_command(
         from pounding_sweep.output.select import select
 
         fragility = out.suffix.lower() == ".xml"
-        of_fits = {"--limit-state": limit_states, "--intensity": intensities, "--records": folders}
-        options = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
-        if options and not fragility:
-            also = "" if options[0] == "--limit-state" else " or --table"
-            raise InputError(
-                f"{options[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
-            )
+        of_cube = not fragility and pelicun is None
+        for option, value, fits, output in (
+            ("--limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
+            ("--intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+            ("--records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+            ("--var", names, of_cube, "tables of the cube itself; give -o FILE.csv"),
+            ("--table", table, of_cube, "tables of the cube itself; give -o FILE.csv"),
+        ):
+            if value and not fits:
+                raise InputError(f"{option} is for {output}, or leave it out")
         if fragility and len(intensities or ()) > 1:
-            raise InputError(
-                f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
-            )
-        if (fragility or pelicun is not None) and (names or table):
-            raise InputError(f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out")
+            raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
         with open_cube(cube) as dataset:
             part = select(dataset, axis_values(at or []))
             if pelicun is not None:

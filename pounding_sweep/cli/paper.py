@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from pounding_sweep.base.text import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, Quiet, command, reporting, say
+from pounding_sweep.cli.app import AsJson, Folders, Quiet, command, progress_display, reporting, say
 
 #: Name of the report in its folder.
 REPORT = "report.html"
@@ -37,22 +37,16 @@ def paper_command(
 ) -> None:
     """Compute Mate, Bakre & Jaiswal (2015) again and report on its tables, figures and conclusions."""
     with reporting() as said, ExitStack() as stack:
-        from pounding_sweep.base.errors import OutputError
-        from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.paper.figures import save_figures
         from pounding_sweep.paper.report import contents_of, summary, write_report
         from pounding_sweep.paper.study import study
 
-        try:
+        with suppress(OSError):  # said below
             out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"the folder {str(out)!r} can't be made ({error.strerror or error}); give another one"
-            ) from None
         target = check_output(out / REPORT, overwrite)
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
-        with closing(make_progress(quiet)) as progress:
+        with progress_display(quiet) as progress:
             found = study(opened, folders=folders or None, progress=progress)
             for text in found.missing.values():
                 say(f"left out: {text}")
@@ -72,10 +66,7 @@ def paper_command(
                             "conclusion": one.conclusion.key,
                             "reading": one.reading,
                             "verdict": one.verdict.value,
-                            "claims": [
-                                {"verdict": o.verdict.value, "held": o.held, "cases": o.cases, "numbers": o.numbers}
-                                for o in one.outcomes
-                            ],
+                            "claims": [{"verdict": o.verdict.value, **asdict(o)} for o in one.outcomes],
                         }
                         for one in contents["judgements"]
                     ],

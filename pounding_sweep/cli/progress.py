@@ -116,8 +116,3 @@ class ProgressDisplay(Progress):
 
     def _print(self, text: str) -> None:
         print(text, file=self._console.file, flush=True)
-
-
-def make_progress(quiet: bool = False) -> Progress:
-    """Return a display for this process, silent if `quiet`."""
-    return Progress() if quiet else ProgressDisplay()

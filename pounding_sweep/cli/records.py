@@ -105,7 +105,7 @@ def read_as(record: Record) -> dict[str, Any]:
     }
 
 
-def print_read(rows: list[dict[str, Any]]) -> None:
+def print_read(rows: list[dict[str, Any]], missing: list[str]) -> None:
     """Print what was read of each record of a sweep, one line a record; of very many the first."""
     lines = []
     for row in rows[:_LISTED]:
@@ -114,6 +114,8 @@ def print_read(rows: list[dict[str, Any]]) -> None:
         lines.append((row["name"], f"{row['points']} points, dt {row['dt']:g} s, {peak}; {row['read']}"))
     if len(rows) > _LISTED:
         lines.append(("...", f"and {len(rows) - _LISTED} more records; --json has all"))
+    if missing:
+        lines.append(("left out", f"{', '.join(missing)}: no such record at hand"))
     print_pairs(lines)
     print()
 

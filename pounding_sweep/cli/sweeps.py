@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Exit, Option
 
-from pounding_sweep.base.errors import InputError, MissingRecordError, OutputError, unknown
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli.app import (
     FAILED,
@@ -19,6 +18,7 @@ from pounding_sweep.cli.app import (
     SweepOptions,
     axis_values,
     command,
+    progress_display,
     reporting,
     say,
     say_laws,
@@ -28,7 +28,6 @@ from pounding_sweep.cli.records import print_read, read_as
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.output.results import Outcome
     from pounding_sweep.run.sweep import Sweep
 
 
@@ -50,10 +49,8 @@ def init_command(
 ) -> None:
     """Write a commented sweep file to begin with, or list the examples."""
     with reporting():
-        from pounding_sweep.base.files import failure
         from pounding_sweep.output.netcdf import check_output
-        from pounding_sweep.records import find_record
-        from pounding_sweep.spec.toml import example_files, example_records, example_title, examples
+        from pounding_sweep.spec.toml import example_files, example_title, examples
 
         if only_list:
             titles = {name: example_title(name) for name in examples()}
@@ -72,15 +69,7 @@ def init_command(
         for path in files:
             check_output(path, overwrite, netcdf=False)
         for path, content in files.items():
-            try:
-                path.write_text(content, encoding="utf-8")
-            except OSError as error:
-                raise OutputError(failure(f"writing {str(path)!r}", error)) from None
-        for name in example_records(example):
-            try:
-                find_record(name)
-            except MissingRecordError as error:
-                say(f"warning: {error}")
+            path.write_text(content, encoding="utf-8")
         if as_json:
             print_json({"example": example, "files": [str(path) for path in files]})
             return
@@ -108,7 +97,6 @@ def run_command(
     """Run a sweep, write its cube and print a summary."""
     named, out = out is not None, out or Path(f"{options.sweep.stem}.nc")
     with reporting(out) as warnings:
-        from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.describe import summarize
         from pounding_sweep.output.netcdf import check_output
 
@@ -116,13 +104,25 @@ def run_command(
         sweep = options.load()
         if not named:
             say(f"the cube is written to {out}; -o names another file")
-        with closing(make_progress(quiet)) as progress:
+        with progress_display(quiet) as progress:
             sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend)
-        outcome = sweep.last_outcome
+        outcome, asked = sweep.last_outcome, sweep.spec.n_scenarios
         assert outcome is not None
+        seconds = outcome.run_seconds
         report = {
             **_description(sweep),
-            **_counts(sweep.spec.n_scenarios, outcome),
+            "scenarios": {
+                "asked": asked,
+                "run": outcome.run,
+                "reused": outcome.reused,
+                "never_touching": outcome.untouched,
+                "broadcast": asked - len(outcome.results.status),
+            },
+            "scenarios_per_second": outcome.run / seconds if outcome.run and seconds > 0 else None,
+            "run_seconds": seconds,
+            "compile_seconds": outcome.compile_seconds,
+            "kernels_compiled": outcome.compiled,
+            "failures": outcome.failures,
             **summarize(out),
             "warnings": warnings,
             "cube": str(out),
@@ -152,17 +152,24 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
         sweep = options.load()
         plan = sweep.plan()
         kernels, seconds = still_to_compile(plan.shapes())
-        report = {**plan.summary(workers), "workers": workers, "sweep_sha256": plan.digest}
-        report |= {"kernels_to_compile": kernels, "compile_seconds": seconds}
-        report["total_seconds"] = report["seconds"] + seconds / workers
-        report["largest_stable_step"] = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
-        report |= {"warnings": warnings, **_description(sweep)}
+        summary = plan.summary(workers)
+        report = {
+            **summary,
+            "workers": workers,
+            "sweep_sha256": plan.digest,
+            "kernels_to_compile": kernels,
+            "compile_seconds": seconds,
+            "total_seconds": summary["seconds"] + seconds / workers,
+            "largest_stable_step": float(plan.limit[plan.refused].min()) if plan.refused.any() else None,
+            "warnings": warnings,
+            **_description(sweep),
+        }
         if as_json:
             print_json(report)
             return
         print(printable(str(sweep.spec.title or options.sweep)))
         _print_description(report)
-        print_pairs(plan.rows(report) + _missing_records(report))
+        print_pairs(plan.rows(report))
 
 
 def _description(sweep: Sweep) -> dict[str, Any]:
@@ -181,26 +188,7 @@ def _description(sweep: Sweep) -> dict[str, Any]:
 def _print_description(report: dict[str, Any]) -> None:
     print_pairs([(item["name"], item["about"]) for item in report["row"]])
     print()
-    print_read(report["records"])
-
-
-def _counts(requested: int, outcome: Outcome) -> dict[str, Any]:
-    """Collect the counts and times of a run."""
-    seconds = outcome.run_seconds
-    return {
-        "scenarios": {
-            "asked": requested,
-            "run": outcome.run,
-            "reused": outcome.reused,
-            "never_touching": outcome.untouched,
-            "broadcast": requested - len(outcome.results.status),
-        },
-        "scenarios_per_second": outcome.run / seconds if outcome.run and seconds > 0 else None,
-        "run_seconds": seconds,
-        "compile_seconds": outcome.compile_seconds,
-        "kernels_compiled": outcome.compiled,
-        "failures": outcome.failures,
-    }
+    print_read(report["records"], report["records_left_out"])
 
 
 def _print_run(report: dict[str, Any]) -> None:
@@ -229,12 +217,11 @@ def _print_run(report: dict[str, Any]) -> None:
     ]
     if report["accuracy_choice"]:
         lines.append(("accuracy", report["accuracy_choice"]))
-    lines += _missing_records(report)
     if report["audit"]:
         lines.append(("audit", report["audit_sentence"]))
     largest = {row["output"]: row["error_max"] for row in report["audit"] if row["scenarios"]}
-    if largest:
-        errors = (f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in largest.items())
+    errors = [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in largest.items()]
+    if errors:
         lines.append(("errors", f"relative, up to: {', '.join(errors)}"))
     lines += [
         (item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}")
@@ -243,11 +230,6 @@ def _print_run(report: dict[str, Any]) -> None:
     ]
     print_pairs(lines)
     print(report["cube"])
-
-
-def _missing_records(report: dict[str, Any]) -> list[tuple[str, str]]:
-    names = report["records_left_out"]
-    return [("left out", f"{', '.join(names)}: no such record at hand")] if names else []
 
 
 @command("simulate")

@@ -43,11 +43,6 @@ def example_title(name: str) -> str:
     return str(_read(name)["title"])
 
 
-def example_records(name: str) -> list[str]:
-    """Return the records that an example takes by name."""
-    return [record for record in _read(name)["sweep"]["records"] if isinstance(record, str)]
-
-
 def example_files(name: str) -> list[Path]:
     """Return the files beside an example that it needs: its contact laws."""
     file = examples()[name]
