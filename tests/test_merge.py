@@ -301,7 +301,7 @@ def changed_spec(cube, **changes):
         ),
         (
             lambda c: c.assign_coords(pair_gap=c.pair_gap + 1),
-            r"'pair_gap' is 0\.002 in .*a\.nc', and 1\.002 at the same place in '.*b\.nc'",
+            r"or one was changed: conflicting values for variable 'pair_gap' of the same place",
         ),
         (
             lambda c: changed_spec(
@@ -310,7 +310,7 @@ def changed_spec(cube, **changes):
             r"gap has the values .* the same but for rounding",
         ),
         (lambda c: c.drop_attrs(deep=False).assign_attrs(pounding_sweep_version="1"), r"is no cube of a sweep"),
-        (lambda c: c.assign(more=c.status), r"'.*b\.nc' has the variables more, which sweeps don't make"),
+        (lambda c: c.assign(more=c.status), r"the list of variables is"),
     ],
 )
 def test_what_is_not_of_one_study_is_refused(whole, tmp_path, change, says):
@@ -506,7 +506,6 @@ def test_labels_of_cases_are_kept(cases, tmp_path):
             r"case 'c3' is law=linear record=one .*pair_gap=0\.0005 .* in '.*a\.nc', and law=kelvin_voigt .* in "
             r"'.*b\.nc'; give one of them another label",
         ),
-        (lambda c: some(c, [0, 1]), "some cases have labels of type int, others of type str; give all of them text"),
         pytest.param(  # by day a cube is extended that has fewer
             lambda c: some(c, [0, 1]).isel(case=[0]),
             r"'.*b\.nc' has 1 values of case, its sweep had 2; give the cube as it was made",

@@ -1,4 +1,4 @@
-"""What a cube's audit says: the measured error of its own outputs, in a few rows."""
+"""The audit of a cube: the measured errors of its own outputs, stored and in a few rows."""
 
 from __future__ import annotations
 
@@ -8,8 +8,34 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.output.dataset import Coordinates, CubeParts, encoding_of
+from pounding_sweep.outputs.variables import CHANGE
+
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")
+#: What it measured; its other arrays say which scenarios these are.
+_MEASURED = ("audit_error", "audit_sensitivity", "audit_sensitive", "audit_undecided", "audit_status")
+
+
+def add_audit(cube: CubeParts, arrays: Coordinates, touching: int, share: float) -> None:
+    """Put the arrays of an audit into a cube, attributes on every output, and what of the sweep was run again."""
+    for name, (dims, values, about) in arrays.items():
+        part = cube.data_vars if name in _MEASURED else cube.coords
+        encoding = encoding_of(name, values.dtype, is_coordinate=part is cube.coords)
+        part[name] = (tuple(dims), values, dict(about), encoding)
+    error, undecided = arrays["audit_error"][1], arrays["audit_undecided"][1] != 0
+    for i, name in enumerate(arrays["output"][1].tolist()):
+        if not undecided.all() and name in cube.data_vars:
+            decided = error[~undecided, i]
+            about = {"audit_error_max": float(decided.max()), "audit_error_median": float(np.median(decided))}
+            cube.data_vars[name][2].update(about)
+    cube.attrs.update(
+        audit_scenarios=len(error),
+        audit_touching=touching,
+        audit_share=share,
+        audit_perturbation=CHANGE,
+        audit_undecided_share=float(undecided.mean()),
+    )
 
 
 def has_audit(cube: Mapping[Any, Any]) -> bool:

@@ -113,8 +113,8 @@ def _attributes(given: Mapping[str, Any]) -> dict[str, Any]:
     return {**units, **{key: _attribute(value) for key, value in kept.items()}}
 
 
-def _labels(values: Any) -> np.ndarray:
-    """Values of a coordinate: text, or numbers of a type that every netCDF reader knows; None among numbers is NaN."""
+def coordinate_values(values: Any) -> np.ndarray:
+    """Return labels: text, or numbers of a type that every netCDF reader knows; None among numbers is NaN."""
     array = np.asarray(values)
     if array.dtype.kind == "O" and all(v is None or isinstance(v, (int, float)) for v in array.flat):
         return array.astype(np.float64)
@@ -277,7 +277,7 @@ def label(
             encoding = encoding_of(name, data[name].dtype)
             parts.data_vars[name] = ((*outer, *variable.dims), data[name], _data_attributes(variable), encoding)
     for name, (dims, raw, about) in coordinates.items():
-        values = _labels(raw)
+        values = coordinate_values(raw)
         encoding = encoding_of(name, values.dtype, is_coordinate=True)
         parts.coords[name] = (tuple(dims), values, _attributes(about), encoding)
     return parts

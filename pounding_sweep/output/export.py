@@ -26,7 +26,7 @@ from pounding_sweep.base.text import bytes_text
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import encoding_of
-from pounding_sweep.output.identity import numbered, places_of, plain, scenario_keys
+from pounding_sweep.output.identity import places_of, plain, scenario_keys
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, reading, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records.measures import RecordMeasures
@@ -295,9 +295,8 @@ class _AuditErrors:
 
     def __init__(self, cube: xr.Dataset) -> None:
         self._sweep = json.loads(cube.attrs["sweep"])
-        self._codes: dict[str, int] = {}
         audited = {
-            name: numbered(cube[f"audit_{name}"].transpose("audit", ...).values, self._codes)
+            name: cube[f"audit_{name}"].transpose("audit", ...).values
             for name in self.KNOWN_BY
             if f"audit_{name}" in cube.coords
         }
@@ -311,7 +310,7 @@ class _AuditErrors:
         known = {}
         for name, values in self._known(part).items():
             if name in self._names:
-                variable = values.variable.copy(data=numbered(values.values, self._codes))
+                variable = values.variable
                 inner = {dim: size for dim, size in variable.sizes.items() if dim not in sizes}
                 known[name] = variable.set_dims(sizes | inner).values.reshape(math.prod(sizes.values()), -1)
         place = places_of(scenario_keys({name: known[name] for name in self._names}), self._keys)

@@ -38,14 +38,6 @@ def motion_of(record: object) -> tuple[object, ...]:
     return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in MOTION)
 
 
-def numbered(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
-    """Return numbers as they are, texts as those under which they were first met, in any cube."""
-    if values.dtype.kind in "iuf":
-        return values
-    codes = [texts.setdefault(str(value), len(texts)) for value in values.ravel().tolist()]
-    return np.reshape(codes, values.shape)
-
-
 #: Shifts and pairs of odd factors by which each number changes all bits of a key (MurmurHash3 and SplitMix64).
 _MIXING = [
     (np.uint64(33), np.array([0xFF51AFD7ED558CCD, 0xBF58476D1CE4E5B9], np.uint64)),
@@ -54,11 +46,15 @@ _MIXING = [
 
 
 def scenario_keys(known: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return 16 bytes for each scenario by numbers of shape (scenarios, ...): the same where all numbers are equal."""
-    columns = [np.reshape(values, (len(values), -1)) for values in known.values()]
-    keys = np.zeros((len(columns[0]), 2), np.uint64)
-    for column in columns:
-        for values in column.T:
+    """Return 16 bytes for each scenario by values of shape (scenarios, ...): the same where all values are equal."""
+    keys = np.zeros((len(next(iter(known.values()))), 2), np.uint64)
+    for column in known.values():
+        numbers = column
+        if column.dtype.kind not in "iuf":
+            texts, index = np.unique(column.astype(str), return_inverse=True)
+            digests = [hashlib.blake2b(text.encode(), digest_size=6).digest() for text in texts.tolist()]
+            numbers = np.array([int.from_bytes(digest) for digest in digests])[index.reshape(column.shape)]
+        for values in numbers.reshape(len(numbers), -1).T:
             bits = values.astype(float) + 0.0  # -0.0 is 0.0
             bits[np.isnan(bits)] = np.nan  # which may have many forms
             keys ^= bits.view(np.uint64)[:, None]

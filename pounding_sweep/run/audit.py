@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.output.dataset import CubeParts, encoding_of
+from pounding_sweep.output.audited import add_audit
+from pounding_sweep.output.dataset import CubeParts
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
@@ -294,14 +295,12 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
     laws = [plan.laws[i].key for i in table.law.tolist()]
     records = [plan.spec.records[i].name for i in table.record.tolist()]
     sensitive = f"whether that is more than {found.tolerance:g}, or changes a number of impacts"
-    data = {
+    arrays = {
         "audit_error": ((*rows, "output"), found.error, "relative error, by the difference to half the time step", "1"),
         "audit_sensitivity": ((*rows, "output"), found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
         "audit_sensitive": (rows, found.sensitive.astype(np.int8), sensitive, "1"),
         "audit_undecided": (rows, found.undecided.astype(np.int8), "whether no step settles it", "1"),
         "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
-    }
-    coordinates = {
         "audit": (rows, np.arange(1, len(laws) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
         "audit_law": (rows, np.array(laws), "contact law", ""),
@@ -314,26 +313,12 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
     }
     if len(plan.variants) > 1:
         for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
-            coordinates[name] = (dims, values, about["long_name"], about["units"])
-
+            arrays[name] = (dims, values, about["long_name"], about["units"])
     status = cube.data_vars["status"][2]
     flags = FLAGS | {"audit_status": {key: status[key] for key in ("flag_values", "flag_meanings")}}
-    for part, added in ((cube.data_vars, data), (cube.coords, coordinates)):
-        for name, (dims, values, long_name, units) in added.items():
-            attributes = {"long_name": long_name, **({"units": units} if units else {}), **flags.get(name, {})}
-            part[name] = (dims, values, attributes, encoding_of(name, values.dtype, is_coordinate=part is cube.coords))
-    decided = ~found.undecided
-    for i, name in enumerate(found.outputs):
-        if decided.any() and name in cube.data_vars:
-            errors = found.error[decided, i]
-            cube.data_vars[name][2].update(
-                audit_error_max=float(errors.max()), audit_error_median=float(np.median(errors))
-            )
-    cube.attrs.update(
-        audit_scenarios=len(laws),
-        audit_touching=found.touching,
-        audit_share=found.share,
-        audit_perturbation=CHANGE,
-        audit_undecided_share=float(found.undecided.mean()),
-    )
+    described = {
+        name: (dims, values, {"long_name": text, **({"units": units} if units else {}), **flags.get(name, {})})
+        for name, (dims, values, text, units) in arrays.items()
+    }
+    add_audit(cube, described, found.touching, found.share)
     return cube
