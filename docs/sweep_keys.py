@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
-from pydantic.fields import FieldInfo
 
+from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
@@ -23,7 +24,7 @@ _SA = {
     "sa_period": "Its period in s; needed with it.",
 }
 
-_DISTRIBUTIONS = {f'A distribution "{name}"': model.model_fields for name, model in DISTRIBUTIONS.items()}
+_DISTRIBUTIONS = {f'A distribution "{name}"': model for name, model in DISTRIBUTIONS.items()}
 _OF_DISTRIBUTIONS = {
     "distribution": "Which it is.",
     "low": "Least value; of a normal or lognormal one where it is cut off.",
@@ -63,33 +64,88 @@ _OWN = {
 }
 
 
-def _arguments(section: str) -> dict[str, FieldInfo]:
+#: Values of a key in words, by the annotation of its parameter.
+_WORDS = {
+    **dict.fromkeys(("float", "Number", "Positive", "NotNegative"), "a number"),
+    **dict.fromkeys(("Positives", "NotNegatives", "Strengths", "Annotated[Positives"), "a list of numbers"),
+    **dict.fromkeys(("bool", "Flag"), "true or false"),
+    **dict.fromkeys(("str", "Label", "str | os.PathLike[str]", "Annotated[str"), "a text"),
+    "int": "a whole number",
+    "str | int": "a text or a whole number",
+    "Sequence[float]": "a list of numbers",
+    "Annotated[float | Sequence[float]": "a number or a list of numbers",
+    "Annotated[float": "a number",
+    "Annotated[Number": "a number",
+    "ContactProperties": "a table",
+    "Foundation": "a table",
+    "Annotated[BoucWen | None": "a table",
+    "Annotated[Any": "a name, or FILE.py:NAME",
+    "Any": "a text or a table",
+}
+#: Keys of a table: value in words and default.
+Keys = dict[str, tuple[str, object]]
+_NEEDED = inspect.Parameter.empty
+
+
+def _fields(model: type[Table], names: Iterable[str] | None = None) -> Keys:
+    """Return the keys of a table that pydantic has."""
+    found = {}
+    for name in names or model.model_fields:
+        field = model.model_fields[name]
+        default = _NEEDED if field.is_required() else field.get_default(call_default_factory=True)
+        found[name] = str(field.description).partition(": ")[0], default
+    return found
+
+
+def _parameters(taker: Callable[..., Any], *more: str, first: str = "") -> Keys:
+    """Return the keys that are parameters of what takes them, and those that only files have."""
+    found: Keys = {}
+    for name, parameter in inspect.signature(taker).parameters.items():
+        annotation = taker.__annotations__[name].removesuffix(" | None").partition(", ")[0]
+        default = parameter.default
+        if repr(default).startswith("<factory>") or default == ():
+            default = None
+        found[first if first and not found else name] = _WORDS.get(annotation, "a list"), default
+    return found | {
+        name: ("a text" if name == "preset" else "true" if name == "wall" else "a value", None) for name in more
+    }
+
+
+def _arguments(section: str) -> Keys:
     """Return the keys of a table that holds arguments."""
-    return {key: Arguments.model_fields[argument] for key, argument in SECTIONS[section].items()}
+    found = _fields(Arguments, SECTIONS[section].values())
+    return {key: found[argument] for key, argument in SECTIONS[section].items()}
 
 
-_PATH, _NAMED = tables.PathRecord.model_fields, tables.NamedRecord.model_fields
 #: Heading -> (keys, what takes their values).
-_TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
-    "[scene]": (tables.SceneTable.model_fields, Scene),
-    "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
-    "bouc_wen of a building": (tables.BoucWenTable.model_fields, BoucWen),
-    "foundation of a building": (tables.FoundationTable.model_fields, Foundation),
-    "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
-    "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
-    "[[scene.links]]": (tables.LinkTable.model_fields, Link),
-    "[[scene.bumpers]]": (tables.BumperTable.model_fields, Bumper),
-    "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
+_TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
+    "[scene]": (_parameters(Scene, "preset"), Scene),
+    "[[scene.row]], a building": (_parameters(Building), Building),
+    "bouc_wen of a building": (_parameters(BoucWen), BoucWen),
+    "foundation of a building": (_parameters(Foundation), Foundation),
+    "[[scene.row]], a wall": (_parameters(Wall, "wall"), Wall),
+    "[scene.contact]": (_parameters(ContactProperties, "hertz"), ContactProperties),
+    "[[scene.links]]": (_parameters(Link), Link),
+    "[[scene.bumpers]]": (_parameters(Bumper), Bumper),
+    "scene.contact.hertz": (_parameters(hertz_stiffness), hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
-    "Evenly spaced values": (tables.RangeTable.model_fields, Range),
-    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), Arguments.model_fields["gaps"]), None),
-    "[design]": (tables.DesignTable.model_fields, None),
-    **{heading: (keys, None) for heading, keys in _DISTRIBUTIONS.items()},
-    "A record from a file": ({"path": _PATH["path"], **_PATH}, read_record),
-    "A record by name": ({"record": _NAMED["record"], **_NAMED}, None),
-    "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
-    "A pulse": (tables.PulseRecord.model_fields, pulse_record),
-    "A near-fault pulse": (tables.NearFaultRecord.model_fields, near_fault_record),
+    "Evenly spaced values": (_fields(tables.RangeTable), Range),
+    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _fields(Arguments)["gaps"]), None),
+    "[design]": (_fields(tables.DesignTable), None),
+    **{heading: (_fields(model), None) for heading, model in _DISTRIBUTIONS.items()},
+    "A record from a file": (_parameters(read_record, *tables.SPECTRAL), read_record),
+    "A record by name": (
+        {
+            "record": ("a text", _NEEDED),
+            "name": ("a text", None),
+            "scale": ("a number", 1.0),
+            **dict.fromkeys(("pga", *tables.SPECTRAL), ("a number", None)),
+        },
+        None,
+    ),
+    "A synthetic earthquake": (_parameters(synthetic_record, first="synthetic"), synthetic_record),
+    "A pulse": (_parameters(pulse_record, first="pulse"), pulse_record),
+    "A near-fault pulse": (_parameters(near_fault_record, first="near_fault"), near_fault_record),
     "[solver]": (_arguments("solver"), build_spec),
     "[output]": (_arguments("output"), build_spec),
 }
@@ -110,10 +166,9 @@ def _meanings(taker: Callable[..., Any] | None) -> dict[str, str]:
     return found
 
 
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
+def _default(value: object) -> str:
+    if value is _NEEDED:
         return "needed"
-    value = field.get_default(call_default_factory=True)
     if value is None:
         return "-"
     return f"`{str(value).lower() if isinstance(value, bool) else repr(value)}`".replace("'", '"')
@@ -132,12 +187,12 @@ def key_tables() -> str:
         said = _meanings(taker)
         lines += [f"### {heading if heading[0].isupper() else f'`{heading}`'}", ""]
         lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-        for key, field in table.items():
+        for key, (words, default) in table.items():
             meaning = _OWN.get((heading, key)) or said.get(_PARAMETERS.get(key, key))
             if meaning is None:
                 msg = f"nothing explains {key!r} of {heading!r}; give its parameter a docstring, or it a line in _OWN"
                 raise KeyError(msg)
-            lines.append(_line(f"`{key}`", str(field.description).partition(": ")[0], _default(field), meaning))
+            lines.append(_line(f"`{key}`", words, _default(default), meaning))
         lines.append("")
     lines += ["### `[[sweep.cases]]`", "", "| key | meaning |", "|---|---|"]
     for key, meaning in _meanings(Case).items():

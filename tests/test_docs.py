@@ -14,11 +14,11 @@ from PIL import Image
 import pounding_sweep as ps
 from pounding_sweep import analysis
 from pounding_sweep.figures import FIGURES
+from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.spec import tables as spec_tables
-from pounding_sweep.spec.faults import Table
 from pounding_sweep.spec.toml import SECTIONS
 
 DOCS = Path(__file__).parents[1] / "docs"

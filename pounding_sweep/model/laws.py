@@ -39,7 +39,7 @@ import math
 import re
 import runpy
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -731,7 +731,7 @@ def hertz_stiffness(
     young_modulus: float = 25.0e6,
     poisson_ratio: float = 0.2,
     density: float = 2.5,
-    radii: tuple[float, float] | None = None,
+    radii: Sequence[float] | None = None,
 ) -> float:
     """Hertz contact stiffness of two spheres (kN/m^1.5).
 
@@ -766,23 +766,20 @@ def hertz_stiffness(
     >>> round(hertz_stiffness(133.956, 136.286) / 1e7, 3)
     1.88
     """
-    if radii is None:
-        if mass_1 is None or mass_2 is None:
-            raise LawError("hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)")
-        positive = {"mass_1": mass_1, "mass_2": mass_2, "density": density}
+    if radii is None and mass_1 is not None and mass_2 is not None:
+        sizes: dict[str, float] = {"mass_1": mass_1, "mass_2": mass_2}
+    elif radii is not None and len(radii) == 2 and mass_1 is mass_2 is None:
+        sizes = {"radii[0]": radii[0], "radii[1]": radii[1]}
     else:
-        positive = {"radii[0]": radii[0], "radii[1]": radii[1]}
-    for name, value in {**positive, "young_modulus": young_modulus}.items():
+        raise LawError("hertz_stiffness needs either two masses (t) or radii=(R1, R2) (m)")
+    for name, value in {**sizes, "density": density, "young_modulus": young_modulus}.items():
         if not (math.isfinite(value) and value > 0):
             raise LawError(f"hertz_stiffness: {name} = {value!r} must be a positive number")
     if not 0 <= poisson_ratio < 0.5:
         raise LawError(f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)")
+    r1, r2 = sizes.values()
     if radii is None:
-        assert mass_1 is not None
-        assert mass_2 is not None
-        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (mass_1, mass_2))
-    else:
-        r1, r2 = radii
+        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (r1, r2))
     h = (1.0 - poisson_ratio**2) / (math.pi * young_modulus)
     return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))
 

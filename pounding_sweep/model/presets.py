@@ -8,8 +8,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from pounding_sweep.base.errors import SceneError, unknown
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, quantity
+import numpy as np
+
+from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.model.faults import is_number
+from pounding_sweep.model.scene import Building, ContactProperties, Scene
 
 
 @dataclass(frozen=True)
@@ -140,22 +143,16 @@ def base_isolated(
     >>> [round(x, 1) for x in tower.yield_strengths], [round(x, 1) for x in tower.dashpots]
     ([79.7, inf], [62.8, 178.9])
     """
-    name = f"isolators of {building.name!r}"
-    for what, value, unit, positive in (
-        ("base_mass", base_mass, "t", True),
-        ("period", period, "s", True),
-        ("yield_drift", yield_drift, "m", True),
-        ("height", height, "m", True),
-        ("strength", strength, "kN", False),
-        ("damping_ratio", damping_ratio, "of critical", False),
-    ):
-        quantity(value, f"{name}: {what}", unit, positive=positive)
+    positive = {"base_mass (t)": base_mass, "period (s)": period, "yield_drift (m)": yield_drift, "height (m)": height}
+    for what, value in {**positive, "strength (kN)": strength, "damping_ratio": damping_ratio}.items():
+        if not (is_number(value) and 0.0 <= value < math.inf and (value or what not in positive)):
+            must = "a positive number" if what in positive else "zero or a positive number"
+            raise SceneError(f"isolators of {building.name!r}: {what} is {shown(value)}; it must be {must}")
     masses, n = [base_mass, *building.masses], building.n_storeys
     w, total = 2.0 * math.pi / period, sum(masses)
     soft = total * w**2
     stiff = soft + strength / yield_drift
-    ratio = building.damping_ratio if not isinstance(building.damping_ratio, tuple) else building.damping_ratio[0]
-    share = 2.0 * ratio / float(building.frequencies[0])
+    share = 2.0 * float(np.ravel(building.damping_ratio)[0]) / float(building.frequencies[0])
     own = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
     assert building.storey_heights is not None
     first_yield, first_hardening = (stiff * yield_drift, soft / stiff) if strength else (math.inf, 0.0)

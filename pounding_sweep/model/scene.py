@@ -6,18 +6,33 @@ Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
 from __future__ import annotations
 
 import math
-import numbers
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import Fault, LawError, Place, SceneError, shown, unknown
+from pounding_sweep.base.errors import Fault, InputError, SceneError, shown, unknown
 from pounding_sweep.base.text import html_table, label_fault
-from pounding_sweep.model.laws import LAWS, RUBBER, Law, law_of, rubber_bumper
+from pounding_sweep.model.faults import (
+    Faults,
+    Flag,
+    Fraction,
+    Listed,
+    NotNegative,
+    Number,
+    Positive,
+    Whole,
+    called,
+    checked,
+    one_of,
+    one_or_several,
+    optional,
+)
+from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, hertz_stiffness, law_of, names_file, rubber_bumper
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -25,38 +40,35 @@ DEFAULT_STOREY_HEIGHT = 3.0
 MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
+#: What a building has of each storey; hardening may be one number.
+_LISTS = (
+    *("stiffnesses", "storey_heights", "yield_strengths", "slab_depths", "column_stiffnesses", "dashpots"),
+    "hardening",
+)
 
 
-def quantity(value: Any, what: str, unit: str, *, positive: bool = False, why: str = "") -> float:
-    """Return a finite number, zero or above, or `positive`; raise `SceneError` for anything else."""
-    try:
-        found = float(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.nan
-    except OverflowError:  # a whole number beyond all others
-        found = math.inf
-    if not (found < math.inf and (found > 0 if positive else found >= 0)):
-        must = "a positive number" if positive else "zero or a positive number"
-        raise SceneError(f"{what} is {shown(value)} {unit}; it must be {must}{why}")
-    return found
+def _label(name: Any) -> str:
+    """Return the name of a building or wall; `InputError` unless it can be one."""
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"must be a name, a non-empty text, not {shown(name)}")
+    if fault := label_fault(name):
+        raise InputError(f"{shown(name)} {fault}; give another name")
+    return name
 
 
-def fraction(value: Any, what: str) -> float:
-    """Return a number in [0, 1); raise `SceneError` for anything else."""
-    real = isinstance(value, numbers.Real) and not isinstance(value, bool)
-    if not (real and 0 <= value < 1):
-        raise SceneError(f"{what} is {shown(value)}; it must be in [0, 1)")
-    return float(value)
+#: A name of a building or wall, values of storeys, and one value or several.
+Label = Annotated[str, BeforeValidator(_label)]
+Positives = Annotated[Sequence[Positive], Listed]
+NotNegatives = Annotated[Sequence[NotNegative], Listed]
+#: Strengths of storeys, infinite (null in JSON) where they never yield.
+Strengths = Annotated[
+    Sequence[Annotated[Number, BeforeValidator(lambda value: math.inf if value is None else value), Field(gt=0.0)]],
+    Listed,
+]
 
 
-def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]:
-    try:
-        if isinstance(values, str | bytes):  # its characters are no values
-            raise TypeError
-        return tuple(float(v) for v in values)
-    except (TypeError, ValueError, OverflowError):
-        raise SceneError(f"{what} must be a list of numbers ({unit}), not {shown(values)}") from None
-
-
-class BoucWen(NamedTuple):
+@checked
+class BoucWen:
     """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
 
     With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
@@ -83,9 +95,16 @@ class BoucWen(NamedTuple):
     BoucWen(n=2.0, beta=0.5, gamma=0.5)
     """
 
-    n: float = 1.0
-    beta: float = 0.5
-    gamma: float = 0.5
+    n: Annotated[Number, Field(ge=1.0, le=MOST_SHARP)] = 1.0
+    beta: Number = 0.5
+    gamma: Number = 0.5
+
+    def __post_init__(self) -> None:
+        if not -self.beta < self.gamma <= self.beta:
+            raise SceneError(
+                f"gamma is {self.gamma:g} beside beta {self.beta:g}; it must be above -beta, so that z stays bounded, "
+                "and at most beta, so that no energy is won"
+            )
 
     @property
     def limit(self) -> float:
@@ -93,18 +112,12 @@ class BoucWen(NamedTuple):
         return float((self.beta + self.gamma) ** (-1.0 / self.n))
 
 
-#: Unit of each property.
-_UNITS = {
-    "mass": "t",
-    "inertia": "t m2",
-    "sway_stiffness": "kN/m",
-    "rocking_stiffness": "kN m/rad",
-    "sway_damping": "kN s/m",
-    "rocking_damping": "kN m s/rad",
-}
+def _bouc_wen_of(given: Any) -> Any:
+    """Return the law of a list, as JSON holds it; anything else as it is."""
+    return BoucWen(*given) if isinstance(given, (list, tuple, np.ndarray)) else given
 
 
-@dataclass(frozen=True)
+@checked
 class Foundation:
     """A rigid foundation under a building, free to sway and to rock on the soil's springs and dashpots.
 
@@ -146,18 +159,12 @@ class Foundation:
     (0.199, 0.236)
     """
 
-    mass: float
-    inertia: float
-    sway_stiffness: float
-    rocking_stiffness: float
-    sway_damping: float = 0.0
-    rocking_damping: float = 0.0
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            name, value = each.name, getattr(self, each.name)
-            given: dict[str, Any] = {"positive": not name.endswith("damping"), "why": _why(name, value)}
-            object.__setattr__(self, name, quantity(value, f"foundation: {name}", _UNITS[name], **given))
+    mass: Positive
+    inertia: Positive
+    sway_stiffness: Positive
+    rocking_stiffness: Positive
+    sway_damping: NotNegative = 0.0
+    rocking_damping: NotNegative = 0.0
 
     def scaled(self, mass: float, period: float) -> Foundation:
         """Return one of so many times the mass, and of so many times the periods."""
@@ -181,159 +188,7 @@ class Foundation:
         return self.sway_damping, self.rocking_damping
 
 
-def _why(name: str, value: object) -> str:
-    """Say why a base needs what it was given as nothing."""
-    if value == 0 and name in ("mass", "inertia"):
-        return ", as the base has its own equation of motion; give that of the foundation slab"
-    if value == math.inf:
-        return "; leave the foundation out where the base is fixed"
-    if value == 0:
-        return ", as nothing else holds the base"
-    return ""
-
-
-def _bouc_wen(given: Any) -> BoucWen | None:
-    """Return the law of a mapping or three numbers, if any; `SceneError` where it is none."""
-    if given is None:
-        return None
-    try:
-        law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
-    except TypeError:
-        raise SceneError(f"bouc_wen is {shown(given)}; give n, beta and gamma, each a number") from None
-    for name, value in law._asdict().items():
-        if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
-            raise SceneError(f"{name} of bouc_wen is {shown(value)}; it must be a number")
-    law = BoucWen(*map(float, law))
-    if not 1.0 <= law.n <= MOST_SHARP:
-        raise SceneError(f"n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]")
-    if not -law.beta < law.gamma <= law.beta:
-        raise SceneError(
-            f"gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
-            "stays bounded, and at most beta, so that no energy is won"
-        )
-    return law
-
-
-def _foundation(given: Any) -> Foundation | None:
-    """Return the foundation of a mapping or as such, if any; `SceneError` where it is none."""
-    try:
-        found = Foundation(**given) if isinstance(given, Mapping) else given
-    except TypeError:
-        found = None
-    if not (given is None or isinstance(found, Foundation)):
-        raise SceneError(
-            f"foundation is {shown(given)}; give a Foundation of {', '.join(each.name for each in fields(Foundation))}"
-        )
-    return found
-
-
-def _damping_ratio(given: Any) -> float | tuple[float, float]:
-    """Return one or two ratios; `SceneError` where they are none."""
-    values = given.tolist() if isinstance(given, np.ndarray) else given
-    ratios = tuple(values) if isinstance(values, tuple | list) else (values,)
-    if len(ratios) not in (1, 2):
-        raise SceneError(f"damping_ratio is {shown(given)}; it must be one or two numbers")
-    found = [fraction(ratio, "damping_ratio") for ratio in ratios]
-    return (found[0], found[1]) if len(found) == 2 else found[0]
-
-
-def check_name(kind: str, name: str) -> str:
-    """Return the name of a building or wall; `SceneError` where it is none."""
-    if not isinstance(name, str) or not name.strip():
-        raise SceneError(f"a {kind} needs a name, a non-empty text, not {shown(name)}")
-    if fault := label_fault(name):
-        raise SceneError(f"the name {shown(name)} of a {kind} {fault}; give it another one")
-    return name
-
-
-#: Lists of a building, a value for each storey: its unit, whether it must be above 0, whether it may be infinite.
-_LISTS = {
-    "masses": ("t", True, False),
-    "stiffnesses": ("kN/m", True, False),
-    "storey_heights": ("m", True, False),
-    "yield_strengths": ("kN", True, True),
-    "slab_depths": ("m", False, False),
-    "column_stiffnesses": ("kN/m", True, False),
-    "dashpots": ("kN s/m", False, False),
-}
-
-
-def _hardening(value: Any) -> float | tuple[float, ...]:
-    """Return the hardening of all storeys, or of each; `SceneError` unless a number in [0, 1)."""
-    if isinstance(value, list | tuple):
-        return tuple(fraction(number, f"hardening of storey {i}") for i, number in enumerate(value, start=1))
-    return fraction(value, "hardening")
-
-
-#: Its other parts, with what checks and converts them.
-_PARTS: dict[str, Callable[[Any], Any]] = {
-    "hardening": _hardening,
-    "damping_ratio": _damping_ratio,
-    "bouc_wen": _bouc_wen,
-    "foundation": _foundation,
-}
-
-
-def building_faults(given: Mapping[str, Any]) -> Iterator[Fault]:
-    """Tell the faults of what a building is to be made of, but for its name; lists that are none are passed over."""
-    lists = {name: each for name in _LISTS if isinstance(each := given.get(name), list | tuple)}
-    n = len(lists.get("masses", ()))
-    if n == 0 and "masses" in lists:
-        yield ("masses",), "masses is empty; give one value (t) per storey, bottom first"
-    for name, values in lists.items():
-        unit, positive, infinite = _LISTS[name]
-        if n and len(values) != n:
-            more = "" if positive else ", 0 where it has none"
-            yield (name,), f"{len(values)} {name} for {n} masses; give one value per storey{more}"
-        for i, value in enumerate(values):
-            if not (infinite and value == math.inf):
-                what = f"{name} of storey {i + 1}"
-                yield from _told((name, i), quantity, value, what, unit, positive=positive)
-    hardening = given.get("hardening")
-    if isinstance(hardening, list | tuple):
-        if n and len(hardening) != n:
-            remedy = "give one number for all storeys, or a list of one per storey"
-            yield ("hardening",), f"{len(hardening)} values of hardening for {n} masses; {remedy}"
-        for i, value in enumerate(hardening):
-            yield from _told(("hardening", i), fraction, value, f"hardening of storey {i + 1}")
-    for name, check in _PARTS.items():
-        if name in given and not (name == "hardening" and isinstance(hardening, list | tuple)):
-            yield from _told((name,), check, given[name])
-    p_delta, follows = given.get("p_delta", False), given.get("damping_stiffness", "initial")
-    if follows not in DAMPING_STIFFNESSES:
-        yield ("damping_stiffness",), unknown("damping_stiffness", follows, DAMPING_STIFFNESSES)
-    if not isinstance(p_delta, bool):
-        yield ("p_delta",), f"p_delta is {shown(p_delta)}; it must be true or false"
-    if given.get("yield_strengths") is None:
-        for name, usual in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
-            if given.get(name, usual) != usual:
-                yield (name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out"
-    if follows == "tangent" and given.get("bouc_wen") is not None:
-        remedy = 'give damping_stiffness = "initial"'
-        yield ("bouc_wen",), f"bouc_wen has no tangent stiffness that is one number while a storey yields; {remedy}"
-    if follows == "tangent" and p_delta:
-        yield (
-            ("p_delta",),
-            "with p_delta the tangent stiffness of a storey that yields may be negative, and damping that follows it "
-            'would put energy in; give damping_stiffness = "initial", or leave out p_delta',
-        )
-    if p_delta and given.get("foundation") is not None:
-        yield (
-            ("foundation",),
-            "p_delta and a foundation do not go together, as weights would act on its rocking too; leave one of them "
-            "out",
-        )
-
-
-def _told(place: Place, check: Callable[..., Any], *given: Any, **named: Any) -> Iterator[Fault]:
-    """Tell what a check says of what is given."""
-    try:
-        check(*given, **named)
-    except SceneError as error:
-        yield place, str(error)
-
-
-@dataclass(frozen=True)
+@checked
 class Building:
     """A shear building, linear elastic unless its storeys yield.
 
@@ -389,49 +244,59 @@ class Building:
     [0.2337]
     """
 
-    name: str
-    masses: Sequence[float]
-    stiffnesses: Sequence[float]
-    damping_ratio: float | tuple[float, float] = 0.05
-    storey_heights: Sequence[float] | None = None
-    yield_strengths: Sequence[float] | None = None
-    hardening: float | Sequence[float] = 0.0
-    damping_stiffness: str = "initial"
-    slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
-    column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
-    p_delta: bool = field(default=False, kw_only=True)
-    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
-    dashpots: Sequence[float] | None = field(default=None, kw_only=True)
+    name: Label
+    masses: Annotated[Positives, Field(min_length=1)]
+    stiffnesses: Positives
+    damping_ratio: Annotated[float | Sequence[float], one_or_several(Fraction, tuple[Fraction, Fraction])] = 0.05
+    storey_heights: Positives | None = None
+    yield_strengths: Strengths | None = None
+    hardening: Annotated[float | Sequence[float], one_or_several(Fraction, Sequence[Fraction])] = 0.0
+    damping_stiffness: Annotated[str, one_of("damping_stiffness", DAMPING_STIFFNESSES)] = "initial"
+    slab_depths: NotNegatives | None = field(default=None, kw_only=True)
+    column_stiffnesses: Positives | None = field(default=None, kw_only=True)
+    p_delta: Flag = field(default=False, kw_only=True)
+    bouc_wen: Annotated[BoucWen | None, BeforeValidator(_bouc_wen_of)] = field(default=None, kw_only=True)
+    dashpots: NotNegatives | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_name("building", self.name)
-        for name, (unit, *_) in _LISTS.items():
-            if (values := getattr(self, name)) is not None:
-                what = f"building {self.name!r}: {name}"
-                object.__setattr__(self, name, _numbers(what, unit, values))
-        if isinstance(self.hardening, Iterable) and not isinstance(self.hardening, str | bytes):
-            values = _numbers(f"building {self.name!r}: hardening", "in [0, 1)", self.hardening)
-            object.__setattr__(self, "hardening", values)
         if self.storey_heights is None:
             object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
-        self._refuse(building_faults(vars(self)))
-        for name, check in _PARTS.items():
-            object.__setattr__(self, name, check(getattr(self, name)))
-        self._refuse(self._faults())
+        with Faults() as faults:
+            faults.found += [*self._faults_of_parts()] or self._faults()
 
-    def _refuse(self, faults: Iterable[Fault]) -> None:
-        """Raise the first fault."""
-        for place, text in faults:
-            raise SceneError(f"building {self.name!r}: {text}", place)
+    def _faults_of_parts(self) -> Iterator[Fault]:
+        """Tell of parts that do not go together."""
+        n = self.n_storeys
+        for name in _LISTS:
+            if isinstance(values := getattr(self, name), tuple) and len(values) != n:
+                yield (name,), f"{len(values)} values for {n} masses; give one per storey"
+        if self.yield_strengths is None:
+            for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
+                if getattr(self, name) != default:
+                    yield (name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out"
+        if self.damping_stiffness == "tangent" and self.bouc_wen:
+            remedy = 'give damping_stiffness = "initial"'
+            yield ("bouc_wen",), f"bouc_wen has no tangent stiffness that is one number while a storey yields; {remedy}"
+        if self.damping_stiffness == "tangent" and self.p_delta:
+            yield (
+                ("p_delta",),
+                "with p_delta the tangent stiffness of a storey that yields may be negative, and damping that follows "
+                'it would put energy in; give damping_stiffness = "initial", or leave out p_delta',
+            )
+        if self.p_delta and self.foundation:
+            yield (
+                ("foundation",),
+                "p_delta and a foundation do not go together, as weights would act on its rocking too; leave one of "
+                "them out",
+            )
 
     def _faults(self) -> Iterator[Fault]:
         """Tell what only the building shows, its parts being valid."""
         assert self.storey_heights is not None
         for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights, strict=False)):
             if depth >= height:
-                what = f"slab_depths of storey {i + 1} is {depth!r} m"
-                yield ("slab_depths", i), f"{what}; it must be less than the storey's height of {height:g} m"
+                yield ("slab_depths", i), f"is {depth:g} m; it must be less than the storey's height of {height:g} m"
         pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
         for storey, (theta, least) in enumerate(pairs, start=1):
             if not theta < 1.0:
@@ -441,14 +306,11 @@ class Building:
                     f"weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; give "
                     f"it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta",
                 )
-        place = ("damping_ratio",)
-        if not all(math.isfinite(c) for c in self.rayleigh):
-            yield place, f"damping_ratio {shown(self.damping_ratio)} gives no Rayleigh damping"
-        if min(self.rayleigh) < 0:
+        if not min(self.rayleigh) >= 0.0:
             yield (
-                place,
-                f"damping ratios {shown(self.damping_ratio)} in the first two modes need negative Rayleigh factors "
-                f"{self.rayleigh!r}, which would feed energy in; bring the two ratios closer together",
+                ("damping_ratio",),
+                f"{shown(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
+                "which would feed energy in; bring the ratios of the first two modes closer together",
             )
 
     @property
@@ -572,7 +434,7 @@ class Building:
     def first_damping(self) -> float:
         """Damping ratio of the first mode: as given, with a foundation that of both together, by its shape."""
         if self.foundation is None:
-            return self.damping_ratio[0] if isinstance(self.damping_ratio, tuple) else self.damping_ratio
+            return float(np.ravel(self.damping_ratio)[0])
         (a, b), (mass, stiff, dashed) = self.rayleigh, self.damping_shares[:, 0]
         return float(a * mass + b * stiff + dashed)
 
@@ -646,20 +508,25 @@ def column_softness(xi: float) -> float:
     return 4.0 * (xi * (1.0 - xi)) ** 3
 
 
-@dataclass(frozen=True)
+@checked
 class Wall:
     """A rigid wall (moat wall, barrier) at an end of the row; it moves with the ground.
 
     It meets every floor of its neighbour, unless the scene limits the pair to some storeys.
     """
 
-    name: str = "wall"
+    name: Label = "wall"
+    FILE_KEYS: ClassVar = ("wall",)
 
-    def __post_init__(self) -> None:
-        check_name("wall", self.name)
+    @classmethod
+    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
+        """Return the arguments of a table, which has ``wall = true``."""
+        if (wall := table.pop("wall", True)) is not True:
+            faults.add(("wall",), f"{shown(wall)} won't do; it must be true")
+        return table
 
 
-@dataclass(frozen=True)
+@checked
 class ContactProperties:
     """Reference contact properties of a scene.
 
@@ -673,29 +540,26 @@ class ContactProperties:
         Coefficient of restitution where a sweep gives none.
     """
 
-    linear_stiffness: float | None = None
-    hertz_stiffness: float | None = None
-    restitution: float | None = None
+    linear_stiffness: Positive | None = None
+    hertz_stiffness: Positive | None = None
+    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] | None = None
+    FILE_KEYS: ClassVar = ("hertz",)
 
-    def __post_init__(self) -> None:
-        for what, unit in (("linear_stiffness", "kN/m"), ("hertz_stiffness", "kN/m^1.5")):
-            if (value := getattr(self, what)) is not None:
-                quantity(value, f"contact: {what}", unit, positive=True)
-        if self.restitution is not None and not (
-            isinstance(self.restitution, numbers.Real) and 0 <= self.restitution <= 1
-        ):
-            raise SceneError(f"contact: restitution is {self.restitution!r}; it must be in [0, 1]")
+    @classmethod
+    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
+        """Return the arguments of a table, which may have what a Hertz stiffness follows from."""
+        if (hertz := table.pop("hertz", None)) is not None:
+            if "hertz_stiffness" in table:
+                faults.add(("hertz",), "hertz and hertz_stiffness exclude each other; give one of them")
+            table["hertz_stiffness"] = faults.attempt(("hertz",), called, hertz_stiffness, hertz)
+        return table
 
     def reference(self, exponent: float) -> float | None:
         """Return the reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
 
 
-#: Unit of each property.
-UNITS = {"stiffness": "kN/m", "damping": "kN s/m"}
-
-
-@dataclass(frozen=True)
+@checked
 class Link:
     """Springs and dashpots between floors of two neighbours, alike at all the storeys that are named.
 
@@ -726,18 +590,22 @@ class Link:
     """
 
     pair: str
-    storeys: Sequence[int | Sequence[int]]
-    stiffness: float = 0.0
-    damping: float = 0.0
+    storeys: Annotated[
+        Sequence[Annotated[int | Sequence[int], one_or_several(Whole, tuple[Whole, Whole])]],
+        Listed,
+        Field(min_length=1),
+    ]
+    stiffness: NotNegative = 0.0
+    damping: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        for what, unit in UNITS.items():
-            object.__setattr__(self, what, quantity(getattr(self, what), f"link: {what}", unit))
         if not (self.stiffness or self.damping):
-            raise SceneError(
-                f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"
-            )
-        object.__setattr__(self, "storeys", _storeys(self.storeys))
+            raise SceneError("stiffness and damping are zero; give one of them, or leave it out")
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The link as JSON holds it, arguments of its own."""
+        return vars(self)
 
     @property
     def floors(self) -> tuple[tuple[int, int], ...]:
@@ -762,29 +630,18 @@ class LinkedFloors:
     place: int  # index of its label along ``pair`` in results
 
 
-def _storeys(given: Sequence[int | Sequence[int]]) -> tuple[int | tuple[int, int], ...]:
-    """Check the storeys of a link."""
-
-    def whole(x: object) -> bool:
-        return isinstance(x, numbers.Integral) and not isinstance(x, bool)
-
-    found: list[int | tuple[int, int]] = []
-    for each in given if isinstance(given, Iterable) and not isinstance(given, str) else ():
-        if whole(each):
-            found.append(int(each))  # type: ignore[arg-type]
-        elif isinstance(each, Sequence | np.ndarray) and len(each) == 2 and all(map(whole, each)):
-            found.append((int(each[0]), int(each[1])))
-        else:
-            found.clear()
-            break
-    if not found:
-        raise SceneError(
-            f"link: storeys are {shown(given)}; give a list of whole numbers, or of two, the left and the right storey"
-        )
-    return tuple(found)
+def _read_law(given: Any, info: ValidationInfo) -> Any:
+    """Return the law of a bumper by its key or file, from the folder `base` of the context, or as JSON holds it."""
+    if isinstance(given, Mapping):
+        return law_of(given)
+    if given == RUBBER:
+        return given
+    if isinstance(given, str) and given not in LAWS and not names_file(given):
+        raise InputError(unknown("contact law", given, (*LAWS, RUBBER)))
+    return find_law(given, (info.context or {}).get("base"))
 
 
-@dataclass(frozen=True)
+@checked
 class Bumper:
     """What stands between floors of two neighbours, or before a wall, and gives their contacts a law of their own.
 
@@ -820,47 +677,34 @@ class Bumper:
     """
 
     pair: str
-    law: Any
-    stiffness: float = None  # type: ignore[assignment]
-    restitution: float | None = None
-    thickness: float = None  # type: ignore[assignment]
-    storeys: Sequence[int] = ()
+    law: Annotated[Any, BeforeValidator(_read_law)]
+    stiffness: Annotated[float, optional(Positive)] = None  # type: ignore[assignment]
+    restitution: Number | None = None
+    thickness: Annotated[float, optional(NotNegative)] = None  # type: ignore[assignment]
+    storeys: Annotated[Sequence[Whole], Listed] = ()
 
     def __post_init__(self) -> None:
-        owner = f"bumper of pair {shown(self.pair)}"
-        for name, unit, positive in (("thickness", "m", False), ("stiffness", "kN/m**exponent", True)):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, quantity(value, f"{owner}: {name}", unit, positive=positive))
-        law = _law(self.law, self.thickness, owner)
-        object.__setattr__(self, "law", law)
+        law = self.law
+        if law == RUBBER:
+            if not self.thickness:
+                raise SceneError(f"law {RUBBER!r} needs the thickness of the rubber (m), a positive number")
+            law = rubber_bumper(self.thickness)
+            object.__setattr__(self, "law", law)
+        if law.exponent is None:
+            raise SceneError(f"law {law.key!r} has no force that a bumper could have; give another law")
         if self.thickness is None:
             object.__setattr__(self, "thickness", law.thickness)
         elif law.thickness and self.thickness != law.thickness:
             raise SceneError(
-                f"{owner}: thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
+                f"thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
             )
         if self.stiffness is None:
             object.__setattr__(self, "stiffness", law.reference_stiffness)
         if self.stiffness is None:
-            raise SceneError(f"{owner}: law {law.key!r} needs a stiffness ({law.stiffness_unit})")
+            raise SceneError(f"law {law.key!r} needs a stiffness ({law.stiffness_unit})")
         if self.restitution is not None and not law.takes_restitution:
-            raise SceneError(f"{owner}: law {law.key!r} takes no restitution; leave it out")
-        self.check_restitution("published")
-        storeys = tuple(self.storeys) if isinstance(self.storeys, Iterable) else (self.storeys,)
-        if not all(isinstance(s, numbers.Integral) and not isinstance(s, bool) for s in storeys):
-            raise SceneError(f"{owner}: storeys are {shown(self.storeys)}; give a list of whole numbers")
-        object.__setattr__(self, "storeys", tuple(map(int, storeys)))
-
-    def check_restitution(self, basis: str) -> None:
-        """Raise `SceneError` unless the restitution is valid for the law on that basis."""
-        e = self.restitution
-        try:
-            if e is not None and (isinstance(e, bool) or not isinstance(e, numbers.Real)):
-                raise LawError(f"restitution {shown(e)} is no number; give {self.law.validity}")
-            self.law.check_restitution(None if e is None else float(e), basis)
-        except LawError as error:
-            raise SceneError(f"bumper of pair {shown(self.pair)}: {error}") from None
+            raise SceneError(f"law {law.key!r} takes no restitution; leave it out")
+        law.check_restitution(self.restitution)
 
     def damping_coefficient(self, mass: np.ndarray, basis: str) -> np.ndarray:
         """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
@@ -883,29 +727,6 @@ class Bumper:
             "law": law.key if LAWS.get(law.key) is law else law.described,
             "storeys": list(self.storeys),
         }
-
-
-def _law(given: Any, thickness: float | None, owner: str) -> Law:
-    """Return the law of a bumper that is given as such, as JSON holds it, or by its key."""
-    if given == RUBBER:
-        if not thickness:
-            raise SceneError(f"{owner}: law {RUBBER!r} needs the thickness of the rubber (m), a positive number")
-        return rubber_bumper(thickness)
-    try:
-        law = law_of(given) if isinstance(given, Mapping) else given
-    except (LawError, TypeError) as error:
-        raise SceneError(f"{owner}: {error}") from None
-    if isinstance(law, str) and law in LAWS:
-        law = LAWS[law]
-    if not isinstance(law, Law):
-        raise SceneError(f"{owner}: {unknown('contact law', given, LAWS)}, or {RUBBER!r}")
-    if law.exponent is None:
-        raise SceneError(f"{owner}: law {law.key!r} has no force that a bumper could have; give another law")
-    if LAWS.get(law.key) is not law and not (law.number is None or isinstance(law.number, str)):
-        raise SceneError(
-            f"{owner}: law {law.key!r} gives its damping number as a function; give it as text, a formula of e"
-        )
-    return law
 
 
 #: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.
@@ -974,7 +795,11 @@ class Contacts(tuple[Contact, ...]):
         return self
 
 
-@dataclass(frozen=True)
+def _kind_of(item: Any) -> str:
+    return "|wall" if isinstance(item, Wall) or (isinstance(item, dict) and "wall" in item) else "|building"
+
+
+@checked
 class Scene:
     """A row of buildings with a gap between each two neighbours.
 
@@ -1020,29 +845,52 @@ class Scene:
     [(0, 1), (1, 1)]
     """
 
-    row: Sequence[Building | Wall]
-    gaps: Sequence[float] = ()
+    row: Annotated[
+        Sequence[
+            Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|wall")], Discriminator(_kind_of)]
+        ],
+        Listed,
+    ]
+    gaps: NotNegatives = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
-    tolerance: float = field(default=FLOOR_TOLERANCE, kw_only=True)
+    tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
-    storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
-    allow_unmet: bool = field(default=False, kw_only=True)
-    links: Sequence[Link] = field(default=(), kw_only=True)
-    bumpers: Sequence[Bumper] = field(default=(), kw_only=True)
-    _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
-    _bumper_of: tuple[Bumper | None, ...] = field(default=(), init=False, repr=False, compare=False)
+    storeys: Any = field(default=(), kw_only=True)
+    allow_unmet: Flag = field(default=False, kw_only=True)
+    links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
+    bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)
+    #: labels along ``pair`` in results: each pair, and after it the columns of either building that are struck
+    pair_labels: tuple[str, ...] = field(default=(), init=False, repr=False, compare=False)
+    #: index of the pair of neighbours of each of them
+    pair_of_label: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
+    #: bumper of each contact; None where it takes the law of the sweep
+    bumper_of: tuple[Bumper | None, ...] = field(default=(), init=False, repr=False, compare=False)
+    FILE_KEYS: ClassVar = ("preset",)
+
+    @classmethod
+    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
+        """Return the arguments of a table, which may start from a preset."""
+        from pounding_sweep.model.presets import get_preset
+
+        if (name := table.pop("preset", None)) is None:
+            return {"row": (), **table}
+        if "row" in table:
+            faults.add(("preset",), "preset and row exclude each other; give one of them")
+            return table
+        try:
+            preset = get_preset(name)
+        except SceneError as error:
+            raise SceneError(str(error), ("preset",)) from None
+        contact, start = table.get("contact", {}), vars(preset.contact)
+        if isinstance(contact, dict):
+            default = {key: value for key, value in start.items() if key != "hertz_stiffness" or "hertz" not in contact}
+            contact = {**default, **contact}
+        return {"row": preset.row, "gaps": preset.gaps, **table, "contact": contact}
 
     def __post_init__(self) -> None:
-        if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
-            raise SceneError(f"a row is a list of Building and Wall objects, not {shown(self.row)}")
-        row = tuple(self.row)
-        if not isinstance(self.contact, ContactProperties):
-            raise SceneError(f"contact must be ContactProperties, not {shown(self.contact)}")
-        for item in row:
-            if not isinstance(item, (Building, Wall)):
-                raise SceneError(f"a row holds Building and Wall objects, not {shown(item)}")
+        row = self.row
         if not any(isinstance(item, Building) for item in row):
-            raise SceneError("a scene needs at least one building")
+            raise SceneError("needs at least one building; give a row, in a file a preset or tables [[scene.row]]")
         for i, item in enumerate(row):
             if isinstance(item, Wall) and 0 < i < len(row) - 1:
                 raise SceneError(
@@ -1050,83 +898,67 @@ class Scene:
                 )
         if len(row) > 1 and all(isinstance(row[i], Wall) for i in (0, -1)) and row[0].name == row[-1].name:
             row = (Wall(f"left {row[0].name}"), *row[1:-1], Wall(f"right {row[-1].name}"))
+            object.__setattr__(self, "row", row)
         names = [item.name for item in row]
-        repeated = sorted({n for n in names if names.count(n) > 1})
-        if repeated:
+        if repeated := sorted({n for n in names if names.count(n) > 1}):
             raise SceneError(f"names must differ within a row; repeated: {', '.join(map(repr, repeated))}")
-        object.__setattr__(self, "row", row)
         if len(set(self.pair_names)) < len(self.pair_names):
             raise SceneError(
                 f"two pairs of the row have the same name ({', '.join(self.pair_names)}); rename a building"
             )
-        gaps = _numbers("gaps", "m", self.gaps)
-        if len(gaps) != len(row) - 1:
+        if len(self.gaps) != len(row) - 1:
             raise SceneError(
-                f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)",
+                f"{len(self.gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours "
+                "(m)",
                 ("gaps",),
             )
-        for name, gap in zip(self.pair_names, gaps, strict=True):
-            check_gap(gap, f"gap of pair {name!r}")
-        object.__setattr__(self, "gaps", gaps)
         self._check_meetings()
-        self._check_links()
-        self._check_bumpers()
+        with Faults() as faults:
+            for index, link in enumerate(self.links):
+                faults.attempt(("links", index), self._check_link, link)
+        with Faults() as faults:
+            bumper_of: list[Bumper | None] = [None] * len(self.contacts)
+            for index, bumper in enumerate(self.bumpers):
+                faults.attempt(("bumpers", index), self._place_bumper, bumper, bumper_of)
+        object.__setattr__(self, "bumper_of", tuple(bumper_of))
 
-    def _between(self, name: str, kind: type[Any]) -> tuple[Any, ...]:
-        """Check and keep what is named for pairs of the row, all of one kind."""
-        given = getattr(self, name)
-        found = tuple(given) if isinstance(given, Iterable) else (given,)
-        for each in found:
-            if not isinstance(each, kind):
-                raise SceneError(f"{name} must be {kind.__name__} objects, not {shown(each)}")
-            if each.pair not in self.pair_names:
-                raise SceneError(unknown(f"pair in {name}", each.pair, self.pair_names))
-        object.__setattr__(self, name, found)
-        return found
+    def _place_bumper(self, bumper: Bumper, bumper_of: list[Bumper | None]) -> None:
+        """Place a bumper at its contacts, one at each."""
+        if bumper.pair not in self.pair_names:
+            raise SceneError(unknown("pair", bumper.pair, self.pair_names))
+        label = self.pair_labels.index(bumper.pair)
+        contacts = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
+        for storey in bumper.storeys or contacts or [1]:
+            if storey not in contacts:
+                where = f"give some of {', '.join(map(str, sorted(contacts)))}" if contacts else "none of the pair do"
+                raise SceneError(f"no floors meet at storey {storey}; {where}")
+            if bumper_of[contacts[storey]] is not None:
+                raise SceneError(f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one")
+            bumper_of[contacts[storey]] = bumper
 
-    def _check_bumpers(self) -> None:
-        """Check that bumpers stand where floors meet, one at each place."""
-        found: list[Bumper | None] = [None] * len(self.contacts)
-        for bumper in self._between("bumpers", Bumper):
-            label = self.pair_labels.index(bumper.pair)
-            there = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
-            for storey in bumper.storeys or ([] if there else [1]):
-                if storey not in there:
-                    where = f"give some of {', '.join(map(str, sorted(there)))}" if there else "none of the pair do"
-                    raise SceneError(f"bumper of pair {bumper.pair!r}: no floors meet at storey {storey}; {where}")
-            for storey in bumper.storeys or there:
-                if found[there[storey]] is not None:
-                    raise SceneError(f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one")
-                found[there[storey]] = bumper
-        object.__setattr__(self, "_bumper_of", tuple(found))
-
-    def _check_links(self) -> None:
-        """Check that links join floors that are there, each two once."""
-        for link in self._between("links", Link):
-            pair = self.pair_names.index(link.pair)
-            for side, item in enumerate(self.row[pair : pair + 2]):
-                if isinstance(item, Wall):
-                    raise SceneError(f"pair {link.pair!r} has a wall; links join floors of two buildings")
-                for each in link.floors:
-                    if not 1 <= each[side] <= item.n_storeys:
-                        raise SceneError(
-                            f"pair {link.pair!r} is linked at storey {each[side]} of {item.name!r}, which is not "
-                            f"there; give one of 1 to {item.n_storeys}"
-                        )
-        places = [(each.pair, each.storey) for each in self.linked_floors]
-        for pair, storey in places:
-            if places.count((pair, storey)) > 1:
-                raise SceneError(
-                    f"storey {storey} of {self.row[pair].name!r} has {places.count((pair, storey))} links to "
-                    f"{self.row[pair + 1].name!r}; give one, of their sum"
-                )
+    def _check_link(self, link: Link) -> None:
+        """Check that a link joins floors that are there, each two once."""
+        if link.pair not in self.pair_names:
+            raise SceneError(unknown("pair", link.pair, self.pair_names))
+        pair = self.pair_names.index(link.pair)
+        for side, item in enumerate(self.row[pair : pair + 2]):
+            if isinstance(item, Wall):
+                raise SceneError(f"pair {link.pair!r} has a wall; links join floors of two buildings")
+            for floors in link.floors:
+                if not 1 <= floors[side] <= item.n_storeys:
+                    raise SceneError(
+                        f"there is no storey {floors[side]} of {item.name!r}; give one of 1 to {item.n_storeys}"
+                    )
+        storeys = [storey for other in self.links if other.pair == link.pair for storey, _ in other.floors]
+        for storey, _ in link.floors:
+            if storeys.count(storey) > 1:
+                raise SceneError(f"storey {storey} has {storeys.count(storey)} links; give one, of their sum")
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
-        quantity(self.tolerance, "tolerance", "m")
         asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
         if asked not in CONTACTS:
-            raise SceneError(unknown("kind of contacts", asked, CONTACTS))
+            raise SceneError(unknown("kind of contacts", asked, CONTACTS), ("contacts",))
         limits, names = self._checked_limits(), self.pair_names
         labels: list[tuple[str, int]] = []
         contacts: list[Contact] = []
@@ -1136,9 +968,16 @@ class Scene:
             for storey in limits.get(name, ()):
                 if storey not in there:
                     where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
-                    raise SceneError(f"storeys of pair {name!r}: storey {shown(storey)} meets nothing; {where}")
+                    raise SceneError(f"storey {shown(storey)} of pair {name!r} meets nothing; {where}", ("storeys",))
             if not there and not self.allow_unmet:
-                raise SceneError(f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}")
+                both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
+                where = ", ".join(
+                    f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both
+                )
+                raise SceneError(
+                    f"pair {name!r} has no floors that meet: {where}; give slab_depths by which they do, "
+                    'contacts = "floors and columns", or allow_unmet = true where they are meant to miss each other'
+                )
             for label, group in groups:
                 kept = [contact for contact in group if contact.storey in limits.get(name, there)]
                 if kept or label == name:
@@ -1151,7 +990,8 @@ class Scene:
                 )
         storeys = ((name, tuple(map(int, limits[name]))) for name in names if name in limits)
         object.__setattr__(self, "storeys", tuple(storeys))
-        object.__setattr__(self, "_labels", tuple(labels))
+        object.__setattr__(self, "pair_labels", tuple(label for label, _ in labels))
+        object.__setattr__(self, "pair_of_label", tuple(pair for _, pair in labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
     def _column_fault(self, floor: int) -> str:
@@ -1171,19 +1011,14 @@ class Scene:
             limits = {name: tuple(listed) for name, listed in dict(self.storeys).items()}
         except (TypeError, ValueError):
             raise SceneError(
-                f"storeys must be lists of storeys by the names of their pairs, not {shown(self.storeys)}"
+                f"must be lists of storeys by the names of their pairs, not {shown(self.storeys)}", ("storeys",)
             ) from None
         for name, listed in limits.items():
             if name not in self.pair_names:
-                raise SceneError(unknown("pair in storeys", name, self.pair_names))
+                raise SceneError(unknown("pair", name, self.pair_names), ("storeys",))
             if not listed:
-                raise SceneError(f"storeys of pair {name!r} are none; name those that meet, or leave the pair out")
+                raise SceneError(f"pair {name!r} has none; name those that meet, or leave it out", ("storeys",))
         return limits
-
-    def _elevations_of(self, pair: int) -> str:
-        """Say where the floors of a pair of buildings stand."""
-        both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
-        return ", ".join(f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both)
 
     @cached_property
     def buildings(self) -> tuple[Building, ...]:
@@ -1240,11 +1075,6 @@ class Scene:
         return tuple(found)
 
     @property
-    def bumper_of(self) -> tuple[Bumper | None, ...]:
-        """Bumper of each contact; None where it takes the law of the sweep."""
-        return self._bumper_of
-
-    @property
     def padded(self) -> bool:
         """Whether all contacts have bumpers, so that a sweep's law, stiffness and restitution matter to none."""
         return bool(self.bumper_of) and None not in self.bumper_of
@@ -1289,16 +1119,6 @@ class Scene:
         level = level_floors(left.slabs, right.slabs, self.tolerance)
         ours, theirs = [s for s, _ in level], [t for _, t in level]
         return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
-
-    @cached_property
-    def pair_labels(self) -> tuple[str, ...]:
-        """Labels along ``pair`` in results: each pair, and after it the columns of either building that are struck."""
-        return tuple(name for name, _ in self._labels)
-
-    @cached_property
-    def pair_of_label(self) -> tuple[int, ...]:
-        """Index of the pair of neighbours of each of the `pair_labels`."""
-        return tuple(pair for _, pair in self._labels)
 
     def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
         """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
@@ -1356,16 +1176,3 @@ class Scene:
                     f"floor {several[0] + 1} of {mine.name!r} is level with {floors.count(several[0])} floors of "
                     f"{other.name!r}; give smaller slab_depths or a smaller tolerance, so that it meets one"
                 )
-
-
-#: What to do about neighbours whose floors don't meet.
-_UNMET_REMEDY = (
-    'give slab_depths by which they do, contacts = "floors and columns", or allow_unmet = true where they are meant to '
-    "miss each other"
-)
-
-
-def check_gap(gap: float, what: str = "gap") -> None:
-    """Raise `SceneError` unless `gap` (m) is finite and not negative."""
-    if not (math.isfinite(gap) and gap >= 0):
-        raise SceneError(f"{what} is {gap!r} m; a gap must be zero or positive")

@@ -59,7 +59,7 @@ class Axis:
 
     @cached_property
     def _number(self) -> Callable[[Any], float]:
-        from pounding_sweep.spec.faults import number_check
+        from pounding_sweep.model.faults import number_check
 
         return number_check(self.noun, **self.bounds)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, create_model
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, create_model
 
 from pounding_sweep.base.errors import (
     Fault,
@@ -32,16 +32,7 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.text import LONGEST_TITLE, label_fault
-from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, names_file
-from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.rebound import RESTITUTION_BASES
-from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import Variants
-from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent
-from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases, read_distribution
-from pounding_sweep.spec.faults import (
+from pounding_sweep.model.faults import (
     Faults,
     Flag,
     Number,
@@ -55,6 +46,15 @@ from pounding_sweep.spec.faults import (
     spell,
     valid_part,
 )
+from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, names_file
+from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.rebound import RESTITUTION_BASES
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent
+from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases, read_distribution
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -69,7 +69,6 @@ from pounding_sweep.spec.tables import (
     MAX_AXIS,
     DesignTable,
     read_range,
-    read_scene,
     record_of_table,
 )
 
@@ -272,7 +271,7 @@ class _Reader:
 
     def _scene(self, value: Any) -> Scene:
         if isinstance(value, dict):
-            return read_scene(value, self.given["base"])
+            return TypeAdapter(Scene).validate_python(value, context={"base": self.given["base"]})
         if isinstance(value, str):
             return get_preset(value)
         if not isinstance(value, Scene):
@@ -701,7 +700,8 @@ class _Reader:
     def _check_room(self, spec: SweepSpec) -> None:
         """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
         for index, bumper in enumerate(spec.scene.bumpers):
-            self.faults.attempt(("scene", "bumpers", index), bumper.check_restitution, spec.restitution_basis)
+            check, basis = bumper.law.check_restitution, spec.restitution_basis
+            self.faults.attempt(("scene", "bumpers", index), check, bumper.restitution, basis)
         bumpers = [bumper for bumper in spec.scene.bumpers if bumper.thickness]
         scene_gaps, shared = spec.scene.gaps, ("scene", "gaps") if spec.gaps is None else ("gaps",)
         asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [

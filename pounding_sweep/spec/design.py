@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import AfterValidator, ValidationInfo, model_validator
 
 from pounding_sweep.base.errors import InputError, SceneError, unknown
+from pounding_sweep.model.faults import Number, Table, key, number
 from pounding_sweep.model.laws import Law
 from pounding_sweep.spec.axes import AXES, AxisValues, Case, plain_name
-from pounding_sweep.spec.faults import Number, Table, key, number
 
 #: Share of a distribution that must lie between its ends.
 _LEAST_WITHIN = 1e-6

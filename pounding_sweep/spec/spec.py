@@ -14,11 +14,11 @@ from typing import Any
 
 from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.model.scene import CONTACTS, Building, Bumper, ContactProperties, Link, Scene, Wall
+from pounding_sweep.model.scene import CONTACTS, Building, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, REFERENCE_PROPERTIES, Axis, AxisValues, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import AXES, Axis, AxisValues, Case, PropertyAxis, property_axes
 from pounding_sweep.spec.design import Design
 
 #: Time-stepping schemes by name.
@@ -139,59 +139,43 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
-#: What of a building is always stored, and of one that yields too; the rest only if it is not as usual.
+#: What of a building is always stored, and of one that yields too; the rest only if it is not the default.
 _BUILDING = ("name", "masses", "stiffnesses", "storey_heights", "damping_ratio")
 _OF_YIELDING = ("hardening", "damping_stiffness")
-_SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
-def _unusual(item: Building | Scene, names: Sequence[str], always: Sequence[str] = ()) -> dict[str, Any]:
-    """Return those of some fields that are not as they are by default, and those that are always stored."""
-    usual = {each.name: each.default for each in fields(item)}
-    return {name: getattr(item, name) for name in names if name in always or getattr(item, name) != usual[name]}
+def _data(item: Building | Scene, always: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the arguments of a building or scene that are not the default, and those that are always stored."""
+    values = {each.name: (getattr(item, each.name), each.default) for each in fields(item) if each.init}
+    return {name: value for name, (value, default) in values.items() if name in always or value != default}
 
 
-def _building_data(building: Building) -> dict[str, Any]:
-    strengths, foundation = building.yield_strengths, building.foundation
-    always = _BUILDING if strengths is None else (*_BUILDING, *_OF_YIELDING)
-    data = _unusual(building, [each.name for each in fields(building)], always)
-    if strengths is not None:  # null of storeys that never yield
-        data["yield_strengths"] = [each if math.isfinite(each) else None for each in strengths]
-    return data if foundation is None else {**data, "foundation": vars(foundation)}
-
-
-def _building_of(data: Mapping[str, Any]) -> Building:
-    ratio, strengths = data["damping_ratio"], data.get("yield_strengths")
-    if strengths is not None:
-        strengths = [math.inf if each is None else each for each in strengths]
-    changes = {"yield_strengths": strengths, "storey_heights": data["storey_heights"] or None}
-    return Building(**{**data, **changes, "damping_ratio": tuple(ratio) if isinstance(ratio, list) else ratio})
+def _item_data(item: Building | Wall) -> dict[str, Any]:
+    if isinstance(item, Wall):
+        return {"wall": True, "name": item.name}
+    data = _data(item, _BUILDING if item.yield_strengths is None else (*_BUILDING, *_OF_YIELDING))
+    if item.yield_strengths is not None:  # null of storeys that never yield
+        data["yield_strengths"] = [each if math.isfinite(each) else None for each in item.yield_strengths]
+    if item.bouc_wen is not None:
+        data["bouc_wen"] = list(vars(item.bouc_wen).values())
+    return data | ({"foundation": vars(item.foundation)} if item.foundation else {})
 
 
 def scene_data(scene: Scene) -> dict[str, Any]:
     """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
-    row = [
-        _building_data(item) if isinstance(item, Building) else {"wall": True, "name": item.name} for item in scene.row
-    ]
-    given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
-    contact = {name: None if value is None else float(value) for name, value in given.items()}
-    more = _unusual(scene, _SCENE_MORE)
-    if scene.contacts.asked != CONTACTS[0]:
-        more["contacts"] = scene.contacts.asked
-    if scene.links:
-        more["links"] = [vars(link) for link in scene.links]
-    if scene.bumpers:
-        more["bumpers"] = [bumper.data for bumper in scene.bumpers]
-    return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
+    data = _data(scene, ("gaps",)) | {"row": [_item_data(item) for item in scene.row], "contact": vars(scene.contact)}
+    data["contacts"] = scene.contacts.asked
+    if scene.contacts.asked == CONTACTS[0]:
+        del data["contacts"]
+    for name in ("links", "bumpers"):
+        if name in data:
+            data[name] = [item.data for item in data[name]]
+    return data
 
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
     """Return the row of `scene_data`."""
-    row = [Wall(item["name"]) if item.get("wall") else _building_of(item) for item in data["row"]]
-    more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
-    more["links"] = [Link(**link) for link in data.get("links", ())]
-    more["bumpers"] = [Bumper(**bumper) for bumper in data.get("bumpers", ())]
-    return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
+    return Scene(**data)
 
 
 def to_json(spec: SweepSpec) -> str:

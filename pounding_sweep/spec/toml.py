@@ -8,19 +8,21 @@ import re
 import stat
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import Fault, Place, SweepError, shown, unknown
 from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
+from pounding_sweep.model.faults import Faults, spell
 from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.build import read_sweep
-from pounding_sweep.spec.faults import Faults, spell
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
-from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
+from pounding_sweep.spec.tables import DesignTable
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
@@ -277,8 +279,8 @@ SECTIONS: dict[str, dict[str, str]] = {
     "output": {"variables": "outputs"},
 }
 _HOMES: dict[str, Iterable[str]] = {
-    "[scene]": SceneTable.model_fields,
-    "[scene.contact]": ContactTable.model_fields,
+    "[scene]": (*(each.name for each in fields(Scene)), *Scene.FILE_KEYS),
+    "[scene.contact]": (*(each.name for each in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
     "[design]": DesignTable.model_fields,
 }

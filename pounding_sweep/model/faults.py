@@ -1,0 +1,298 @@
+"""Faults of what a user gave, each with its place: tables, dataclasses and numbers that pydantic checks."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import numbers
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import field
+from typing import Annotated, Any, TypeVar, dataclass_transform
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetPydanticSchema,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+from pydantic_core import ArgsKwargs, ErrorDetails, PydanticCustomError
+
+from pounding_sweep.base.errors import (
+    SHOWN_CHARACTERS,
+    Fault,
+    InputError,
+    Place,
+    PoundingSweepError,
+    SceneError,
+    shown,
+    unknown,
+)
+
+
+class Faults:
+    """Faults found so far, each with its place, such as ``("gaps", 3)``; a `with` block raises them at its end."""
+
+    def __init__(self) -> None:
+        self.found: list[Fault] = []
+
+    def __enter__(self) -> Faults:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None and self.found:
+            text = [PydanticCustomError("fault", "{text}", {"text": text}) for _, text in self.found]
+            details = zip(text, self.found, strict=True)
+            raise ValidationError.from_exception_data(
+                "sweep", [{"type": error, "loc": place, "input": None} for error, (place, _) in details]
+            )
+
+    def add(self, place: Place, text: str) -> None:
+        """Note a fault."""
+        self.found.append((place, text))
+
+    def attempt(self, place: Place, make: Callable[..., Any], *args: Any, **named: Any) -> Any:
+        """Make something; None, with its faults noted at `place`, if that fails."""
+        try:
+            return make(*args, **named)
+        except ValidationError as error:
+            worded = [_in_words(each) for each in error.errors(include_url=False)]
+            self.found += [((*place, *inner), text) for inner, text in worded]
+        except (PoundingSweepError, ValueError) as error:
+            self.add((*place, *getattr(error, "place", ())), str(error))
+        except ArithmeticError as error:  # numbers so large or small that nothing can be computed from them
+            self.add(place, f"holds numbers that are out of range ({error})")
+        return None
+
+
+def _in_words(error: ErrorDetails) -> Fault:
+    """Return a fault whose text is in our own words already."""
+    context = error.get("ctx", {})
+    cause = context.get("error")
+    return (*error["loc"], *getattr(cause, "place", ())), str(context.get("text", cause or error["msg"]))
+
+
+def spell(place: Place) -> str:
+    """Write a place as text, ``"gaps[3]"``."""
+    short = (
+        part[:SHOWN_CHARACTERS] + "..." * (len(part) > SHOWN_CHARACTERS) if isinstance(part, str) else part
+        for part in place
+    )
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in short).lstrip(".")
+
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+_STRICT = ConfigDict(strict=True, frozen=True, **_CONFIG)
+_PARAMETER = re.compile(r"^(\w[\w, ]*?)(?: : .*)?\n((?: {4}.*(?:\n|\Z))+)", re.MULTILINE)
+T = TypeVar("T")
+
+
+def meanings(taker: Any) -> dict[str, str]:
+    """Return the first sentence that a docstring says of each parameter."""
+    section = (inspect.getdoc(taker) or "").partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    return {
+        name: re.split(r"[.;:] ", " ".join(text.split()))[0].rstrip(".")
+        for names, text in _PARAMETER.findall(section)
+        for name in names.split(", ")
+    }
+
+
+def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | None]) -> Fault:
+    """Word an error of pydantic on what `taker` takes: keys with descriptions, or with meanings in its docstring."""
+    kind, (first, *rest) = error["type"], error["loc"] or ("",)
+    if isinstance(first, int) and kind != "invalid_key":  # an argument by its position
+        first = list(descriptions)[first]
+    place = (first, *(part for part in rest if not str(part).startswith("|")))  # but for members of unions
+    if kind in ("fault", "value_error"):
+        inner, text = _in_words(error)
+        return (*place, *inner[len(error["loc"]) :]) if error["loc"] else inner, text
+    if kind in ("extra_forbidden", "invalid_key", "unexpected_keyword_argument"):
+        return place, unknown("key", place[-1], descriptions)
+    described = descriptions.get(str(first))
+    what = described or meanings(taker).get(str(first), "a valid value")
+    if kind.startswith("missing"):
+        return place, f"is missing; give {what}"
+    must = "it must be " if described else re.sub("^[A-Z][a-z]+ should", "it must", error["msg"]) + ": "
+    return place, f"{shown(error['input'])} won't do{' in ' if described and len(place) > 1 else f'; {must}'}{what}"
+
+
+def _check(cls: Any, given: Any, read: Callable[[Any], Any]) -> Any:
+    """Validate a table, or the arguments of a class, whose `of_table` reads keys that only files have."""
+    keys = {name: each.description for name, each in cls.__pydantic_fields__.items() if each.init is not False}
+    with Faults() as faults:
+        if isinstance(given, dict) and hasattr(cls, "of_table"):
+            keys |= dict.fromkeys(cls.FILE_KEYS)
+            given = cls.of_table(dict(given), faults)
+        elif not isinstance(given, (dict, cls, ArgsKwargs)):
+            name = cls.__name__.removesuffix("Table")
+            raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(given)}")
+        try:
+            return read(given)
+        except ValidationError as error:
+            faults.found += dict.fromkeys(worded(each, cls, keys) for each in error.errors(include_url=False))
+
+
+class Table(BaseModel):
+    """A table: its keys and their types. Other keys are faults."""
+
+    model_config = _STRICT
+    _check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[arg-type]
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def checked(cls: type[T]) -> type[T]:
+    """Make a frozen dataclass whose arguments pydantic checks, given in Python or as a table of a file."""
+    cls._check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[attr-defined, arg-type]
+    made: Any = dataclass(frozen=True, config=_CONFIG)(cls)
+    init: Callable[..., None] = made.__init__
+
+    @functools.wraps(init)
+    def constructor(self: Any, *args: Any, **named: Any) -> None:
+        try:
+            init(self, *args, **named)
+        except ValidationError as error:
+            found = [_in_words(each) for each in error.errors(include_url=False)]
+            name = named.get("name", named.get("pair", args[0] if args else None))
+            owner = f"{cls.__name__} {shown(name)}" if isinstance(name, str) else cls.__name__
+            texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
+            raise SceneError("\n".join(texts), found[0][0]) from None
+
+    made.__init__ = constructor
+    return made
+
+
+def is_number(value: object) -> bool:
+    """Whether `value` is a real number, no truth value and no text."""
+    return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_))
+
+
+def _as_float(value: Any) -> Any:
+    if type(value) is float:
+        return value + 0.0
+    try:
+        return float(value) + 0.0 if is_number(value) else value  # -0.0 becomes 0.0
+    except OverflowError:  # a whole number beyond all others
+        return value
+
+
+#: A number of any type, and a truth value.
+Number = Annotated[float, BeforeValidator(_as_float), Field(strict=True)]
+Flag = Annotated[
+    bool, BeforeValidator(lambda value: bool(value) if isinstance(value, np.bool_) else value), Field(strict=True)
+]
+
+#: Numbers within bounds, and whole numbers.
+Positive = Annotated[Number, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]
+Fraction = Annotated[Number, Field(ge=0.0, lt=1.0)]
+Whole = Annotated[
+    int, BeforeValidator(lambda value: int(value) if isinstance(value, np.integer) else value), Field(strict=True)
+]
+
+
+def _as_tuple(value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        raise InputError(f"must be a list, not {shown(value)}")
+    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+
+
+#: Before a sequence: lists and arrays are taken as tuples.
+Listed = BeforeValidator(_as_tuple)
+
+
+def one_or_several(one: Any, several: Any) -> GetPydanticSchema:
+    """Return the schema of one thing, or of a list."""
+    both = Annotated[one, Tag("|one")] | Annotated[several, Listed, Tag("|several")]
+    tags = Discriminator(lambda value: "|several" if isinstance(value, (list, tuple, np.ndarray)) else "|one")
+    return GetPydanticSchema(lambda _, handler: handler(Annotated[both, tags]))
+
+
+def optional(kind: Any) -> GetPydanticSchema:
+    """Return the schema of a thing or None, of which the class makes a thing."""
+    return GetPydanticSchema(lambda _, handler: handler(kind | None))
+
+
+def called(function: Callable[..., T], table: Any, first: str = "", also: Collection[str] = (), **more: Any) -> T:
+    """Call a function with a table of its arguments, checked by its annotations, and `more`.
+
+    The table may name the `first` anew, and keys that the caller takes out are in `also`.
+    """
+    name, *names = (each for each in inspect.signature(function).parameters if each not in more)
+    keys = dict.fromkeys((first := first or name, *names, *also)) | {first: meanings(function).get(name)}
+    if not isinstance(table, dict):
+        raise InputError(f"must be a table of {', '.join(keys)}, not {shown(table)}")
+    named = {key: value for key, value in table.items() if key != first} | more
+    with Faults() as faults:
+        try:
+            given = ArgsKwargs((table[first],) if first in table else (), named)
+            return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
+        except ValidationError as error:
+            faults.found += [worded(each, function, keys) for each in error.errors(include_url=False)]
+    raise AssertionError
+
+
+_BOUNDS = {"gt": "above {:g}", "ge": "at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}
+
+
+def key(description: str, default: Any = ...) -> Any:
+    """Return the field of a key: what it takes, in words, and its default; it is needed without one."""
+    return Field(default, description=description)
+
+
+def number(what: str, default: Any = ..., **bounds: float) -> Any:
+    """Return the field of a finite number within bounds; `what` names it and its unit."""
+    words = " and ".join(_BOUNDS[name].format(bound) for name, bound in bounds.items()) or "a finite number"
+    limits: dict[str, Any] = {"allow_inf_nan": False, **bounds}
+    return Field(default, description=f"{what}, {words}", **limits)
+
+
+def number_check(what: str, **bounds: float) -> Callable[[Any], float]:
+    """Make a check of one number, as `number` is in a table; it returns it as a float."""
+    field = number(what, **bounds)
+    validate = TypeAdapter(Annotated[Number, field], config=ConfigDict(strict=True)).validate_python
+
+    def check(value: Any) -> float:
+        try:
+            return validate(value)
+        except ValidationError:
+            raise InputError(f"{shown(value)} won't do; it must be a {field.description}") from None
+
+    return check
+
+
+def one_of(what: str, valid: Collection[str]) -> AfterValidator:
+    """Make a check that a value is one of several texts."""
+
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or value not in valid:
+            raise InputError(unknown(what, value, valid))
+        return value
+
+    return AfterValidator(check)
+
+
+def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
+    """Return one item or several as a list; None if `given` is neither."""
+    if single and isinstance(given, single):
+        return [given]
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes, dict)) else None
+
+
+def valid_part(model: type[Table], given: Any, faults: Faults) -> dict[str, Any]:
+    """Return the values of a table by key, defaults for those at fault; nothing of what is no table."""
+    before = len(faults.found)
+    table = faults.attempt((), model.model_validate, given)
+    if table is not None or not isinstance(given, dict):
+        return dict(table or ())
+    wrong = {place[0] for place, _ in faults.found[before:]}
+    defaults = {name: None if field.is_required() else field.default for name, field in model.model_fields.items()}
+    return defaults | {name: value for name, value in given.items() if name not in wrong}
