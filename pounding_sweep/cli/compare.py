@@ -125,7 +125,7 @@ class CompareOptions:
         for option, name in ARGUMENTS.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
-            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and c.rows is None)]
+            takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and not c.rows)]
             if name in arguments and not set(takers) & set(keys):
                 of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
                 raise InputError(f"{option} is for {of}; leave it out, or add --what {takers[0]}")
@@ -200,7 +200,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
                     table_rows(result, comparison, lead=lead, over=over, quantiles=quantiles) for lead in (False, True)
                 )
                 intensity = options.intensity
-                if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
+                if intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
                     measured = intensity_of(cube, intensity, folders=options.folders or None)
                     rows = with_intensity(rows, measured, intensity)
                 attributes = {str(k): finite(plain(v)) for k, v in result.attrs.items()}
