@@ -91,7 +91,7 @@ FLOOR, CONTACT = (
     tuple(
         name
         for name, variable in VARIABLES.items()
-        if variable.dims == dims and name != "closing_max" and not (variable.of_columns or variable.of_links)
+        if variable.dims == dims and name != "closing_max" and variable.only not in ("columns", "links")
     )
     for dims in (("building", "storey"), ("pair", "storey"))
 )

@@ -57,7 +57,7 @@ def cube(seed=0, *, right_wall=False, **sizes):
     arrays = {}
     for name, variable in VARIABLES.items():
         rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-        values = rng.uniform(0.1, 1.0, (*shape, *inner_shape(variable, row)))
+        values = rng.uniform(0.1, 1.0, (*shape, *inner_shape(name, row)))
         arrays[name] = np.ceil(9.0 * values).astype(np.int32) if variable.dtype == "i4" else values
     arrays["status"] = np.zeros(shape, np.int8)
     for name in ("displacement_max", "displacement_min", "drift_max", "penetration_max", "closing_max"):

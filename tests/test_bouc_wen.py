@@ -19,7 +19,7 @@ from pounding_sweep.model.scene import BoucWen
 from pounding_sweep.outputs.variables import VARIABLES, Status
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
-OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.only != "columns"]
 CONTACT = 8e5
 each_scheme = pytest.mark.parametrize("method", SMOOTHING)
 

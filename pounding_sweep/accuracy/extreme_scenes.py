@@ -98,9 +98,7 @@ class Batch:
         for name in cube_variables(self.outputs):
             variable = get_variable(name)
             empty = Status.BEYOND_STABILITY_LIMIT if name == "status" else variable.fill
-            result[name] = np.full(
-                (len(self), *inner_shape(variable, self.scene)), math.nan if empty is None else empty
-            )
+            result[name] = np.full((len(self), *inner_shape(name, self.scene)), math.nan if empty is None else empty)
             if part:
                 result[name][rows] = part[name]
         return mask_invalid(result)

@@ -53,19 +53,18 @@ def _places(scene: Scene, per: str) -> list[int]:
     if per in ("contact", "link"):
         ends: Sequence[Any] = scene.contacts if per == "contact" else scene.linked_floors
         return [end.place * n + end.storey - 1 for end in ends]
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "scenario": 1}
-    return list(scene.foundations if per == "base" else range(sizes[per]))
+    return list(scene.foundations if per == "base" else range(math.prod(_inner_sizes(scene, DIMS[per]))))
+
+
+def _inner_sizes(scene: Scene, dims: Iterable[str]) -> tuple[int, ...]:
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
+    return tuple(sizes[dim] for dim in dims)
 
 
 def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:
     """Put a value for each floor, contact, ... where it belongs in a cube; no copy if there is one for every place."""
     values, places = np.asarray(values), _places(scene, per)
-    if values.ndim == 0 or values.shape[-1] != len(places):
-        raise InputError(
-            f"the last dimension of the values must be the scene's {len(places)} {per}s, not shape {values.shape}"
-        )
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
-    inner = [sizes[dim] for dim in DIMS[per]]
+    inner = _inner_sizes(scene, DIMS[per])
     if places == list(range(math.prod(inner))):
         return values.reshape(*values.shape[:-1], *inner)
     missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
@@ -76,7 +75,6 @@ def scatter(values: Any, scene: Scene, per: str) -> np.ndarray:
 
 
 scatter_dof, scatter_contact = partial(scatter, per="floor"), partial(scatter, per="contact")
-scatter_link, scatter_base = partial(scatter, per="link"), partial(scatter, per="base")
 
 
 @dataclass(frozen=True)
@@ -97,11 +95,6 @@ class KernelResults:
         if slot in self.slots:
             return self.slots[slot]
         return np.full((len(self), len(_places(self.scene, per))), missing)
-
-    @cached_property
-    def steps_per_contact(self) -> np.ndarray:
-        """Time steps in the shortest contact, NaN where nothing touched."""
-        return np.asarray(np.fmin.reduce(self.steps_by_law, axis=1))
 
     @cached_property
     def steps_by_law(self) -> np.ndarray:
@@ -134,9 +127,7 @@ class Variable:
     least: float = 0.0
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
-    of_columns: bool = False  # it exists only where floors strike columns
-    of_links: bool = False  # it exists only where neighbours are linked
-    of_foundations: bool = False  # it exists only where buildings stand on foundations
+    only: str = ""  # it exists only where a row has "columns" that are struck, "links" or "foundations"
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
     default: bool = False  # it is reported where no ``outputs`` are given
     always: bool = False  # it is in every cube, asked for or not
@@ -149,11 +140,6 @@ class Variable:
         return DIMS[self.per]
 
     @property
-    def per_pair(self) -> bool:
-        """Whether it describes pairs of neighbours, which a single building has none of."""
-        return "pair" in self.dims
-
-    @property
     def fill(self) -> float | int | None:
         """What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing."""
         if self.flag_values:
@@ -163,9 +149,8 @@ class Variable:
     def exists_in(self, scene: Scene) -> bool:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
         struck = any(contact.struck >= 0 for contact in scene.contacts)
-        there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
-        there = there and (bool(scene.foundations) or not self.of_foundations)
-        return there and (not self.per_pair or bool(scene.pair_names))
+        has = {"": True, "columns": struck, "links": bool(scene.links), "foundations": bool(scene.foundations)}
+        return has[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
 
     def read(self, results: KernelResults) -> np.ndarray:
         """Return its values, shape (scenarios, dimensions)."""
@@ -339,61 +324,21 @@ def _residual(results: KernelResults) -> np.ndarray:
     return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
 
 
-def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
-    for i in group.each(group.spec.n_dof, straight):
-        yield Motion(("umax", i), ("umin", i), False, partial(_read, group, i))
-
-
-def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
-    del straight
-    for i, below in storeys(group):
-        yield Motion(("drift", i), None, True, partial(group.drift, i, below))
-
-
-def _read(group: Group, i: Any, name: Any) -> Any:
-    return group.floor(name, i)
-
-
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
+        shear = partial(hysteresis.shear, group, i, below)
         # it turns with the drift, which is asked for too
-        shear = _borne if group.spec.p_delta else hysteresis.shear
-        yield Motion(("shear", i), None, True, partial(shear, group, i, below), shear=i, alone=False)
+        yield Motion(("shear", i), None, True, partial(_borne, group, i, below, shear), shear=i, alone=False)
     for i, below, n in bouc_wen.each_storey(group):
-        yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
+        shear = partial(bouc_wen.shear, group, i, below, n)
+        yield Motion(("shear", i), None, True, partial(_borne, group, i, below, shear))
 
 
-def _smooth_shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
-    found = bouc_wen.shear(group, i, below, n, name)
-    return found + group.prop("geometric", i) * hysteresis.drift(group, i, below, name) if group.spec.p_delta else found
-
-
-def _borne(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
-    """Shear of a storey that bears what the weights above it push too."""
-    pushed = group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
-    return hysteresis.shear(group, i, below, name) + pushed
-
-
-def _bases(group: Group, straight: bool) -> Iterator[Motion]:
-    del straight
-    for q, b in enumerate(group.spec.foundations):
-        for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True):
-            yield Motion((name, q), None, True, partial(_read, group, i))
-
-
-def _closings(group: Group, straight: bool) -> Iterator[Motion]:
-    for j in group.each_closing(straight):
-        yield Motion(("closing", j), None, False, partial(group.between, j=j))
-
-
-def _links(group: Group, straight: bool) -> Iterator[Motion]:
-    del straight
-    for j, ends in group.each_link():
-        yield Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
-
-
-def _still(group: Group, i: Any) -> Any:
-    return group.state["u", i]
+def _borne(group: Group, i: Any, below: Any, shear: Callable[[Any], Any], name: Any = "u") -> Any:
+    """Shear of a storey, which bears what the weights above it push too."""
+    if not group.spec.p_delta:
+        return shear(name)
+    return shear(name) + group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
 
 
 def _column_shear(results: KernelResults, end: int) -> np.ndarray:
@@ -459,9 +404,11 @@ def hysteretic(results: KernelResults) -> np.ndarray:
 
 _floor = partial(Variable, per="floor", error="motions")
 _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
-_base = partial(Variable, per="base", error=UNMEASURED, of_foundations=True)
-#: Outputs of floors, of storeys that yield, of links, of foundations and of neighbours.
-MOTIONS = (
+_base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
+_contact = partial(Variable, per="contact", error="contacts")
+_energy = partial(Variable, per="building", error="energies")
+#: Every output, in the order in which cubes and tables list them.
+_VARIABLES = (
     _floor(
         "displacement_max",
         "m",
@@ -508,8 +455,6 @@ MOTIONS = (
         "acc",
         error="contacts",
     ),
-)
-YIELDS = (
     _yielding(
         "ductility_max",
         "1",
@@ -530,52 +475,6 @@ YIELDS = (
         needs=frozenset({"residual"}),
         relative_to=("drift_max",),
     ),
-)
-LINKS = (
-    Variable(
-        "link_force_max",
-        "kN",
-        "largest link force",
-        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
-        "together; missing where there is none.",
-        "link_force",
-        error=UNMEASURED,
-        of_links=True,
-        per="link",
-    ),
-)
-FOUNDATIONS = (
-    _base(
-        "foundation_sway_max",
-        "m",
-        "largest sway of the foundation",
-        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has "
-        "none. The sway spring's largest force is K_h times it.",
-        "sway",
-    ),
-    _base(
-        "foundation_rotation_max",
-        "rad",
-        "largest rotation of the foundation",
-        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The "
-        "rocking spring's largest moment is K_theta times it.",
-        "rotation",
-    ),
-)
-CLOSINGS = (
-    Variable(
-        "closing_max",
-        "m",
-        "largest closing displacement",
-        "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
-        "closing",
-        error="motions",
-        per="contact",
-    ),
-)
-
-_contact = partial(Variable, per="contact", error="contacts")
-CONTACTS = (
     _contact(
         "impact_force_max",
         "kN",
@@ -651,7 +550,7 @@ CONTACTS = (
         partial(_column_shear, end=0),
         needs=frozenset({"force"}),
         error=UNMEASURED,
-        of_columns=True,
+        only="columns",
     ),
     _contact(
         "column_shear_top_max",
@@ -663,12 +562,35 @@ CONTACTS = (
         partial(_column_shear, end=1),
         needs=frozenset({"force"}),
         error=UNMEASURED,
-        of_columns=True,
+        only="columns",
     ),
-)
-
-_energy = partial(Variable, per="building", error="energies")
-ENERGIES = (
+    Variable(
+        "link_force_max",
+        "kN",
+        "largest link force",
+        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
+        "together; missing where there is none.",
+        "link_force",
+        error=UNMEASURED,
+        only="links",
+        per="link",
+    ),
+    _base(
+        "foundation_sway_max",
+        "m",
+        "largest sway of the foundation",
+        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has "
+        "none. The sway spring's largest force is K_h times it.",
+        "sway",
+    ),
+    _base(
+        "foundation_rotation_max",
+        "rad",
+        "largest rotation of the foundation",
+        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The "
+        "rocking spring's largest moment is K_theta times it.",
+        "rotation",
+    ),
     _energy(
         "energy_input",
         "kN m",
@@ -721,7 +643,7 @@ ENERGIES = (
         "e_link",
         error=UNMEASURED,
         relative_to=("energy_input",),
-        of_links=True,
+        only="links",
     ),
     _energy(
         "energy_transfer_max",
@@ -753,9 +675,15 @@ ENERGIES = (
         relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
         per="pair",
     ),
-)
-
-RUNS = (
+    Variable(
+        "closing_max",
+        "m",
+        "largest closing displacement",
+        "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
+        "closing",
+        error="motions",
+        per="contact",
+    ),
     Variable(
         "time_step",
         "s",
@@ -804,25 +732,58 @@ RUNS = (
         "time steps in the shortest contact",
         "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective "
         "mass and approach velocity; missing where nothing touched.",
-        lambda results: results.steps_per_contact,
+        lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
         always=True,
     ),
 )
-
-
-MOTION_REDUCERS: tuple[Reducer, ...] = (
-    Reducer("displacement", (Slot("umax", "floor", _still), Slot("umin", "floor", _still)), follows=_displacements),
-    Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
+#: Every reducer, in the order in which their slots lie.
+_REDUCERS = (
+    Reducer(
+        "displacement",
+        tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
+        follows=lambda group, straight: (
+            Motion(("umax", i), ("umin", i), False, partial(group.floor, i=i))
+            for i in group.each(group.spec.n_dof, straight)
+        ),
+    ),
+    Reducer(
+        "drift",
+        (Slot("drift", "floor"),),
+        follows=lambda group, _: (
+            Motion(("drift", i), None, True, partial(group.drift, i, below)) for i, below in storeys(group)
+        ),
+    ),
     Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
     Reducer("residual", (Slot("slip", "floor"),), where="yields"),
     Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
-    Reducer("link_force", (Slot("link_force", "link"),), where="linked", follows=_links, step=links.sample),
-    Reducer("foundation", (Slot("sway", "base"), Slot("rotation", "base")), where="founded", follows=_bases),
-    Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
-)
-
-
-CONTACT_REDUCERS = (
+    Reducer(
+        "link_force",
+        (Slot("link_force", "link"),),
+        where="linked",
+        follows=lambda group, _: (
+            Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
+            for j, ends in group.each_link()
+        ),
+        step=links.sample,
+    ),
+    Reducer(
+        "foundation",
+        (Slot("sway", "base"), Slot("rotation", "base")),
+        where="founded",
+        follows=lambda group, _: (
+            Motion((name, q), None, True, partial(group.floor, i=i))
+            for q, b in enumerate(group.spec.foundations)
+            for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True)
+        ),
+    ),
+    Reducer(
+        "closing",
+        (Slot("closing", "contact"),),
+        where="neighbours",
+        follows=lambda group, straight: (
+            Motion(("closing", j), None, False, partial(group.between, j=j)) for j in group.each_closing(straight)
+        ),
+    ),
     Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
     Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
     Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
@@ -848,10 +809,6 @@ CONTACT_REDUCERS = (
         substep=_closed_substep,
         plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
     ),
-)
-
-
-ENERGY_REDUCERS = (
     Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
     Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
     Reducer(
@@ -865,26 +822,13 @@ ENERGY_REDUCERS = (
         looks="ends",
     ),
 )
-
-
-#: Every reducer by name, in the order in which their slots lie.
-REDUCERS: dict[str, Reducer] = {
-    reducer.name: reducer for reducer in (*MOTION_REDUCERS, *CONTACT_REDUCERS, *ENERGY_REDUCERS)
-}
-_REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
-#: Every output by name, in the order in which cubes and tables list them, with the reducer of its slot among its needs.
+#: Every reducer by name.
+REDUCERS: dict[str, Reducer] = {reducer.name: reducer for reducer in _REDUCERS}
+_REDUCER_OF = {slot.name: reducer.name for reducer in _REDUCERS for slot in reducer.slots}
+#: Every output by name, with the reducer of its slot among its needs.
 VARIABLES: dict[str, Variable] = {
     variable.name: replace(variable, needs=variable.needs | {*filter(None, [_REDUCER_OF.get(str(variable.source))])})
-    for variable in (
-        *MOTIONS,
-        *YIELDS,
-        *CONTACTS,
-        *LINKS,
-        *FOUNDATIONS,
-        *ENERGIES,
-        *CLOSINGS,
-        *RUNS,
-    )
+    for variable in _VARIABLES
 }
 
 #: What a sweep reports where its ``outputs`` are not given.
@@ -896,10 +840,8 @@ CLASSES: dict[str, tuple[str, ...]] = {
 }
 
 
-def get_variable(name: str | Variable) -> Variable:
-    """Return the declared output of that name; a `Variable` is returned as it is."""
-    if isinstance(name, Variable):
-        return name
+def get_variable(name: str) -> Variable:
+    """Return the declared output of that name."""
     try:
         return VARIABLES[name]
     except (KeyError, TypeError):
@@ -936,16 +878,13 @@ def output_slots(shape: KernelSpec) -> Slots:
     return result_slots(shape, reducers_of(shape))
 
 
-def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
-    """Return the shape of one scenario's values of `variable`."""
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
-    return tuple(sizes[dim] for dim in get_variable(variable).dims)
+def inner_shape(name: str, scene: Scene) -> tuple[int, ...]:
+    """Return the shape of one scenario's values of an output."""
+    return _inner_sizes(scene, VARIABLES[name].dims)
 
 
 def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Remove the values of scenarios that have none: diverged, refused or not run."""
-    if "status" not in arrays:
-        raise InputError(f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}")
     status = np.asarray(arrays["status"])
     bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
     result: dict[str, np.ndarray] = {}
