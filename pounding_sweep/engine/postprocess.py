@@ -8,7 +8,7 @@ diverged, however finite it is: `energy_limit` tells.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -28,24 +28,14 @@ SECOND_MODE = 0.25
 MAX_ENERGY = 2.0
 
 
-def phase_errors(row: Scene | Variants, record: Record) -> Callable[[Numerics], np.ndarray]:
-    """Return what tells by which phase a scheme misses the first two modes (rad), the largest of all buildings."""
-    variants = variants_of(row)
-    w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*variants.systems, strict=True))
-    weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in variants.systems])
-    weighed = weights[:, None] * w * np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
-
-    def of(numerics: Numerics) -> np.ndarray:
-        h = record.dt / numerics.steps(record)
-        share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
-        return np.asarray(np.max(weighed * share, axis=0, initial=0.0))
-
-    return of
-
-
 def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
-    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
-    return phase_errors(row, record)(numerics)
+    """Phase by which a scheme misses the first two modes (rad), the largest of all buildings."""
+    systems, h = variants_of(row).systems, record.dt / numerics.steps(record)
+    w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*systems, strict=True))
+    weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in systems])
+    share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
+    lasting = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+    return np.asarray(np.max(weights[:, None] * w * lasting * share, axis=0, initial=0.0))
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:
@@ -125,24 +115,6 @@ def _moves_with_base(building: Building) -> np.ndarray:
     return np.stack([np.full(building.n_storeys, sway**-0.5), building.elevations * rocking**-0.5])
 
 
-#: `phase_error` of a single row: each chunk asks for it.
-_late = lru_cache(maxsize=64)(phase_error)
-
-
-def resolution_status(
-    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray
-) -> np.ndarray:
-    """Status of scenarios by what their step resolves, `steps_per_contact` of the fastest part of the shortest."""
-    variants = variants_of(row)
-    late = _late(variants, record, numerics) if len(variants) == 1 else phase_error(variants, record, numerics)
-    blurred = (late > MAX_PHASE_ERROR) | loses_ground(record, numerics)
-    status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
-    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
-    need = numerics.scheme.min_steps_per_contact(numerics.locate)
-    status[steps_per_contact < need] = Status.UNDER_RESOLVED_CONTACT
-    return status
-
-
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported
 def variables_of(
     kernel: RowKernel,
@@ -170,45 +142,26 @@ def variables_of(
     return result
 
 
-def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record, row: Variants) -> np.ndarray:
-    """Whether floors went farther than the energy that the ground can bring in allows, where that was kept."""
-    if "umax" not in raw:
-        return np.zeros(len(raw["flags"]), dtype=bool)
-    scale = raw["scale"][:, 0]
-    if len(row) == 1 and (scale == scale[0]).all():  # one limit for all
-        limit = _farthest(row, record, float(scale[0]), kernel.initial_velocity)
-        highest, lowest = raw["umax"].max(axis=0), raw["umin"].min(axis=0)
-        if np.all((highest <= limit) & (-lowest <= limit)):  # as a rule
-            return np.zeros(len(scale), dtype=bool)
-    else:
-        limit = displacement_limit(row, MAX_ENERGY * energy_limit(row, record, scale, kernel.initial_velocity))
-    return ~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)
-
-
-@lru_cache(maxsize=64)
-def _farthest(row: Variants, record: Record, scale: float, initial_velocity: tuple[float, ...] | None) -> np.ndarray:
-    """How far floors of a single row can get (m), shape (1, floors): each chunk asks for it."""
-    return displacement_limit(row, MAX_ENERGY * energy_limit(row, record, np.array([scale]), initial_velocity))
-
-
-def _fallen(raw: Mapping[str, np.ndarray], row: Variants) -> np.ndarray:
-    """Whether a storey that softens under the weight above it drifted as far as it is high."""
-    if not any(b.p_delta and any(b.yields) for b in row.scene.buildings):
-        return np.zeros(len(raw["flags"]), dtype=bool)
-    return np.any((row.hardenings < 0.0) & ~(raw["drift"] < row.storey_heights), axis=1)
-
-
 def _status(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record, row: Variants
 ) -> np.ndarray:
     from pounding_sweep.kernel.march import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
-    flags = raw["flags"][:, 0].astype(int)
+    numerics, flags = kernel.numerics, raw["flags"][:, 0].astype(int)
+    status = np.full(len(flags), Status.OK, np.int8)
+    blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
     fastest = np.fmin.reduce(steps / raw.get("quickening", 1.0), axis=1)
-    status = resolution_status(row, record, kernel.numerics, fastest)
+    status[fastest < numerics.scheme.min_steps_per_contact(numerics.locate)] = Status.UNDER_RESOLVED_CONTACT
     touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
     status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED
-    impossible = _impossible(kernel, raw, record, row) | _fallen(raw, row)
-    status[(flags & FLAG_DIVERGED > 0) | impossible] = Status.DIVERGED
+    status[flags & FLAG_DIVERGED > 0] = Status.DIVERGED
+    if "umax" in raw:  # farther than the energy that the ground can bring in allows
+        energy = MAX_ENERGY * energy_limit(row, record, raw["scale"][:, 0], kernel.initial_velocity)
+        limit = displacement_limit(row, energy)
+        status[~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)] = Status.DIVERGED
+    if any(b.p_delta and any(b.yields) for b in row.scene.buildings):  # a storey fell under the weight above it
+        fallen = (row.hardenings < 0.0) & ~(raw["drift"] < row.storey_heights)
+        status[np.any(fallen, axis=1)] = Status.DIVERGED
     return status

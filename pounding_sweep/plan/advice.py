@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, phase_errors
+from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
@@ -416,10 +416,10 @@ class _Demand:
         stepped = any(self.spec.scene.yields) or any(law.impulsive for law in self.laws)
         flies = SCHEMES[method].flies_exactly and not stepped
         limit = MAX_PHASE_ERROR if flies else min(self.spec.accuracy, MAX_PHASE_ERROR)
-        result, error = np.zeros(len(self.variants), dtype=int), phase_errors(self.variants, record)
+        result = np.zeros(len(self.variants), dtype=int)
         for steps in _STEPS.tolist():
             numerics = Numerics(method, record.dt / steps)
-            late = error(numerics) > limit
+            late = phase_error(self.variants, record, numerics) > limit
             result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
             if result.all():
                 break
