@@ -176,7 +176,7 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
 )
 @pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
 def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.engine.row_kernel.SLAB_BYTES", 20_000)  # handed over in several parts
+    monkeypatch.setattr("pounding_sweep.engine.row_kernel.TABLE_BYTES", 20_000)  # handed over in several parts
     scene, record = tall(), motions()[0]
     variants = some_variants(scene, 50)
     dt = 0.02 if method == "exact" else 0.002

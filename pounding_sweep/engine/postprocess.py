@@ -9,7 +9,6 @@ diverged, however finite it is: `energy_limit` tells.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -44,16 +43,11 @@ def loses_ground(record: Record, numerics: Numerics) -> bool:
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
     if steps >= 4.0 * need or not record.duration or not record.pga:
         return False
-    return _ground_steps(record, steps) < need * (1.0 - 1e-9)
-
-
-@lru_cache(maxsize=256)
-def _ground_steps(record: Record, steps: int) -> float:
-    """Range of the ground's velocity at the ends of steps, in steps of its largest acceleration."""
     points = np.arange((record.n_points - 1) * steps + 1) / steps
     a = np.interp(points, np.arange(record.n_points), record.acceleration)
     gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step
-    return float(max(gained.max(), 0.0) - min(gained.min(), 0.0)) / record.pga
+    reach = max(gained.max(), 0.0) - min(gained.min(), 0.0)  # in steps of its largest acceleration
+    return bool(reach / record.pga < need * (1.0 - 1e-9))
 
 
 def energy_limit(

@@ -25,7 +25,7 @@ from pounding_sweep.kernel.spec import (
     property_slots,
 )
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Scene, column_shares
+from pounding_sweep.model.scene import Building, Scene, column_shares
 from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
@@ -43,8 +43,6 @@ SEPTIC = 10321920.0
 SERIES_FALL = 0.5
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
-#: Inputs handed to a kernel at a time (bytes).
-SLAB_BYTES = 1 << 24
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
 TABLE_BYTES = 1 << 25
 
@@ -73,11 +71,6 @@ class Numerics:
         return max(1, math.ceil(record.dt / self.dt - 1e-9))
 
 
-def _existing(where: str) -> frozenset[str]:
-    """Return the reducers that exist only in rows of some kind."""
-    return frozenset(name for name, reducer in REDUCERS.items() if reducer.where == where)
-
-
 def kernel_shape(
     scene: Scene,
     law: Law,
@@ -88,23 +81,21 @@ def kernel_shape(
     windows: bool = True,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
-    touching = law.has_contact and bool(scene.contacts)
-    wanted = frozenset(reducers)
-    if not touching:
-        wanted -= _existing("touch")
-    if not scene.contacts:
-        wanted -= _existing("neighbours")
-    yields = scene.yields
-    if not any(yields):
-        wanted -= _existing("yields")
+    touching, yields = law.has_contact and bool(scene.contacts), scene.yields
+    exists = {
+        "": True,
+        "touch": touching,
+        "neighbours": bool(scene.contacts),
+        "yields": any(yields),
+        "linked": bool(scene.links),
+        "founded": bool(scene.foundations),
+    }
+    wanted = frozenset(name for name in reducers if exists[REDUCERS[name].where])
     falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
     if falls:  # which its drift tells
         wanted |= {"drift"}
-    if not scene.links:
-        wanted -= _existing("linked")
-    if not scene.foundations:
-        wanted -= _existing("founded")
-    meets = touching or bool(wanted & _existing("neighbours"))
+    meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
+    smooth = [building.bouc_wen for building in scene.buildings for _ in building.masses]
     own = [_compiled(bumper.law) for bumper in scene.bumper_of if bumper] if touching else []
     bumpers = tuple(dict.fromkeys(own))
     return KernelSpec(
@@ -127,7 +118,7 @@ def kernel_shape(
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
         p_delta=falls and "shear" in wanted,
-        smooth=_exponents(scene),
+        smooth=tuple((i, law.n) for i, law in enumerate(smooth) if law is not None and yields[i]),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
         dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
         links=tuple((link.left, link.right) for link in scene.linked_floors),
@@ -157,15 +148,6 @@ def _compiled(law: Law) -> LawShape:
     )
 
 
-def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
-    """Floors above storeys of Bouc and Wen, with their exponents."""
-    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
-    return tuple((i, law.n) for i, law in enumerate(laws) if law is not None and scene.yields[i])
-
-
-_shape = lru_cache(maxsize=64)(kernel_shape)
-
-
 def flight_refinement(accuracy: float) -> float:
     """Divisor of flight's steps with which their septics lose no more than `accuracy` of any mode."""
     return float(FLIGHT_STEP[-1] / (SEPTIC * accuracy) ** 0.125)
@@ -175,13 +157,6 @@ def _flight_rate(w: np.ndarray) -> Any:
     """Least inverse (1/s) of an exact flight step, by natural frequencies of buildings, rising along the last axis."""
     first = w[..., : len(FLIGHT_STEP)]
     return np.maximum((first / FLIGHT_STEP[: first.shape[-1]]).max(axis=-1), w[..., -1] / FLIGHT_STEP[-1])
-
-
-def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
-    """Largest product of a sub-step and the rate of a contact."""
-    if not shape.series:
-        return (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
-    return SERIES_CAP / numerics.refinement**SERIES_FALL
 
 
 @lru_cache(maxsize=64)
@@ -201,7 +176,8 @@ def _constants(
             put(name, values_of(variants_of(scene))[0])
     if initial_velocity is not None:
         put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
-    put("cap", _contact_cap(shape, numerics))
+    cap = STAGED_CAP if shape.staged else CONTACT_CAP
+    put("cap", SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap / numerics.refinement)
     if shape.staged:
         put("longest", longest_substep(variants_of(scene), numerics.dt, rough, shape.reducers)[0])
     put("newmark_beta", numerics.beta)
@@ -256,7 +232,7 @@ class RowKernel:
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
+        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
     @property
     def in_double(self) -> RowKernel:
@@ -303,7 +279,7 @@ class RowKernel:
 
         n = len(scale)
         groups = -(-n // LANES)
-        inputs, outputs = input_slots(self.shape), output_slots(self.shape)
+        outputs = output_slots(self.shape)
         row = variants_of(self.scene) if variants is None else variants
         flight_substeps = int(self.flight_substeps(record, row).max())
         results = np.zeros((groups, outputs.size * LANES))
@@ -312,16 +288,14 @@ class RowKernel:
         kernel = (twin_of if twin else get_kernel)(self.shape)
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
-        slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
         first = 0
         while first < groups:
-            tables, buildings, groups_done, lasting = self._tables(
-                record, flight_substeps, row[first * LANES :], slab, twin
-            )
+            part = row[first * LANES :]
+            tables, buildings, groups_done, lasting = self._tables(record, flight_substeps, part, groups - first, twin)
             mine = slice(first * LANES, (first + groups_done) * LANES)
-            part = {name: values[mine] for name, values in given.items()}
+            inputs = {name: values[mine] for name, values in given.items()}
             lanes = self._lanes(
-                buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], rough=record.is_rough, **part
+                buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], rough=record.is_rough, **inputs
             )
             kernel(
                 np.array(record.acceleration),
@@ -333,7 +307,7 @@ class RowKernel:
                 results[first : first + groups_done],
                 history,
                 *tables,
-                len(part["scale"]),
+                len(inputs["scale"]),
             )
             if lasting is not None:
                 keep_tables(lasting, tables[0])
@@ -342,32 +316,28 @@ class RowKernel:
         found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
         found["scale"] = np.asarray(scale, float)[:, None]
-        if self.shape.law is not None:
-            found["quickening"] = self._quickening(e)
-        return found
-
-    def _quickening(self, e: np.ndarray) -> np.ndarray:
-        """Factors by which damping shortens contacts, one of each law of the kernel, shape (scenarios, laws)."""
-        found = np.ones((len(e), len(self.shape.laws)))
-        found[:, 0] = self.law.quickening(e, self.basis)
-        for which, bumper in zip(self.shape.bumped, self.scene.bumper_of, strict=False):
-            if bumper:
-                found[:, which] = np.maximum(found[:, which], bumper.quickening(self.basis))
+        if self.shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
+            quickening = np.ones((n, len(self.shape.laws)))
+            quickening[:, 0] = self.law.quickening(e, self.basis)
+            for which, bumper in zip(self.shape.bumped, self.scene.bumper_of, strict=False):
+                if bumper:
+                    quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
+            found["quickening"] = quickening
         return found
 
     def _tables(
-        self, record: Record, flight_substeps: int, row: Variants, slab: int, twin: bool
+        self, record: Record, flight_substeps: int, row: Variants, most_groups: int, twin: bool
     ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
-        """Tables of flight, which each scenario needs, groups (up to `slab`) they serve, and for what they last."""
+        """Tables of flight, which each scenario needs, groups (at most so many) they serve, and for what they last."""
         if not self.numerics.scheme.flies_exactly:
-            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab, None
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups, None
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.scene)
         stops = stops_of(layout, points, flight_substeps)
         most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
-        groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
+        groups = max(1, int(late[0]) // LANES) if len(late) else most_groups
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         rows: Any = needed if len(needed) < len(row) else slice(None)
@@ -424,9 +394,8 @@ class RowKernel:
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
                 if "p_longest" in slots.first:
-                    given = row, self.numerics.dt, rough, self.shape.reducers
-                    longest = longest_substep(*given) if self.shape.staged else np.zeros(1)
-                    put("p_longest", longest[None, :])
+                    about = row, self.numerics.dt, rough, self.shape.reducers
+                    put("p_longest", longest_substep(*about)[None, :] if self.shape.staged else np.zeros((1, 1)))
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
 
@@ -435,57 +404,38 @@ class RowKernel:
 _substeps_of_one = lru_cache(maxsize=64)(RowKernel._flight_substeps)
 
 
-def _of_floors(name: str) -> Callable[[Variants], np.ndarray]:
+def _of_moving(name: str) -> Callable[[Variants], np.ndarray]:
     """Return what reads a property of floors, then of foundations."""
-
-    def of(row: Variants) -> np.ndarray:
-        floors, bases = getattr(row, name), getattr(row, f"base_{name}")
-        return np.concatenate([floors, bases], axis=1) if bases.shape[1] else floors
-
-    return of
+    return lambda row: np.concatenate([getattr(row, name), getattr(row, f"base_{name}")], axis=1)
 
 
-def _of_dampers(row: Variants) -> np.ndarray:
-    """Whether dampers follow the tangent stiffness, of each floor."""
-    return np.array([[float(b.damping_stiffness == "tangent") for b in row.scene.buildings for _ in b.masses]])
-
-
-def _of_columns(which: int) -> Callable[[Variants], np.ndarray]:
-    """Return what reads the share of each contact's push that a floor takes, below (0) or above it (1)."""
-    return lambda row: np.array([[column_shares(contact.xi)[which] for contact in row.scene.contacts]])
-
-
-def _of_links(name: str) -> Callable[[Variants], np.ndarray]:
-    return lambda row: np.array([[getattr(link, name) for link in row.scene.linked_floors]])
-
-
-def _of_bouc_wen(name: str) -> Callable[[Variants], np.ndarray]:
-    """Return what reads a parameter of the law of Bouc and Wen of each storey, zero where it is not its law."""
-    return lambda row: np.array(
-        [[getattr(b.bouc_wen, name) if b.bouc_wen else 0.0 for b in row.scene.buildings for _ in b.masses]]
-    )
+def _of_storeys(read: Callable[[Building], float]) -> Callable[[Variants], np.ndarray]:
+    """Return what reads a property that all storeys of a building share, of each floor."""
+    return lambda row: np.array([[float(read(b)) for b in row.scene.buildings for _ in b.masses]])
 
 
 #: Building properties by the name of their slots: what reads them, shape (n or 1, slots).
 _PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
-    "m": _of_floors("masses"),
-    "im": lambda row: 1.0 / _of_floors("masses")(row),
-    "k": _of_floors("stiffnesses"),
+    "m": _of_moving("masses"),
+    "im": lambda row: 1.0 / _of_moving("masses")(row),
+    "k": _of_moving("stiffnesses"),
     "alpha": lambda row: row.rayleigh_factors[0],
     "beta": lambda row: row.rayleigh_factors[1],
     "reduced": lambda row: row.contact_masses,
     "hardening": lambda row: row.hardenings,
     "yield_drift": lambda row: np.minimum(row.yield_drifts, ELASTIC),
     "geometric": lambda row: row.geometric_stiffnesses,
-    "tangent": _of_dampers,
-    "lower": _of_columns(0),
-    "upper": _of_columns(1),
-    "dashpot": _of_floors("dashpots"),
+    "tangent": _of_storeys(lambda b: b.damping_stiffness == "tangent"),
+    # shares of each contact's push that the floors below and above it take
+    "lower": lambda row: np.array([[column_shares(contact.xi)[0] for contact in row.scene.contacts]]),
+    "upper": lambda row: np.array([[column_shares(contact.xi)[1] for contact in row.scene.contacts]]),
+    "dashpot": _of_moving("dashpots"),
     "height": lambda row: row.storey_heights[None, :],
     "elevation": lambda row: np.concatenate([b.elevations for b in row.scene.buildings])[None, :],
-    "link_k": _of_links("stiffness"),
-    "link_c": _of_links("damping"),
-    "wen_beta": _of_bouc_wen("beta"),
-    "wen_gamma": _of_bouc_wen("gamma"),
-    "wen_limit": _of_bouc_wen("limit"),
+    "link_k": lambda row: np.array([[link.stiffness for link in row.scene.linked_floors]]),
+    "link_c": lambda row: np.array([[link.damping for link in row.scene.linked_floors]]),
+    # zero where the law of Bouc and Wen is not the storey's
+    "wen_beta": _of_storeys(lambda b: b.bouc_wen.beta if b.bouc_wen else 0.0),
+    "wen_gamma": _of_storeys(lambda b: b.bouc_wen.gamma if b.bouc_wen else 0.0),
+    "wen_limit": _of_storeys(lambda b: b.bouc_wen.limit if b.bouc_wen else 0.0),
 }
