@@ -197,7 +197,7 @@ def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, 
 PEAK = """
 import json
 import test_cache as t
-run = t.get_kernel(t.kernel_of().shape)
+run = t.kernel_of().shape
 print(json.dumps({"compiled": t.hits_and_misses(run)[1], "soft": t.peak(k=2e5), "stiff": t.peak(k=4e5)}))
 """
 

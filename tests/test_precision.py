@@ -12,11 +12,11 @@ from llvmlite import ir
 from scenes import EVERY, pair
 
 import pounding_sweep as ps
-from pounding_sweep.engine.kernel import emit, emit_flight, width
+from pounding_sweep.engine.kernel import emit, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
-from pounding_sweep.kernel.spec import PARAMETERS, TOLERANCES
+from pounding_sweep.kernel.spec import TOLERANCES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES
@@ -24,25 +24,11 @@ from pounding_sweep.schemes import SCHEMES
 
 def llvm(kernel):
     """All that is compiled of a kernel as LLVM's text, before any optimisation."""
-    double, real, whole = ir.DoubleType(), ir.FloatType(), ir.IntType(64)
-    types = {"{real}": real, "float64": double, "int64": whole}
     texts = []
     for piece in kernel.shape.pieces:
         module = ir.Module()
-        kinds = {name: (types[kind.split("[")[0]], kind) for name, kind in PARAMETERS.items()}
-        if piece.only_flight:
-            kinds = dict.fromkeys(("place", "what"), (whole, ""))
-        given = [x.as_pointer() if "[" in kind else x for x, kind in kinds.values()]
-        function = ir.Function(module, ir.FunctionType(ir.VoidType(), given), "run")
-        builder = ir.IRBuilder(function.append_basic_block())
-        if piece.only_flight:
-            emit_flight(piece, builder, *function.args)
-        else:
-            found = {
-                name: (value, [ir.Constant(whole, 9)] * (1 + kind.count(","))) if "[" in kind else value
-                for (name, (_, kind)), value in zip(kinds.items(), function.args, strict=True)
-            }
-            emit(piece, builder, found)
+        function = ir.Function(module, ir.FunctionType(ir.VoidType(), [ir.IntType(64)]), "run")
+        emit(piece, ir.IRBuilder(function.append_basic_block()), *function.args)
         texts.append(str(module))
     return "".join(texts)
 

@@ -33,7 +33,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import expanded
 from pounding_sweep.engine.flight import aligned
 from pounding_sweep.kernel import READ
-from pounding_sweep.kernel.spec import PARAMETERS, KernelSpec, to_json
+from pounding_sweep.kernel.spec import FRAME, KernelSpec, to_json
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
@@ -47,26 +47,26 @@ MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has n
 
 import json
 
-from numba import {decorator}, types
+from numba import cfunc, types
 from numba.extending import intrinsic
 
 SPEC = {spec!r}
 
 
 @intrinsic
-def body(typing, {names}):
+def body(typing, frame):
     def write(context, builder, signature, values):
         from pounding_sweep.engine.kernel import write_body
         from pounding_sweep.kernel.spec import from_json
 
-        return write_body(from_json(json.loads(SPEC)), context, builder, signature, values)
+        return write_body(from_json(json.loads(SPEC)), context, builder, values[0])
 
-    return types.void({names}), write
+    return types.void(frame), write
 
 
-@{decorator}({signature!r}, cache=True, error_model="numpy", nogil=True, boundscheck=False, fastmath=False)
-def run({names}):
-    body({names})
+@cfunc("void(int64)", cache=True, error_model="numpy", boundscheck=False, fastmath=False)
+def run(frame):
+    body(frame)
 '''
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
@@ -111,14 +111,7 @@ def _surroundings() -> str:
 
 def module_text(shape: KernelSpec) -> str:
     """Text of a kernel's module, or of its flight's."""
-    parameters = {"memory": "int64", "what": "int64"} if shape.only_flight else PARAMETERS
-    signature = ", ".join(parameters.values()).format(real=shape.precision)
-    return MODULE.format(
-        spec=json.dumps(to_json(shape), sort_keys=True),
-        decorator="cfunc" if shape.only_flight else "njit",
-        names=", ".join(parameters),
-        signature=f"void({signature})",
-    )
+    return MODULE.format(spec=json.dumps(to_json(shape), sort_keys=True))
 
 
 def source_digest(shape: KernelSpec) -> str:
@@ -237,11 +230,11 @@ def _seldom_collected() -> Iterator[None]:
 
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelSpec) -> Callable[..., None]:
-    """Return the kernel as a function of motion, length, steps, substeps, constants, inputs, results, history."""
+    """Return the kernel as a function of all of `PARAMETERS` but what it adds itself: the last three."""
     # it is compiled, or loaded from the disk cache where it is there; where numba's JIT is disabled, it is the twin
     from numba import config
 
-    found = twin_of(shape) if getattr(config, "DISABLE_JIT", False) else partial(_run, shape, _compiled_kernel(shape))
+    found = twin_of(shape) if getattr(config, "DISABLE_JIT", False) else _compiled_kernel(shape)
     _LOADED.add(shape)
     return found
 
@@ -250,11 +243,11 @@ def twin_of(shape: KernelSpec) -> Callable[..., None]:
     """Return what does the same as the kernel, slowly, in plain Python."""
     from pounding_sweep.engine import twin
 
-    return partial(_run, shape, partial(twin.run, shape))
+    return partial(twin.run, shape)
 
 
 def compile_piece(piece: KernelSpec) -> Any:
-    """Return what is compiled by itself: a kernel that must be given the address of its flight, or a flight."""
+    """Return what is compiled by itself, numba's function of the address of a frame: a kernel, or a flight."""
     with _LOCK, _seldom_collected():
         folder, name, text = cache_folder(), source_digest(piece), module_text(piece)
         try:
@@ -271,23 +264,18 @@ def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
     from pounding_sweep.engine.kernel import state_size
 
     flight = 0 if shape.flight is None else compile_piece(shape.flight).address
-    compiled, size = compile_piece(shape), state_size(shape)
+    compiled, (size, passing) = compile_piece(shape).ctypes, state_size(shape)
 
     def run(*arguments: Any) -> None:
-        state = aligned(size, shape.precision)
+        state, frame = aligned(size, shape.precision), aligned(FRAME, "int64")
         state[:] = 0.0
-        compiled(*arguments, state, flight)
+        numbers: list[Any] = []
+        for x in (*arguments, state, passing, flight):
+            if isinstance(x, np.ndarray):
+                numbers += [x.ctypes.data, *x.shape]
+            else:
+                numbers.append(np.float64(x).view(np.int64) if isinstance(x, float) else x)
+        frame[: len(numbers)] = numbers
+        compiled(frame.ctypes.data)
 
-    run.stats, run.inspect_asm = compiled.stats, compiled.inspect_asm  # type: ignore[attr-defined]
     return run
-
-
-def _run(
-    shape: KernelSpec, kernel: Callable[..., None], motion: np.ndarray, length: float, steps: int, *more: Any
-) -> None:
-    """Run a kernel, the ground at the ends of all steps given where it needs that."""
-    track = np.zeros(1, shape.precision)
-    if shape.flies_exactly:
-        inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
-        track = np.append(inner.ravel(), motion[-1]).astype(shape.precision)
-    kernel(motion, length, steps, *more[:5], track, *more[5:])

@@ -25,8 +25,8 @@ from pounding_sweep.model.variants import CoupledModes, Variants, coupled_modes
 #: Most points of the grid in a long step.
 LONGEST = 4
 
-#: Bytes that the processor fetches at once, and of its widest vectors.
-LINE = 64
+#: Bytes that the processor fetches at once, twice; and of the widest vector that a kernel has.
+LINE = 128
 #: Memory of each thread.
 _KEPT = threading.local()
 #: Filled tables that a thread keeps for its next calls, at most (bytes).

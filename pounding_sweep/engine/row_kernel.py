@@ -194,10 +194,15 @@ def _layout(shape: KernelSpec, scene: Scene) -> Layout:
 
 def _fixed_tables(shape: KernelSpec, row: Variants, record: Record, flight_substeps: int) -> tuple[Fixed, np.ndarray]:
     """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
-    motion, n = np.array(record.acceleration), flight_substeps
-    inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
-    ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, row.scene), row, ground, record.dt / n, shape.precision, n)
+    n = flight_substeps
+    return fixed_tables(_layout(shape, row.scene), row, _ground(record, n), record.dt / n, shape.precision, n)
+
+
+def _ground(record: Record, steps: int) -> np.ndarray:
+    """Accelerations of the ground at the ends of so many steps in each interval of the record."""
+    motion = np.array(record.acceleration)
+    inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
+    return np.append(inner.ravel(), motion[-1])
 
 
 @lru_cache(maxsize=8)
@@ -286,6 +291,9 @@ class RowKernel:
         if history is None:
             history = np.zeros((1, 1))
         kernel = (twin_of if twin else get_kernel)(self.shape)
+        steps = flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record)
+        track = _ground(record, steps) if self.shape.flies_exactly else np.zeros(1)
+        track = track.astype(self.shape.precision)
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         first = 0
@@ -300,12 +308,13 @@ class RowKernel:
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
-                flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record),
+                steps,
                 flight_substeps,
                 self.constants(record.is_rough),
                 lanes.reshape(len(lanes), -1),
                 results[first : first + groups_done],
                 history,
+                track,
                 *tables,
                 len(inputs["scale"]),
             )

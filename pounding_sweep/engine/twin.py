@@ -66,9 +66,9 @@ def run(
         with np.errstate(all="ignore"):
             arrays = {"inputs": inputs.reshape(-1, LANES), "results": results.reshape(-1, LANES), "memory": None}
             arrays |= {"tables": tables, "decays": decays}
-            counts = rows, group.passing
-            flights = make_flights(group, ground, arrays, scenarios, counts, note, Ledger(None))
-            Events(group, ground, flights, flights.course, note).run()
+            counts = rows, scenarios, group.passing
+            flights = make_flights(group, ground, arrays, counts, note, Ledger(None))
+            Events(group, ground, flights.serve, flights.course, note).run()
         return
     with np.errstate(all="ignore"):
         for given, found in zip(inputs, results, strict=True):

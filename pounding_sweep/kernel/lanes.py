@@ -497,21 +497,25 @@ class Ledger:
 
     # trace: None: NumPy, where all is one function
     # pointer: where they begin: whole numbers
+    # begins: whether they have their first values from this function
 
     #: Of the widest variable, a whole number of each lane, and what it is aligned to.
     ROOM = 128
 
-    def __init__(self, trace: Tracer | None, pointer: Any = None) -> None:
-        self._trace, self._pointer, self._count = trace, pointer, 0
+    def __init__(self, trace: Tracer | None, pointer: Any = None, begins: bool = True) -> None:
+        self._trace, self._pointer, self._begins, self._count = trace, pointer, begins, 0
 
     def cell(self, x: Any) -> Cell:
-        """Return the next variable, unchanged; `x` tells its kind, and where there is no memory its value."""
+        """Return the next variable, of a first value."""
         if self._trace is None:
             return Cell(x)
         b, at = self._trace.builder, self._count * (self.ROOM // 8)
         self._count += 1
         place = b.gep(self._pointer, [ir.Constant(_I64, at)], inbounds=True)
-        return Cell(x, b.bitcast(place, x.value.type.as_pointer()))
+        cell = Cell(x, b.bitcast(place, x.value.type.as_pointer()))
+        if self._begins:
+            cell.now = x
+        return cell
 
 
 class Rows:

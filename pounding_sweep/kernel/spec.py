@@ -55,7 +55,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "released": 1e-3,
     },
 }
-#: Parameters of a compiled kernel and their types.
+#: What a kernel is given and of what type, in whole numbers that lie one after another: of arrays address and shape.
 PARAMETERS = {
     "motion": "float64[::1]",
     "length": "float64",
@@ -71,8 +71,11 @@ PARAMETERS = {
     "rows": "int64",
     "scenarios": "int64",
     "state": "{real}[::1]",
+    "passing": "int64",
     "flight": "int64",
 }
+#: Whole numbers before the variables that it shares with its flight, and of all.
+GIVEN, FRAME = 32, 32 + 8 * 16
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 #: The same of `exact`, whose stages are of fifth order.

@@ -10,7 +10,7 @@ may touch next; one at its end leaves its lane to the next scenario.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,9 @@ from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
+    Rows,
     any_lane,
+    count_to,
     each_lane,
     everywhere,
     first_lane,
@@ -30,6 +32,7 @@ from pounding_sweep.kernel.lanes import (
     lane_numbers,
     not_,
     real,
+    rounded,
     when,
     when_any,
     where,
@@ -38,6 +41,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.march import begin, conclude
 from pounding_sweep.kernel.peaks import samples
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.schemes.base import SAFETY
@@ -150,61 +154,45 @@ class Course:
 
     def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
         trace, lanes = group.trace, group.lanes
-        #: First values of all variables.
-        self._first = {
-            name: (cell(x), x)
-            for name, x in (
-                ("at", everywhere(trace, 0, lanes)),
-                ("scenario", everywhere(trace, 0, lanes)),
-                ("busy", group.full(0.0)),
-                ("left", group.full(0.0)),
-                ("leaves", group.lanes_where(True)),
-                ("next", whole(trace, 0)),
-            )
-        }
-        #: Of each lane: short steps done, the number of its scenario, whether it has one, short steps that are left of
-        #: flight's, and whether it leaves its steps; the next scenario.
-        self.at, self.scenario, self.busy, self.left, self.leaves, self.next = (
-            cell for cell, _ in self._first.values()
-        )
-
-    def begin(self) -> None:
-        """Let all lanes be free."""
-        for kept, x in self._first.values():
-            kept.now = x
+        #: Of each lane: short steps done, and the number of its scenario.
+        self.at, self.scenario = (cell(everywhere(trace, 0, lanes)) for _ in range(2))
+        #: Whether it has one, short steps that are left of flight's, and whether it leaves its steps.
+        self.busy, self.left = (cell(group.full(0.0)) for _ in range(2))
+        self.leaves = cell(group.lanes_where(True))
+        #: The next scenario.
+        self.next = cell(whole(trace, 0))
 
 
 class Flights:
     """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law."""
 
-    # `scenarios` gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
-    # ``tables(i)``, where a scenario's tables begin; `fill` fills these. `rows` of the state are what a step leaves to
-    # the next; `note` keeps the motion after so many short steps, of one scenario, in lane 0
+    # inputs, results: rows of `LANES` scenarios, one after another; `count` of them in all
+    # fill: fills flight's tables; `stops` are the points or blocks that these have
+    # kept: how many rows of the state a step leaves to the next
+    # note: keeps the motion after so many short steps, of one scenario, in lane 0
 
     def __init__(
         self,
         group: Group,
         ground: Any,
         flight: Flight,
-        scenarios: Any,
         course: Course,
-        fill: Callable[[], None],
-        rows: Any,
+        scenarios: tuple[Rows, Rows, Any],
+        tables: tuple[Callable[[], None], Any],
+        kept: Any,
         note: Callable[[Any], None] | None,
     ) -> None:
-        self.group, self.ground, self.flight, self.scenarios, self.note = group, ground, flight, scenarios, note
-        self.course, self._fill, self._rows = course, fill, rows
+        self.group, self.ground, self.flight, self.course, self.note = group, ground, flight, course, note
+        (self._inputs, self._results, self._count), (self._fill, self._stops) = scenarios, tables
+        self._kept = kept
         #: Short steps in one of flight's grid.
         self.short = ground.steps // ground.substeps
         self.settled = Cell(flag(group.trace, False))
 
-    def begin(self) -> None:
-        """Let all lanes be free, and fill the tables."""
-        self.course.begin()
-        self._fill()
-
     def serve(self) -> None:
         """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
+        for _ in when(self.course.next.now == 0):
+            self._fill()
         for lane in each_lane(self.course.leaves.now):
             self._serve(lane)
 
@@ -213,12 +201,10 @@ class Flights:
         has = Cell(course.busy.lane(lane) > 0.0)
         self.settled.now = flag(group.trace, False)
         for _ in when(has.now):
-            self._know(lane)
-            flight.at.now = course.at.lane(lane) // self.short
-            flight.leave(lane, flight.at.now)
+            self._leave(lane, course.at.lane(lane) // self.short)
         for _ in while_any(lambda: not_(self.settled.now), group.trace):
             for _ in when(not_(has.now)):
-                none_left = not_(course.next.now < self.scenarios.count)
+                none_left = not_(course.next.now < self._count)
                 for _ in when(none_left):
                     course.busy.put_lane(lane, 0.0)
                     self.settled.now = flag(group.trace, True)
@@ -236,47 +222,69 @@ class Flights:
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(hits)):
                     conclude(group)
-                    self.scenarios.take(course.scenario.lane(lane), lane)
+                    number = course.scenario.lane(lane)
+                    for row, mine in self._each(self._results, number):
+                        self._results.put_lane(mine, self._column(number), group.state.lane(row, lane))
                     has.now = flag(group.trace, False)
 
     def _note_point(self, point: Any) -> None:
         assert self.note is not None
         self.note(point * self.short)
 
-    def _know(self, lane: Any) -> None:
-        """Let flight know whose tables it reads."""
-        s = self.group.state
-        self.flight.scale.now = s.lane(s.first["scale"], lane)
-        self.flight.base.now = self.scenarios.tables(self.course.scenario.lane(lane))
+    @staticmethod
+    def _column(number: Any) -> Any:
+        return number - number // LANES * LANES
+
+    def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any]]:
+        """Go through the rows of a scenario: the row of the state, and its own."""
+        block, first = number // LANES * rows.size, self.group.state.first
+        for name, n in rows.count.items():
+            for i in count_to(n, self.group.trace) if n > 8 else range(n):
+                yield first[name] + i, block + rows.first[name] + i
+
+    def _leave(self, lane: Any, point: Any) -> None:
+        """Take the scenario of a lane into flight, by the tables of its row of buildings."""
+        s, number, flight = self.group.state, self.course.scenario.lane(lane), self.flight
+        flight.scale.now = s.lane(s.first["scale"], lane)
+        row = number * 0
+        if "tables" in self._inputs:
+            at = number // LANES * self._inputs.size + self._inputs.first["tables"]
+            row = rounded(self._inputs.lane(at, self._column(number)))
+        flight.base.now = flight.layout.base(row, self._stops)
+        flight.at.now = point
+        flight.leave(lane, point)
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
         group, course = self.group, self.course
         number = course.next.now
-        group.state.clear_lane(lane, self._rows)
-        self.scenarios.put(number, lane)
+        group.state.clear_lane(lane, self._kept)
+        for row, mine in self._each(self._inputs, number):
+            group.state.put_lane(row, lane, self._inputs.lane(mine, self._column(number)))
         course.scenario.put_lane(lane, number)
         course.busy.put_lane(lane, 1.0)
         course.at.put_lane(lane, whole(group.trace, 0))
         course.next.now = number + 1
-        mine = lane_numbers(group.trace, group.lanes) == real(lane)
-        begin(group, self.ground.start(), mine)
+        begin(group, self.ground.start(), lane_numbers(group.trace, group.lanes) == real(lane))
         if self.note is not None:
             self.note(whole(group.trace, 0))
-        self._know(lane)
-        self.flight.at.now = whole(group.trace, 0)
-        self.flight.leave(lane, self.flight.at.now)
+        self._leave(lane, whole(group.trace, 0))
 
 
 class Events:
     """All scenarios of a kernel call, through the lanes of one group."""
 
-    # `ground` is the acceleration at the ends of all short steps, `flights` has ``begin`` and ``serve`` of `Flights`
+    # `ground` is the acceleration at the ends of all short steps, `serve` that of `Flights`
 
     def __init__(
-        self, group: Group, ground: Any, flights: Any, course: Course, note: Callable[[Any], None] | None
+        self,
+        group: Group,
+        ground: Any,
+        serve: Callable[[], None],
+        course: Course,
+        note: Callable[[Any], None] | None,
     ) -> None:
-        self.group, self.ground, self.flights, self.course, self.note = group, ground, flights, course, note
+        self.group, self.ground, self.serve, self.course, self.note = group, ground, serve, course, note
         #: Short steps in one of flight's grid, and in all.
         self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
         group.number = lambda: course.at.now
@@ -284,11 +292,10 @@ class Events:
     def run(self) -> None:
         """Take all scenarios over the record."""
         group, s, course = self.group, self.group.state, self.course
-        self.flights.begin()
         more = Cell(flag(group.trace, True))
         for _ in while_any(lambda: more.now, group.trace):
             for _ in when(any_lane(course.leaves.now)):
-                self.flights.serve()
+                self.serve()
             more.now = any_lane(course.busy.now > 0.0)
             if not group.eventful:
                 continue
