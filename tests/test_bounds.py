@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from pounding_sweep.base import errors
 from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
+from pounding_sweep.base.text import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import plot
 from pounding_sweep.model.scene import Building, Wall
@@ -181,9 +182,9 @@ def test_nothing_of_a_file_moves_the_cursor(tmp_path, capsys):
     text = describe(cube)
     assert "\\u001b[2Jcleared" in text
     assert all(line.isprintable() for line in text.split("\n"))
-    text.print_pairs([(ESCAPE, LINES)])
-    text.print_table([ESCAPE], [[LINES]])
-    text.print_json({ESCAPE: "\x9b\u202e"})
+    print_pairs([(ESCAPE, LINES)])
+    print_table([ESCAPE], [[LINES]])
+    print_json({ESCAPE: "\x9b\u202e"})
     assert all(line.isprintable() for line in capsys.readouterr().out.split("\n"))
     key = write(tmp_path, '"a\\u001b[2J" = 1\n' + SWEEP)
     done = CliRunner().invoke(app, ["plan", str(key)])
