@@ -16,8 +16,7 @@ from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.cluster import _run_there
-from pounding_sweep.run.execute import dispatcher_for
-from pounding_sweep.run.pool import Dispatcher
+from pounding_sweep.run.execute import Dispatcher
 
 #: Scenarios of the chunks by which the time of one is found.
 PROBE = 1024
@@ -38,7 +37,7 @@ def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: 
     """Run a sweep of about so many seconds on every core, each in a process of its own, in equal chunks."""
     workers = len(os.sched_getaffinity(0))
     probe = plan_gaps(work, np.linspace(*GAPS, PROBE), **settings)
-    with dispatcher_for(probe, "processes", workers) as dispatcher:
+    with Dispatcher("processes", workers) as dispatcher:
         dispatcher.prepare([probe.kernel(0).shape])
         _spans(dispatcher, 2 * workers, _part_of(probe, PROBE))  # workers load what they need
         each = _seconds(_spans(dispatcher, 2 * workers, _part_of(probe, PROBE))) / (2 * workers * PROBE)
@@ -55,16 +54,15 @@ def _part_of(plan: Any, size: int) -> Callable[[int], ChunkTask]:
     kernel = plan.kernel(0, record=0, steps=int(plan.steps[0]))
     rows = np.flatnonzero(plan.unique.law == 0)[:size]
     table = plan.unique[rows]
-    return lambda position: ChunkTask(str(position), kernel, 0, table, plan.variants[table.variant], plan.outputs)
+    return lambda position: ChunkTask(kernel, plan.spec.records[0], table, plan.variants[table.variant], plan.outputs)
 
 
 def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], ChunkTask]) -> list[list[tuple[float, float]]]:
     """Run `n` jobs; return when (s since 1970) each began and ended in its worker, for each worker."""
     client = dispatcher.cluster.client
     client.get_task_stream()  # from here on the scheduler keeps it
-    failures: list[str] = []
     begun = time.time()
-    dispatcher.run(n, job, lambda position, found: failures.append(found) if isinstance(found, str) else None)
+    failures = [result for _, result in dispatcher.run(range(n), job) if isinstance(result, str)]
     if failures:
         raise RuntimeError(failures[0])
     spans: dict[str, list[tuple[float, float]]] = {}

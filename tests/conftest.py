@@ -20,8 +20,8 @@ from hypothesis import HealthCheck, settings
 from kernels_used import SIMULATED, UNLOCATED, kernels
 from stub_engine import installed
 
+from pounding_sweep import resume
 from pounding_sweep.engine import cache, compile
-from pounding_sweep.run import chunk_writer
 
 # nothing that is imported or collected is garbage
 gc.disable()
@@ -43,7 +43,7 @@ LONGEST = (
 def pytest_configure(config):
     """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`; say how many examples."""
     counting.pytest_configure(config)
-    chunk_writer.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
+    resume.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
     settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
     ask = cache.get_kernel
 

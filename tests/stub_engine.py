@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pounding_sweep import resume
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.kernel.march import FLAG_DIVERGED
 from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
 from pounding_sweep.outputs.variables import output_slots
-from pounding_sweep.run import chunk_writer
 
 #: Relative error of a step as long as the shortest period.
 ERROR = 0.3
@@ -84,7 +84,7 @@ def install(put: Callable[[Any, str, Any], None] = setattr) -> StubEngine:
         put(module, "is_cached", stub.is_loaded)
         put(module, "is_loaded", stub.is_loaded)
         put(module, "is_piece_cached", stub.is_loaded)
-    put(chunk_writer, "HELD_SECONDS", 0.0)
+    put(resume, "HELD_SECONDS", 0.0)
     put(compile, "shares", lambda shapes, n: [list(shapes)] if shapes else [])  # no child compiles
     return stub
 

@@ -35,7 +35,7 @@ from pounding_sweep.plan.advice import (
 )
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.run.execute import dispatcher_for, execute
+from pounding_sweep.run.execute import Dispatcher, execute
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.build import build_spec
@@ -66,7 +66,7 @@ def make(**changes):
 def values_of(sweep):
     """Results of the unique scenarios."""
     plan = sweep.plan()
-    results = execute(plan, dispatcher_for(plan, "synchronous")).results
+    results = execute(plan, Dispatcher("synchronous", 1)).results
     return results.gather(np.arange(len(results.status)))
 
 

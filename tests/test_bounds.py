@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import tracemalloc
@@ -262,23 +261,6 @@ def test_doctor_tells_of_folders_that_are_not_known(monkeypatch, tmp_path):
     assert cache_folder().is_absolute()
     assert cache_folder() == cache_folder()
     assert any("no home folder is known" in text for text in diagnose()["problems"])
-
-
-def test_a_working_folder_that_was_removed(tmp_path, monkeypatch):
-    from pounding_sweep.run.diagnosis import diagnose
-
-    importlib.import_module("numba")  # it loads coverage, where that is installed, which looks for the folder
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    monkeypatch.chdir(gone)
-    gone.rmdir()
-    told = diagnose()
-    assert told["output"] == {"folder": None, "writable": False, "free_bytes": None}
-    assert "the current folder was removed; change to another one" in told["problems"]
-    for command in (["info", "x.nc"], ["export", "x.nc", "-o", "x.csv"], ["doctor", "--no-check"]):
-        done = CliRunner().invoke(app, command)
-        assert done.exit_code == (0 if command[0] == "doctor" else 2), command
-        assert "folder was removed" in done.output
 
 
 @pytest.mark.parametrize("dpi", [0.0, -1.0, 1e9, float("nan"), float("inf")])

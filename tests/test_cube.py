@@ -48,7 +48,7 @@ from pounding_sweep.outputs.variables import (
     scatter_contact,
     scatter_dof,
 )
-from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
+from pounding_sweep.resume import MANIFEST, parts_folder
 
 
 def building(name, n, height=3.0):
@@ -590,7 +590,7 @@ class TestFile:
         parts.mkdir()
         with pytest.raises(OutputError, match="does not exist"):  # a folder of something else
             open_cube(path)
-        (parts / IDENTITY).write_text("{}")
+        (parts / MANIFEST).write_text("{}")
         with pytest.raises(OutputError, match=r"night\.nc' is not finished: its chunks wait in '.*night\.nc\.parts'"):
             open_cube(path)
         with pytest.raises(OutputError, match=r"'run' command completes it, 'pounding-sweep info .*night\.nc' tells"):

@@ -8,7 +8,6 @@ import json
 import math
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,16 +19,15 @@ from hypothesis import strategies as st
 from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
+from pounding_sweep import resume
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, cut
 from pounding_sweep.records import Record
-from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.run import chunk_writer
-from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.pool import Dispatcher
+from pounding_sweep.resume import ChunkStore
+from pounding_sweep.run.execute import Dispatcher, Progress
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import to_json
 
@@ -210,24 +208,20 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest, most):
 
 
 @pytest.mark.parametrize(("scheduler", "workers"), [("synchronous", 1), ("threads", 1), ("threads", 3)])
-def test_chunks_are_begun_in_their_order_and_taken_here(scheduler, workers):
+def test_chunks_are_begun_in_their_order(scheduler, workers):
     begun, taken = [], []
 
     def job(position):
         begun.append(position)
-        return ChunkTask(f"{position}", None, 0, position, None, ())
-
-    def take(position, found):
-        assert threading.current_thread() is threading.main_thread()
-        taken.append((position, found))
+        return ChunkTask(None, motions()[0], position, None, ())
 
     def run(kernel, record, table, *more):
         return f"{record.name} {table}"
 
-    with Dispatcher(scheduler, workers, motions(), run) as dispatcher:
-        dispatcher.run(50, job, take)
-        dispatcher.run(0, job, take)
-    assert (begun if workers == 1 else sorted(begun)) == list(range(50))
+    with Dispatcher(scheduler, workers, run=run) as dispatcher:
+        for number in (50, 0):
+            taken.extend(dispatcher.run(range(number), job))
+    assert begun == list(range(50))
     assert sorted(taken) == [(i, f"one {i}") for i in range(50)]
 
 
@@ -315,7 +309,7 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
 @pytest.fixture
 def held(monkeypatch):
     """Files of chunks in the order in which they are written; none is before it must."""
-    monkeypatch.setattr(chunk_writer, "HELD_SECONDS", 600.0)
+    monkeypatch.setattr(resume, "HELD_SECONDS", 600.0)
     true_write, written = ChunkStore.write, []
 
     def write(self, key, *more, **line):
@@ -380,7 +374,7 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
         with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
             make(**changes).run(out)
     with monkeypatch.context() as patch:
-        patch.setattr("pounding_sweep.resume.checkpoint.package_digest", lambda: "another version")
+        patch.setattr("pounding_sweep.resume.package_digest", lambda: "another version")
         with pytest.raises(OutputError, match="differ in source"):
             make().run(out)
     assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before

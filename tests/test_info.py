@@ -14,7 +14,7 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.output.describe import about
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.resume.checkpoint import EXPECTED, ChunkStore
+from pounding_sweep.resume import MANIFEST
 
 AXES = {"law": ["none", "linear"], "gap": [0.01, 0.02, 0.03], "record": ["one", "two"]}
 RECORDS = [{"name": "one", "pga": 1.5, "sha256": "3f2a"}, {"name": "two", "pga": 2.5, "sha256": "91bc"}]
@@ -36,10 +36,11 @@ def made():
 
 def unfinished(folder):
     """Make the folder of a run of which nothing is done yet."""
-    ChunkStore(folder, "3f2a", {"package": "0.1.0"}).open()
-    stages = {"no pounding": [["chunk-1", 0, 0, 4]]}
-    told = {"title": "Night", "asked": 9, "at_most": 7, "laws": ["none"], "records": ["one"], "stages": stages}
-    (folder / EXPECTED).write_text(json.dumps(told))
+    told = {"title": "Night", "asked": 9, "at_most": 7, "laws": ["none"], "records": ["one"]}
+    told |= {"stage": "no pounding", "chunks": [["chunk-1", 0, 0, 4]]}
+    folder.mkdir()
+    lines = [{"sweep": {"package": "0.1.0"}}, told]
+    (folder / MANIFEST).write_text("".join(f"{json.dumps(line)}\n" for line in lines))
 
 
 def test_a_cube(tmp_path):

@@ -22,11 +22,10 @@ from test_cli import HEEDING, LONG, TINY, cli, environment, write
 from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
-from pounding_sweep.base.files import HOLDER, LOCK, FolderLock, running
+from pounding_sweep.base.files import LOCK
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.resume.survey import survey
+from pounding_sweep.resume import HOLDER, MANIFEST, ChunkStore, locked, running, survey
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep, load_sweep
@@ -63,7 +62,7 @@ def begin(folder, *, finished, start=("-c", HEEDING)):
         stderr=subprocess.PIPE,
     )
     manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 300
-    while not (manifest.exists() and manifest.read_text().count("\n") >= finished):
+    while not (manifest.exists() and done(folder) >= finished):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < limit
         time.sleep(0.005)
@@ -73,7 +72,7 @@ def begin(folder, *, finished, start=("-c", HEEDING)):
 
 def done(folder):
     """Finished chunks, by the manifest."""
-    return (folder / "out.nc.parts" / MANIFEST).read_text().count("\n")
+    return (folder / "out.nc.parts" / MANIFEST).read_text().count('"key"')
 
 
 # -- signals and locks -------------------------------------------------------------------------------------------------
@@ -142,14 +141,14 @@ def parts(tmp_path):
 
 
 def test_a_process_cannot_lock_twice(parts, drive, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.base.files.PATIENCE", 0.0)
-    with FolderLock(parts):
-        with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
-            FolderLock(parts).__enter__()
+    monkeypatch.setattr("pounding_sweep.resume.PATIENCE", 0.0)
+    with locked(parts):
+        with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"), locked(parts):
+            pass
         assert running(parts).startswith(f"process {os.getpid()} on ")
 
 
-@pytest.mark.parametrize("text", ["", "\x00\xff", "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"])
+@pytest.mark.parametrize("text", ["", "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"])
 def test_a_lock_that_nobody_holds_is_free(parts, drive, text):
     (parts / LOCK).touch()
     (parts / HOLDER).write_text(text)
@@ -159,16 +158,17 @@ def test_a_lock_that_nobody_holds_is_free(parts, drive, text):
         if "7" in text
         else nullcontext()
     )
-    with told, FolderLock(parts):
+    with told, locked(parts):
         assert running(parts).startswith(f"process {os.getpid()} on {socket.gethostname()}, since ")
     assert not parts.exists()
 
 
 def test_a_folder_of_another_sweep_is_not_locked(parts):
-    one = ChunkStore(parts, "one").open()
+    one = ChunkStore(parts, {"dt": "1"})
+    one.flush()
     one.write("a", np.zeros(1, [("a", "f8")]), [0])
     before = sorted(path.name for path in parts.iterdir())
-    with pytest.raises(OutputError, match="another sweep"), ChunkStore(parts, "two").lock():
+    with pytest.raises(OutputError, match="another sweep"), ChunkStore(parts, {"dt": "2"}).lock():
         pass
     assert sorted(path.name for path in parts.iterdir()) == before
 
@@ -301,11 +301,10 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
     def fails(*_):
         raise OSError(number, os.strerror(number))
 
-    store = ChunkStore(tmp_path, "x").open()
-    monkeypatch.setattr("pounding_sweep.resume.checkpoint.replacing", fails)
-    for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")]), [0]), lambda: store.expect({})):
-        with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
-            write_something()
+    store = ChunkStore(tmp_path)
+    monkeypatch.setattr("pounding_sweep.resume.replacing", fails)
+    with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
+        store.write("k", np.zeros(1, [("a", "f8")]), [0])
     assert store.completed() == {}
 
 
@@ -329,7 +328,7 @@ class At(Progress):
 
 @pytest.mark.parametrize(("stage", "held"), [("scenarios", 0.0), ("scenarios", 600.0), ("cube", 0.0)])
 def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, held):
-    monkeypatch.setattr("pounding_sweep.run.chunk_writer.HELD_SECONDS", held)
+    monkeypatch.setattr("pounding_sweep.resume.HELD_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
     sweep = Sweep(scene=row(), records=motions(), **AXES)
@@ -370,11 +369,12 @@ def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch):
 def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
     """Both who runs and who asks is told why, and of whom to ask access."""
     write(tmp_path, TINY)
-    store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
+    parts = tmp_path / "out.nc.parts"
+    parts.mkdir()
     real = Path.read_bytes
 
     def closed(path):
-        if path.parent == store.folder:
+        if path.parent == parts:
             raise PermissionError(errno.EACCES, "Permission denied")
         return real(path)
 
@@ -487,25 +487,13 @@ def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):
         f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
     )
     assert said.stderr == ""
-    (parts / IDENTITY).write_text("{}")
-    told = info(out)
-    assert "Variables" in told.stdout
-    assert re.fullmatch(
-        r"pounding-sweep: warning: what '.*out\.nc\.parts' says of itself can't be read .*\n", told.stderr
-    )
 
 
 def test_folders_that_are_not_half_finished(tmp_path):
     with pytest.raises(
-        OutputError, match=r"no folder of finished chunks: it has no identity\.json; give OUT\.nc\.parts"
+        OutputError, match=r"no folder of finished chunks: it has no manifest\.jsonl; give OUT\.nc\.parts"
     ):
         survey(tmp_path)
-    assert "it has no identity.json" in info(tmp_path, code=2).stderr
-    store = ChunkStore(tmp_path, "x", {"package": "1"}).open()
+    assert "it has no manifest.jsonl" in info(tmp_path, code=2).stderr
+    ChunkStore(tmp_path, {"package": "1"}).flush()
     assert "no run came as far as its first stage" in info(tmp_path).stdout
-    for text in ("", "[]", "{}", '{"title": 1, "asked": "x"}', '{"title": "", "asked": 1, "at_most": 1, "stages": 3}'):
-        (store.folder / EXPECTED).write_text(text)
-        with pytest.raises(OutputError, match="can't be read"):
-            survey(tmp_path)
-    store.discard()
-    assert not tmp_path.exists()

@@ -28,9 +28,8 @@ from pounding_sweep.output.netcdf import block_shape, cuts, slab_shape, slabs, w
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.scenarios import Chunk
-from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run import cube_writer as filling
-from pounding_sweep.run.chunk_writer import ChunkWriter
 from pounding_sweep.run.diagnosis import FreeMemory
 from pounding_sweep.run.sweep import Sweep
 
@@ -305,18 +304,18 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
 
 @pytest.mark.parametrize(("ends", "written"), [("well", ""), ("interrupted", "ab"), ("flushed", "ab"), ("full", "")])
 def test_what_was_held_is_written_unless_the_run_ends_well(tmp_path, monkeypatch, ends, written):
-    monkeypatch.setattr("pounding_sweep.run.chunk_writer.HELD_SECONDS", 600.0)
+    monkeypatch.setattr("pounding_sweep.resume.HELD_SECONDS", 600.0)
     if ends == "full":
         monkeypatch.setattr(ChunkStore, "write", Mock(side_effect=WriteError("no space")))
-    store, table = ChunkStore(tmp_path, "x"), to_table({"status": np.zeros(2, "i1")}, ["status"], row())
+    store, table = ChunkStore(tmp_path), to_table({"status": np.zeros(2, "i1")}, ["status"], row())
     results = Results(["status"], row(), 2)
-    with contextlib.suppress(KeyboardInterrupt), ChunkWriter(store) as writer:
+    with contextlib.suppress(KeyboardInterrupt), store.lock():
         for key in "ab":
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
-            writer.save(Chunk(key, 0, 0, np.arange(2), 0), table, partial(results.move, index), stage="scenarios")
+            store.save(Chunk(key, 0, 0, np.arange(2), 0), table, partial(results.move, index), stage="scenarios")
         if ends == "flushed":
-            writer.flush()
+            store.flush()
         elif ends != "well":
             raise KeyboardInterrupt  # told even where what it finished finds no room
     assert set(store.completed()) == set(written)

@@ -9,8 +9,8 @@ import pytest
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.base.files import HOLDER, LOCK
-from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
+from pounding_sweep.base.files import LOCK
+from pounding_sweep.resume import HOLDER, MANIFEST, ChunkCorrupt, ChunkStore
 
 KIND = np.dtype([("drift_max", "f8", (1, 2)), ("impact_count", "i4"), ("status", "i1")], align=True)
 TABLE = np.array(
@@ -38,16 +38,19 @@ def same(a, b):
 
 @pytest.fixture
 def store(tmp_path):
-    return ChunkStore(tmp_path / "out.chunks", "digest-1", {"dt": "0.001", "method": "rk4"}).open()
+    (tmp_path / "out.chunks").mkdir()
+    return again(ChunkStore(tmp_path / "out.chunks", {"dt": "0.001", "method": "rk4"}))
 
 
 def again(store):
-    return ChunkStore(store.folder, store.identity, store.details).open()
+    other = ChunkStore(store.folder, store.details)
+    other.flush()
+    other.completed()
+    return other
 
 
 def test_round_trip(store):
     assert store.completed() == {}
-    assert store.size() == 0
     write(store, "a1", TABLE)
     write(store, "b2", one(1.0))
     other = again(store)
@@ -55,7 +58,6 @@ def test_round_trip(store):
     same(other.read("a1"), TABLE)
     same(other.read("b2"), one(1.0))
     assert other.rows("a1").tolist() == [5, 6, 7]
-    assert other.size() == sum(p.stat().st_size for p in store.folder.glob("chunk-*.npy")) > TABLE.nbytes
 
 
 def test_a_chunk_is_a_plain_table(store):
@@ -72,7 +74,7 @@ def test_written_again_the_last_one_counts(store):
     assert set(store.completed()) == {"k"}
 
 
-@pytest.mark.parametrize("cut", [1, 10, 60])
+@pytest.mark.parametrize("cut", [1, 10, 40])
 def test_a_torn_manifest_line_is_no_completion(store, cut):
     write(store, "a", TABLE)
     whole = (store.folder / MANIFEST).read_bytes()
@@ -81,8 +83,6 @@ def test_a_torn_manifest_line_is_no_completion(store, cut):
     (store.folder / MANIFEST).write_bytes(text[: len(whole) + cut])
     other = again(store)
     assert set(other.completed()) == {"a"}
-    with pytest.raises(OutputError, match="not complete"):
-        other.read("b")
     # What follows is not glued to the torn line.
     write(other, "c", TABLE)
     write(other, "b", TABLE)
@@ -93,26 +93,6 @@ def test_a_listed_chunk_without_file_is_not_complete(store):
     write(store, "a", TABLE)
     store.path("a").unlink()
     assert store.completed() == {}
-    write(store, "b", TABLE)
-    store.forget("b")
-    store.forget("never")
-    assert store.completed() == {}
-
-
-def test_a_chunk_may_be_written_while_others_are_listed(store, monkeypatch):
-    """The thread that writes is not waited for when the next stage looks what is there."""
-    write(store, "a", TABLE)
-    path = store.path
-
-    def meanwhile(key):
-        monkeypatch.setattr(store, "path", path)
-        write(store, "b", TABLE)
-        return path(key)
-
-    monkeypatch.setattr(store, "path", meanwhile)
-    assert set(store.completed()) == {"a"}
-    same(store.read("b"), TABLE)
-    assert set(store.completed()) == {"a", "b"}
 
 
 @pytest.mark.parametrize("damage", ["flip", "flip table", "cut", "empty"])
@@ -126,19 +106,17 @@ def test_a_damaged_chunk_is_found(store, damage):
     with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: [^;]*$"):
         store.read("a")
     assert issubclass(ChunkCorrupt, OutputError)
-    store.forget("a")
     write(store, "a", TABLE)
     same(store.read("a"), TABLE)
 
 
 def test_another_sweep_is_refused(store):
     write(store, "a", TABLE)
-    other = ChunkStore(store.folder, "digest-2", {"dt": "0.002", "method": "rk4"})
-    with pytest.raises(
-        OutputError, match=r"they differ in dt \(0.001 there, 0.002 here\); identity 'digest-1' there, 'digest-2' here"
+    other = ChunkStore(store.folder, {"dt": "0.002", "method": "rk4"})
+    with (
+        pytest.raises(OutputError, match=r"they differ in dt \(0.001 there, 0.002 here\); give another output path"),
+        other.lock(),
     ):
-        other.open()
-    with pytest.raises(OutputError, match="Give another output path"), other.lock():
         pass
     assert set(again(store).completed()) == {"a"}
 
@@ -146,12 +124,11 @@ def test_another_sweep_is_refused(store):
 def test_somebody_elses_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     (tmp_path / "chunk-1.npy").write_text("also mine")
-    store = ChunkStore(tmp_path, "x")
-    for attempt in (store.open, store.lock().__enter__, store.discard):
-        with pytest.raises(
-            OutputError, match=r"not one of chunks: it has no identity\.json, but chunk-1\.npy, thesis\.txt"
-        ):
-            attempt()
+    with (
+        pytest.raises(OutputError, match=r"not one of chunks: it has no manifest\.jsonl, but thesis\.txt"),
+        ChunkStore(tmp_path).lock(),
+    ):
+        pass
     assert sorted(p.name for p in tmp_path.iterdir()) == ["chunk-1.npy", "thesis.txt"]
 
 
@@ -160,39 +137,23 @@ def test_discard_removes_only_what_is_its_own(store):
     (store.folder / "notes.txt").write_text("mine")
     store.discard()
     assert [p.name for p in store.folder.iterdir()] == ["notes.txt"]
-    (store.folder / "notes.txt").unlink()
-    store.discard()
-    assert not store.folder.exists()
-    store.discard()
-
-
-def test_what_nfs_keeps_of_removed_files_is_nobodys(store):
-    """A removed file that is open somewhere stays under such a name until it is closed."""
-    write(store, "a", TABLE)
-    kept = store.folder / ".nfs00000000012ab34c00000001"
-    kept.write_text("removed")
-    store.discard()
-    assert [p.name for p in store.folder.iterdir()] == [kept.name]
-    with store.lock():
-        assert again(store).completed() == {}
-        kept.unlink()
-        store.discard()
-    assert not store.folder.exists()
 
 
 def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
     """As when somebody stops a run at once, mends the sweep file, and runs it again."""
-    first = ChunkStore(tmp_path / "out.parts", "one", {"dt": "0.001"}).open()
-    first.expect({"scenarios": 3})
-    (first.folder / "chunk-b.npy").write_bytes(b"not in the manifest yet")
-    mended = ChunkStore(first.folder, "two", {"dt": "0.002"})
+    folder = tmp_path / "out.parts"
+    first = ChunkStore(folder, {"dt": "0.001"})
+    with first.lock():
+        first.flush()
+        (folder / "chunk-b.npy").write_bytes(b"not in the manifest yet")
+    mended = ChunkStore(folder, {"dt": "0.002"})
     with mended.lock():
-        mended.open()
-        assert [path.name for path in sorted(first.folder.iterdir())] == [HOLDER, IDENTITY, LOCK]
+        mended.flush()
+        assert [path.name for path in sorted(folder.iterdir())] == [HOLDER, LOCK, MANIFEST]
         write(mended, "a", TABLE)
-    assert set(ChunkStore(first.folder, "two").open().completed()) == {"a"}
-    with pytest.raises(OutputError, match="belong to another sweep"):
-        first.open()
+    assert set(again(mended).completed()) == {"a"}
+    with pytest.raises(OutputError, match="belong to another sweep"), first.lock():
+        pass
 
 
 def test_a_failed_write_leaves_nothing(store, monkeypatch):
@@ -203,7 +164,7 @@ def test_a_failed_write_leaves_nothing(store, monkeypatch):
     monkeypatch.setattr(np, "save", full)
     with pytest.raises(OutputError, match=r"No space left on device.*free some space"):
         write(store, "a", TABLE)
-    assert [p.name for p in store.folder.iterdir()] == [IDENTITY]
+    assert [p.name for p in store.folder.iterdir()] == [MANIFEST]
 
 
 def test_the_chunk_is_on_disk_before_the_manifest_names_it(store, monkeypatch):
@@ -220,5 +181,5 @@ def test_the_chunk_is_on_disk_before_the_manifest_names_it(store, monkeypatch):
     write(store, "k", TABLE)
     names = [name for name, _ in steps]
     assert files.is_temporary(names[0])
-    assert names[1:] == [store.folder.name, MANIFEST, store.folder.name]
+    assert names[1:] == [store.folder.name, MANIFEST]
     assert [complete for _, complete in steps[:2]] == [False, False]

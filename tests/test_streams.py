@@ -14,7 +14,7 @@ from test_cli import TINY, cli, environment, same_data, write
 
 from pounding_sweep.cli.app import reporting
 from pounding_sweep.output import describe
-from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run import cube_writer
 
 pytestmark = pytest.mark.usefixtures("stub_module")

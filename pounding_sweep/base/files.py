@@ -8,42 +8,34 @@ import os
 import re
 import secrets
 import shutil
-import socket
-import time
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+from filelock import BaseFileLock, FileLock, SoftFileLock
 
-from pounding_sweep.base.errors import InputError, OutputError, shown
+from pounding_sweep.base.errors import InputError, shown
 
 #: Said where a text of a sweep file has a backslash by accident.
 ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
+#: The lock file of a folder, and that of a drive that grants no locks (some NFS mounts).
+LOCK, SOFT_LOCK = "lock", "lock.soft"
+_TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
 
-def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError) -> Path:
+def expanded(path: str | os.PathLike[str]) -> Path:
     """Return a path with the home folder in the place of ``~`` or ``~user``."""
     try:
         return Path(path).expanduser()
     except RuntimeError:
-        raise error(
+        raise InputError(
             f"{shown(os.fspath(path))}: the home folder that '~' stands for is not known here; write it out in full"
         ) from None
 
 
 def absolute(path: str | os.PathLike[str]) -> Path:
     """Return an absolute path, ``~`` expanded and links followed, whether or not it exists."""
-    found = expanded(path)
-    try:
-        return Path(os.path.realpath(found))
-    except FileNotFoundError:
-        raise InputError(
-            f"{shown(os.fspath(path))}: the working folder was removed; change to another one, or give a whole path"
-        ) from None
+    return Path(os.path.realpath(expanded(path)))
 
 
 def near_file(path: Path) -> str:
@@ -56,102 +48,17 @@ def near_file(path: Path) -> str:
     return f"did you mean {shown(names[close[0]])}? " if close else ""
 
 
-LOCK = "lock"
-#: The lock file of a drive that grants no locks.
-SOFT_LOCK = "lock.soft"
-NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-#: Who has the lock, as text; what a killed run left tells the next one of it.
-HOLDER = "holder.txt"
-#: Seconds for which a lock is waited for: `running` holds it for a moment when it looks.
-PATIENCE = 0.5
-
-
 def acquire_lock(folder: Path, timeout: float = -1.0) -> BaseFileLock:
-    """Lock a folder that exists, waiting at most `timeout` seconds (-1: without limit); raises `Timeout`."""
-    lock: BaseFileLock = FileLock(folder / LOCK, timeout=timeout, thread_local=False)
+    """Lock a folder, waiting at most `timeout` seconds (-1: without limit); raises `filelock.Timeout`."""
+    lock: BaseFileLock = FileLock(folder / LOCK, timeout=timeout)
     try:
         lock.acquire()
     except OSError as error:
-        if error.errno not in NO_LOCKS:
+        if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP):
             raise
-        lock = SoftFileLock(folder / SOFT_LOCK, timeout=timeout, thread_local=False)
+        lock = SoftFileLock(folder / SOFT_LOCK, timeout=timeout)
         lock.acquire()
     return lock
-
-
-def _holder(folder: Path) -> str:
-    try:
-        text = (folder / HOLDER).read_text(encoding="utf-8").strip()
-    except (OSError, ValueError):
-        return ""
-    return text if text.isprintable() else ""
-
-
-def running(folder: Path) -> str | None:
-    """Return who runs on a folder now; None where nobody does."""
-    if not any((folder / name).exists() for name in (LOCK, SOFT_LOCK)):
-        return None
-    try:
-        acquire_lock(folder, timeout=0).release()
-        return None
-    except OSError:  # somebody has it, or it may not be looked at: the text is all there is
-        return _holder(folder) or "a process that has not said its name"
-
-
-class FolderLock:
-    """Keeps other runs out of a folder while the context is open."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._lock: BaseFileLock | None = None
-
-    def __enter__(self) -> FolderLock:
-        limit = time.monotonic() + 10.0
-        while self._lock is None:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                self._lock = acquire_lock(self.folder, PATIENCE)
-                self._sign()
-            except Timeout:
-                raise OutputError(
-                    f"another run is at work in {str(self.folder)!r}: {running(self.folder) or 'it has just ended'}; "
-                    "wait for it, stop it, or give another output path"
-                ) from None
-            except OSError as error:
-                self._release()
-                gone = isinstance(error, FileNotFoundError) and self.folder.parent.is_dir()
-                if gone and time.monotonic() < limit:
-                    time.sleep(0.01)  # the run that ended just now has removed the folder
-                    continue
-                msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); "
-                raise OutputError(msg + "give another output path") from error
-        return self
-
-    def _release(self) -> None:
-        if self._lock is not None:
-            self._lock.release()
-            self._lock = None
-
-    def _sign(self) -> None:
-        """Tell of a run before this one that was killed, and say who is here now."""
-        before = _holder(self.folder)
-        now = datetime.now().astimezone().isoformat(timespec="seconds")
-        text = f"process {os.getpid()} on {socket.gethostname()}, since {now}\n"
-        (self.folder / HOLDER).write_text(text, encoding="utf-8")
-        if before:
-            msg = f"the run before this one was killed ({before}); this one goes on from what it finished"
-            warnings.warn(msg, RuntimeWarning, stacklevel=5)
-
-    def __exit__(self, *raised: Any) -> None:
-        with suppress(OSError):  # the folder may be gone
-            for name in (HOLDER, LOCK):
-                (self.folder / name).unlink(missing_ok=True)
-        self._release()
-        with suppress(OSError):  # chunks are in it, or it is a link
-            self.folder.rmdir()
-
-
-_TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
 
 def _temporary_name() -> str:
@@ -178,34 +85,12 @@ def sync_folder(folder: Path) -> None:
         sync(folder)
 
 
-@contextmanager
-def _own_folder(parent: Path) -> Iterator[Path]:
-    """Make a hidden folder that is locked while the context is open, and remove it with all that is in it."""
-    while True:
-        folder = parent / _temporary_name()
-        folder.mkdir()
-        with suppress(FileNotFoundError, FileExistsError):
-            lock = acquire_lock(folder)
-            if folder.exists():
-                break
-            lock.release()  # somebody took the folder for a leftover before it was locked
-    try:
-        yield folder
-    finally:
-        lock.release()
-        for pause in (0.0, 0.05, 0.5):  # threads of a library that gave up may still write for a moment
-            time.sleep(pause)
-            shutil.rmtree(folder, ignore_errors=True)
-            if not folder.exists():
-                break
-
-
 def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
     with suppress(OSError):  # it may be written, but not listed
         for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
             with suppress(OSError):
-                lock = acquire_lock(left, timeout=0)
+                lock = acquire_lock(left, 0.0)
                 shutil.rmtree(left, ignore_errors=True)
                 lock.release()
 
@@ -216,7 +101,13 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
     with ExitStack() as contexts:
         if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
             remove_leftovers(path.parent)
-            folder = contexts.enter_context(_own_folder(path.parent))
+            folder = None
+            while folder is None or not folder.exists():  # else somebody took it for a leftover before it was locked
+                folder = path.parent / _temporary_name()
+                folder.mkdir()
+                with suppress(FileNotFoundError, FileExistsError):
+                    contexts.callback(acquire_lock(folder).release)
+            contexts.callback(shutil.rmtree, folder, ignore_errors=True)
         temporary = folder / _temporary_name()
         try:
             yield temporary
@@ -235,8 +126,6 @@ def failure(what: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM, errno.EROFS):
         remedy = "make the folder writable (on a drive without locks: set HDF5_USE_FILE_LOCKING=FALSE) and run again"
     elif number in (errno.ENOENT, errno.ENOTDIR, errno.ESTALE):
-        name = getattr(error, "filename", None)
-        reason += "" if name is None else f": {os.fspath(name)!r}"
         remedy = "what is missing was removed meanwhile: run again, and leave it"
     elif number in (errno.ENOSPC, errno.EDQUOT) or number is None or number < 0:  # the netCDF library gives no reason
         remedy = "free some space and run again"

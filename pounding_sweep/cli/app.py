@@ -149,11 +149,11 @@ def open_streams() -> None:
 
 def _left_by(out: Path, before: int | None) -> str:
     """Say what a run that ends early leaves behind; `before` is when the cube was last written before it."""
-    from pounding_sweep.resume.checkpoint import parts_folder
+    from pounding_sweep.resume import parts_folder
 
     if _written_at(out) not in (None, before):
         return f"; the cube {out} is complete"
-    with suppress(InputError):  # the working folder may be gone
+    with suppress(OSError):  # the working folder may be gone
         if (parts := parts_folder(out)).is_dir():
             return f"; what is finished is kept in {parts}: running the same command again continues from there"
     return ""

@@ -27,7 +27,7 @@ from pounding_sweep.cli.app import (
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.resume.survey import Survey
+    from pounding_sweep.resume import Survey
 
 
 @command("info")
@@ -46,8 +46,7 @@ def info_command(
     with reporting():
         from pounding_sweep.output.describe import about, describe
         from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
-        from pounding_sweep.resume.survey import survey
+        from pounding_sweep.resume import MANIFEST, parts_folder, survey
 
         parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
         alone = os.path.isdir(parts) and not os.path.isfile(cube)
@@ -55,7 +54,7 @@ def info_command(
         if not alone:
             with open_cube(cube) as dataset:
                 content = about(dataset) if as_json else describe(dataset)
-            if os.path.exists(parts / IDENTITY):
+            if os.path.exists(parts / MANIFEST):
                 try:
                     unfinished = survey(parts)
                 except OutputError as error:

@@ -132,7 +132,7 @@ def run_command(
         else:
             _print_run(report)
         if outcome.failures:
-            from pounding_sweep.resume.checkpoint import parts_folder
+            from pounding_sweep.resume import parts_folder
 
             say(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "

@@ -130,7 +130,7 @@ ENCODING = "utf-8"
 #: Endings of files that are not netCDF: sweep files, and what cubes are exported to.
 _OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
 #: What an unfinished run has next to its cube, as long as it can be resumed.
-_UNFINISHED = ".parts/identity.json"
+_UNFINISHED = ".parts/manifest.jsonl"
 #: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
 #: for the many variables of a cube.
 READ_CACHE = 2**22

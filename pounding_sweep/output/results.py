@@ -126,7 +126,7 @@ class Outcome:
     untouched: int = 0  # unique scenarios answered by the run without pounding
     reused: int = 0  # scenarios read from an interrupted run, which it had run itself
     taken: int = 0  # scenarios taken from an earlier cube, in this run or an interrupted one
-    taken_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.resume.reuse`
+    taken_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.run.reuse`
     compiled: int = 0  # kernels that had to be compiled
     #: wall time of the two stages
     compile_seconds: float = 0.0

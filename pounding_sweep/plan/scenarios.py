@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import CHANGE
+from pounding_sweep.records import Record
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
@@ -386,19 +387,11 @@ def cut(
     return result
 
 
-@dataclass(frozen=True)
-class ChunkTask:
+class ChunkTask(NamedTuple):
     """One chunk, ready to be run by anybody."""
 
-    key: str  # name of the chunk
     kernel: RowKernel  # what runs
-    record: int  # index of the record
+    record: Record  # the motion
     table: Scenarios  # scenarios to run
     variants: Variants  # their building properties
     outputs: tuple[str, ...]  # variables asked for
-
-
-#: (kernel, record, scenarios, variants, outputs) -> table of results, or what went wrong; can be pickled
-Run = Callable[..., "np.ndarray | str"]
-#: (position of the chunk, its table or what went wrong)
-Receive = Callable[[int, "np.ndarray | str"], None]

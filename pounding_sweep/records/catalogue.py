@@ -220,7 +220,7 @@ def _folders(folders: Folders) -> list[Path]:
         folders = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part.strip()]
     elif isinstance(folders, str | os.PathLike):
         folders = [folders]
-    return [expanded(folder, RecordError) for folder in folders]
+    return [expanded(folder) for folder in folders]
 
 
 def _files(folder: Path) -> list[Path]:
@@ -421,7 +421,7 @@ def resolve_record(
     if isinstance(item, str) and is_name:
         return find_record(text, folders, column)
     try:
-        path = (Path() if base is None else Path(base)) / expanded(text, RecordError)
+        path = (Path() if base is None else Path(base)) / expanded(text)
         absent = not path.exists()
     except RecordError:
         raise

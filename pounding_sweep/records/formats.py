@@ -417,7 +417,7 @@ def read_record(
     unit g: 'acc (g)', line 1; step: 'time (s)', line 1
     """
     try:
-        file = expanded(path, RecordError)
+        file = expanded(path)
     except TypeError:
         raise RecordError(f"a record's path must be a text or a path, not {shown(path)}") from None
     if pga is not None and scale != 1.0:

@@ -28,8 +28,8 @@ from pounding_sweep.output.dataset import CubeParts
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
-from pounding_sweep.plan.scenarios import ChunkTask, changed, cut, joined
-from pounding_sweep.run.pool import Dispatcher
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined
+from pounding_sweep.run.execute import Dispatcher
 from pounding_sweep.run.refinement import ended, halved
 
 if TYPE_CHECKING:
@@ -231,8 +231,7 @@ def _run(
     measured: list[tuple[np.ndarray, np.ndarray]] = []
     failures: list[str] = []
 
-    def task_of(position: int) -> ChunkTask:
-        chunk = chunks[position]
+    def task_of(chunk: Chunk) -> ChunkTask:
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=int(begun[chunk.rows[0]]))
         kernel = halved(ended(kernel, records[chunk.record], chunk.steps), records[chunk.record])
         scenarios = table[chunk.rows]
@@ -242,16 +241,13 @@ def _run(
             kernel = kernel.in_double
         kernel = replace(kernel, accuracy=accuracy)
         variants = plan.variants[scenarios.variant]
-        return ChunkTask(chunk.key, kernel, chunk.record, scenarios, variants, tuple(outputs))
+        return ChunkTask(kernel, records[chunk.record], scenarios, variants, tuple(outputs))
 
-    def receive(position: int, found: np.ndarray | str) -> None:
-        if isinstance(found, str):
-            failures.append(found)
+    for chunk, result in dispatcher.run(chunks, task_of):
+        if isinstance(result, str):
+            failures.append(result)
         else:
-            part = chunks[position].rows
-            measured.append((part, found.reshape(-1, len(part))))
-
-    dispatcher.run(len(chunks), task_of, receive)
+            measured.append((chunk.rows, result.reshape(-1, len(chunk.rows))))
     if failures:
         warnings.warn(
             f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "

@@ -6,41 +6,48 @@ own scenarios (status ``not_run``), never the batch.
 
 from __future__ import annotations
 
-import inspect
 import linecache
 import os
 import re
 import sys
 import time
+import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from itertools import islice
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, RunError, unknown
-from pounding_sweep.engine.compile import still_to_compile
+from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, Scenarios
 from pounding_sweep.records import Record
-from pounding_sweep.resume.checkpoint import ChunkCorrupt
-from pounding_sweep.run.chunk_writer import ChunkWriter
-from pounding_sweep.run.pool import Dispatcher
+from pounding_sweep.resume import ChunkCorrupt, ChunkStore
 from pounding_sweep.run.refinement import run_scenarios
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from pounding_sweep.resume.reuse import EarlierCube
+    from pounding_sweep.run.cluster import ClusterWorkers
+    from pounding_sweep.run.reuse import EarlierCube
 
 #: Names of the schedulers that start on this machine.
 SCHEDULERS = ("threads", "processes", "synchronous")
+#: Chunks under way per thread of this process: one runs, one waits beside it.
+AHEAD = 2
+
+Item = TypeVar("Item")
 
 
 @dataclass
@@ -73,11 +80,6 @@ def run_chunk(
         return f"{type(error).__name__}: {error}"
 
 
-def is_client(scheduler: object) -> bool:
-    """Whether it is a client of a dask cluster."""
-    return hasattr(scheduler, "submit") and hasattr(scheduler, "scheduler_info")
-
-
 def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     """Return the number of workers.
 
@@ -88,12 +90,13 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     RunError
         Processes are asked for by a script without ``if __name__ == "__main__":``.
     """
-    if not is_client(scheduler):
-        _check_name(scheduler)
-    elif getattr(scheduler, "asynchronous", False):
-        raise InputError(
-            "the dask client is asynchronous; give one made without asynchronous=True, or the scheduler's address"
-        )
+    if isinstance(scheduler, str) and (scheduler in SCHEDULERS or "://" in scheduler):
+        if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
+            raise InputError(
+                f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
+            )
+    elif not hasattr(scheduler, "scheduler_info"):
+        raise InputError(unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"]))
     if scheduler == "processes":
         check_main_guard()
     if workers is None:
@@ -103,71 +106,106 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     return int(workers)
 
 
-def _check_name(scheduler: object) -> None:
-    """Raise `InputError` unless a text names a scheduler."""
-    if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
-        raise InputError(unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"]))
-    if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
-        raise InputError(
-            f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
-        )
-
-
 def check_main_guard() -> None:
     """Raise `RunError` if the running script would start its processes again in each of them, which import it."""
-    main = sys.modules.get("__main__")
+    main = sys.modules["__main__"]
     file, spec = getattr(main, "__file__", None), getattr(main, "__spec__", None)
     if file is None or (spec is not None and spec.name.endswith("__main__")):
         return  # a notebook or an interpreter, or `python -m PACKAGE`
-    frame = inspect.currentframe()
-    while frame is not None and not (frame.f_code.co_name == "<module>" and frame.f_globals is vars(main)):
-        frame = frame.f_back
-    lines = linecache.getlines(file)
-    line = lines[frame.f_lineno - 1] if frame is not None and lines else ""
-    has_guard = any("__name__" in each for each in lines)
-    if not line or (has_guard and (line[0].isspace() or "__name__" in line)):
-        return
-    raise RunError(
-        f"{file}:{lines.index(line) + 1}: the new processes import this script and would run this line again. Put it "
-        f'below a guard:\n\n    if __name__ == "__main__":\n        {line.strip()}\n\n'
-        'or run with scheduler="threads"'
-    )
+    frames = [frame for frame in traceback.extract_stack() if (frame.name, frame.filename) == ("<module>", file)]
+    number = frames[0].lineno if frames else None
+    line = linecache.getline(file, number) if number else ""
+    has_guard = any("__name__" in text for text in linecache.getlines(file))
+    if line and not (has_guard and (line[0].isspace() or "__name__" in line)):
+        raise RunError(
+            f"{file}:{number}: the new processes import this script and would run this line again. Put it "
+            f'below a guard:\n\n    if __name__ == "__main__":\n        {line.strip()}\n\n'
+            'or run with scheduler="threads"'
+        )
 
 
-def dispatcher_for(
-    plan: Plan, scheduler: str | Client = "threads", workers: int | None = None, progress: Progress | None = None
-) -> Dispatcher:
-    """Return the workers of a run; see `check_scheduler` for what is valid. `progress` hears of them."""
-    note = (progress or Progress()).note
-    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_chunk, note)
+class Dispatcher(ExitStack):
+    """Workers: threads of this process, processes that are started here, or those of a dask cluster.
+
+    `run` gets the parts of a `ChunkTask` and can be pickled; `progress` hears of workers that come and go.
+    """
+
+    def __init__(
+        self,
+        scheduler: str | Client,
+        workers: int,
+        progress: Progress | None = None,
+        run: Callable[..., np.ndarray | str] | None = None,
+    ) -> None:
+        super().__init__()
+        self.scheduler, self.workers = scheduler, workers
+        self._run: Callable[..., np.ndarray | str] = run or run_chunk
+        self._progress = progress or Progress()
+        self._has_cluster = scheduler not in ("threads", "synchronous")
+
+    @cached_property
+    def cluster(self) -> ClusterWorkers:
+        """The workers of a cluster, reached when they are first asked for."""
+        from pounding_sweep.run.cluster import ClusterWorkers, cluster_client
+
+        client = self.enter_context(cluster_client(self.scheduler, self.workers))
+        return ClusterWorkers(client, self._run, self._progress.note)
+
+    @cached_property
+    def _threads(self) -> ThreadPoolExecutor:
+        pool = ThreadPoolExecutor(self.workers, thread_name_prefix="sweep")
+        # who interrupts a run does not wait for its chunks
+        self.callback(pool.shutdown, wait=False, cancel_futures=True)
+        return pool
+
+    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
+        """Make kernels ready where they will run; returns how many had to be compiled."""
+        return self.cluster.prepare(shapes, advance) if self._has_cluster else prepare(shapes, self.workers, advance)
+
+    def run(
+        self, items: Iterable[Item], task_of: Callable[[Item], ChunkTask]
+    ) -> Iterator[tuple[Item, np.ndarray | str]]:
+        """Run a task for each item, begun in their order; gives items with tables, or what went wrong, as they come."""
+        if self._has_cluster:
+            yield from self.cluster.run(items, task_of)
+        elif self.scheduler == "synchronous":
+            for item in items:
+                yield item, self._run(*task_of(item))
+        else:
+            following, in_flight = iter(items), dict[Future[Any], Item]()
+            while True:
+                for item in islice(following, AHEAD * self.workers - len(in_flight)):
+                    in_flight[self._threads.submit(self._run, *task_of(item))] = item
+                if not in_flight:
+                    break
+                for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
+                    yield in_flight.pop(future), future.result()
 
 
 def execute(
     plan: Plan,
     dispatcher: Dispatcher,
     *,
-    writer: ChunkWriter | None = None,
+    store: ChunkStore | None = None,
     progress: Progress | None = None,
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
-    progress = progress or Progress()
-    shapes = plan.shapes()
-    to_compile, _ = still_to_compile(shapes)
-    progress.stage("compiling" if to_compile else "kernels", len(shapes))
+    progress, shapes = progress or Progress(), plan.shapes()
+    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
     started = time.perf_counter()
-    compiled = dispatcher.prepare(shapes, progress.advance)
+    compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
     outcome.taken_from = None if earlier is None else earlier.origin
     started = time.perf_counter()
     if shapes:
-        stages = _Stages(plan, outcome, writer, dispatcher, progress, earlier)
+        stages = _Stages(plan, outcome, store, dispatcher, progress, earlier)
         stages.without_pounding()
         stages.scenarios()
-        if writer is not None and outcome.failures:
-            writer.flush()  # the next run makes what is missing
+        if store is not None and outcome.failures:
+            store.flush()  # the next run makes what is missing
     outcome.run_seconds = time.perf_counter() - started
     if outcome.taken_from is not None:
         progress.note(f"{outcome.taken} scenarios taken from {outcome.taken_from['file']}")
@@ -187,45 +225,40 @@ class _Stages:
 
     plan: Plan
     outcome: Outcome
-    writer: ChunkWriter | None
+    store: ChunkStore | None
     dispatcher: Dispatcher
     progress: Progress
     earlier: EarlierCube | None
 
     def without_pounding(self) -> None:
         """Run those that are worth it, and find the scenarios that never touch: they are answered by it."""
-        plan, outcome, results = self.plan, self.outcome, self.outcome.results
+        plan, outcome = self.plan, self.outcome
         contacts, n = plan.spec.scene.contacts, len(plan.uncoupled_runs)
         closing = np.full((n, len(contacts)), np.inf)
         status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
-
-        def keep(rows: np.ndarray, table: np.ndarray, slots: np.ndarray) -> None:
+        runs, outputs = plan.uncoupled_runs, (*plan.outputs, "closing_max")
+        for rows, table, slots in self._run(
+            "no pounding", plan.uncoupled_to_run, runs, outputs, plan.uncoupled_chunks, closing=True
+        ):
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
             for j, contact in enumerate(contacts):
-                found = table["closing_max"][:, contact.place, contact.storey - 1]
-                closing[rows, j] = np.where(ok, found, np.inf)
-
-        outputs = (*plan.outputs, "closing_max")
-        runs, worth = plan.uncoupled_runs, plan.uncoupled_to_run
-        self._run("no pounding", worth, runs, outputs, keep, plan.uncoupled_chunks, closing=True)
+                largest = table["closing_max"][:, contact.place, contact.storey - 1]
+                closing[rows, j] = np.where(ok, largest, np.inf)
         left_out = untouched(plan, closing) & ~plan.refused
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
         rows = np.flatnonzero(left_out)
         run = plan.uncoupled_of[rows]
-        results.answer(rows, slot[run], status[run], touched=False)
+        outcome.results.answer(rows, slot[run], status[run], touched=False)
 
     def scenarios(self) -> None:
         """Run the scenarios that may touch."""
-        plan, results, left_out = self.plan, self.outcome.results, self.outcome.left_out
+        plan, left_out = self.plan, self.outcome.left_out
         assert left_out is not None
-
-        def keep(rows: np.ndarray, table: np.ndarray, slots: np.ndarray) -> None:
-            results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
-
-        rows = np.flatnonzero(~left_out & ~plan.refused).astype(np.int32)
-        self._run("scenarios", rows, plan.unique, plan.outputs, keep, plan.chunks)
+        rest = np.flatnonzero(~left_out & ~plan.refused).astype(np.int32)
+        for rows, table, slots in self._run("scenarios", rest, plan.unique, plan.outputs, plan.chunks):
+            self.outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
 
     def _run(
         self,
@@ -233,82 +266,80 @@ class _Stages:
         rows: np.ndarray,
         table: Scenarios,
         outputs: tuple[str, ...],
-        keep: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
         cut: Callable[[np.ndarray], list[Chunk]],
         *,
         closing: bool = False,
-    ) -> None:
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Take rows of a table from the store and the earlier cube, run the others in the chunks that `cut` makes.
 
-        `keep` gets rows, results and where these stand.
+        Gives rows, results and where these stand.
         """
-        plan, outcome, results = self.plan, self.outcome, self.outcome.results
+        plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
         self.progress.stage(stage, len(rows))
-        missing, known = np.zeros(len(table), bool), []
+        missing, known = np.zeros(len(table), bool), list[Chunk]()
         missing[rows] = True
 
-        def answer(chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any) -> int:
+        def answer(
+            chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             index, slots = results.hold(found, read)
             new = missing[chunk.rows]
-            keep(chunk.rows[new], found[new], slots[new])
             missing[chunk.rows] = False
-            if self.writer is not None and read is None:
-                self.writer.save(chunk, found, partial(results.move, index), stage=stage, **origin)
+            if store is not None and read is None:
+                store.save(chunk, found, partial(results.move, index), stage=stage, **origin)
             if new.any():
                 self.progress.advance(int(new.sum()))
-            return int(new.sum())
+            return chunk.rows[new], found[new], slots[new]
 
-        for chunk, found, read, origin in self._stored(stage):
-            n = answer(chunk, found, read)
-            if self._is_taken(origin):
-                outcome.taken += n
+        for chunk, found, read, origin in () if store is None else self._stored(store, stage):
+            answered = answer(chunk, found, read)
+            yield answered
+            if origin is None or not self._is_of_earlier(origin):
+                outcome.reused += len(answered[0])
             else:
-                outcome.reused += n
+                outcome.taken += len(answered[0])
             known.append(chunk)
         if self.earlier is not None and not closing:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
-                outcome.taken += answer(chunk, found, origin=self.earlier.origin)
+                answered = answer(chunk, found, origin=self.earlier.origin)
+                yield answered
+                outcome.taken += len(answered[0])
                 known.append(chunk)
         waiting = cut(np.flatnonzero(missing))
-        if self.writer is not None:
-            self.writer.expect(plan, stage, [*known, *waiting])
+        if store is not None:
+            store.expect(plan, stage, [*known, *waiting])
 
-        def task_of(position: int) -> ChunkTask:
-            chunk = waiting[position]
+        def task_of(chunk: Chunk) -> ChunkTask:
             kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
-            mine = table[chunk.rows]
-            return ChunkTask(chunk.key, kernel, chunk.record, mine, plan.variants[mine.variant], outputs)
+            part = table[chunk.rows]
+            return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs)
 
-        def receive(position: int, found: np.ndarray | str) -> None:
-            chunk = waiting[position]
-            if isinstance(found, str):  # the next run makes what is missing
-                outcome.failures.append(found)
+        for chunk, result in self.dispatcher.run(waiting, task_of):
+            if isinstance(result, str):  # the next run makes what is missing
+                outcome.failures.append(result)
                 self.progress.advance(len(chunk.rows))
-                return
-            outcome.run += answer(chunk, found)
+            else:
+                answered = answer(chunk, result)
+                yield answered
+                outcome.run += len(answered[0])
 
-        self.dispatcher.run(len(waiting), task_of, receive)
-
-    def _stored(self, stage: str) -> Iterator[tuple[Chunk, np.ndarray, Callable[[], np.ndarray], Any]]:
+    def _stored(
+        self, store: ChunkStore, stage: str
+    ) -> Iterator[tuple[Chunk, np.ndarray, Callable[[], np.ndarray], Any]]:
         """Go through the finished chunks of a stage: table, what reads it again, and the cube it was taken from."""
-        if self.writer is None:
-            return
-        store = self.writer.store
         for key, entry in sorted(store.completed().items()):
-            if entry.get("stage") == stage:
+            if entry["stage"] == stage:
                 try:
                     table = store.read(key)
                 except ChunkCorrupt as error:
-                    store.forget(key)
+                    store.path(key).unlink(missing_ok=True)
                     warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
                 else:
                     chunk = Chunk(key, entry["law"], entry["record"], store.rows(key), 0)
                     yield chunk, table, partial(store.read, key), entry.get("origin")
 
-    def _is_taken(self, origin: Mapping[str, Any] | None) -> bool:
+    def _is_of_earlier(self, origin: dict[str, Any]) -> bool:
         """Whether results are from the earlier cube that this one tells of, wherever it stands."""
-        if origin is None:
-            return False
         if self.outcome.taken_from is None:
             self.outcome.taken_from = origin
         return {**origin, "file": ""} == {**self.outcome.taken_from, "file": ""}

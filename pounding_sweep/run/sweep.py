@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
+from pounding_sweep.base.errors import RunError, SweepError, UnlikelyWarning, WriteError
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.spec.build import build_spec
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan
     from pounding_sweep.records import Record
     from pounding_sweep.records.catalogue import Folders
-    from pounding_sweep.resume.checkpoint import ChunkStore
+    from pounding_sweep.resume import ChunkStore
     from pounding_sweep.run.audit import Audit
     from pounding_sweep.run.execute import Progress
 
@@ -215,13 +215,12 @@ class Sweep:
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
         from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.plan.sanity import doubts_of
-        from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
-        from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
+        from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
-        from pounding_sweep.run.chunk_writer import ChunkWriter
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
-        from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
+        from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
         from pounding_sweep.run.log import RunLog
+        from pounding_sweep.run.reuse import EarlierCube, extension_attributes
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -231,36 +230,33 @@ class Sweep:
         earlier = None
         if extend is not None:
             earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE])
-        store = log = writer = None
+        store = log = None
         with ExitStack() as contexts:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
-                store = ChunkStore(parts_folder(target), *identity_of(plan))
-                begun = contexts.enter_context(store.lock())
+                store = ChunkStore(parts_folder(target), identity_of(plan), at_once=earlier is not None)
+                contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
                 _check_disks(plan, target, store)
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
             try:
-                with ExitStack() as writing:
-                    if store is not None:
-                        writer = writing.enter_context(ChunkWriter(store, at_once=begun or earlier is not None))
-                    with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
-                        outcome = execute(plan, dispatcher, writer=writer, progress=progress, earlier=earlier)
-                        self.last_outcome = outcome
-                        if target is not None and target.exists():
-                            _check_results(outcome, target)
-                        if outcome.taken_from is not None:
-                            more |= extension_attributes(outcome.taken_from, outcome.taken)
-                        progress.stage("audit", 0)
-                        self.last_audit = audit(plan, outcome, dispatcher)
-                    progress.stage("cube", plan.n_asked)
-                    told = (plan, outcome, self.last_audit)
-                    if target is None or store is None:
-                        cube = cube_in_memory(*told, progress, more)
-                    else:
-                        cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
+                with Dispatcher(scheduler, n_workers, progress) as dispatcher:
+                    outcome = execute(plan, dispatcher, store=store, progress=progress, earlier=earlier)
+                    self.last_outcome = outcome
+                    if target is not None and target.exists():
+                        _check_results(outcome, target)
+                    if outcome.taken_from is not None:
+                        more |= extension_attributes(outcome.taken_from, outcome.taken)
+                    progress.stage("audit", 0)
+                    self.last_audit = audit(plan, outcome, dispatcher)
+                progress.stage("cube", plan.n_asked)
+                told = (plan, outcome, self.last_audit)
+                if target is None or store is None:
+                    cube = cube_in_memory(*told, progress, more)
+                else:
+                    cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
@@ -275,7 +271,7 @@ class Sweep:
             if store is not None and not outcome.failures:
                 try:
                     store.discard()
-                except OutputError as error:
+                except OSError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
         for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
@@ -287,7 +283,8 @@ def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
     """Raise `OutputError` where the cube or its chunks, which may be on another disk, find no room."""
     from pounding_sweep.output.netcdf import check_space
 
-    cube, chunks = plan.n_asked * plan.bytes_per_scenario, plan.n_unique * plan.bytes_per_scenario - store.size()
+    cube, chunks = plan.n_asked * plan.bytes_per_scenario, plan.n_unique * plan.bytes_per_scenario
+    chunks -= sum(store.path(key).stat().st_size for key in store.completed())
     what = f"the cube of {plan.n_asked:,} scenarios"
     if target.parent.stat().st_dev == store.folder.stat().st_dev:
         check_space(target.parent, cube + chunks, f"{what}, with its chunks,")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, ValidationInfo
 
-from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown
+from pounding_sweep.base.errors import InputError, SweepError, shown
 from pounding_sweep.base.files import expanded
 from pounding_sweep.model.faults import Number, Table, called, key, number, one_of
 from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
@@ -100,7 +100,7 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     (kind,) = kinds
     table, make = dict(value), RECORD_TABLES[kind]
     if kind == "path" and isinstance(table["path"], str):
-        table["path"] = folder / expanded(table["path"], RecordError)
+        table["path"] = folder / expanded(table["path"])
     more = {"folders": folders} if kind == "record" else {}
     spectral = SPECTRAL if kind in ("path", "record") else ()
     sa, period = (table.pop(name, None) if spectral else None for name in SPECTRAL)

@@ -37,7 +37,7 @@ from pounding_sweep.output.netcdf import SLAB_BYTES, block_shape, open_cube, rea
 from pounding_sweep.output.results import table_type
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.plan.scenarios import Chunk, Scenarios, chunk_key, requested_scenarios
+from pounding_sweep.plan.scenarios import Chunk, Scenarios, case_variants, chunk_key
 from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
@@ -175,7 +175,9 @@ class EarlierCube:
             if not spec.n_scenarios:
                 return
             self._old = old = make_plan(spec)
-            self._check_numerics(shared, old, varied=len(requested_scenarios(self._whole).variants) > 1)
+            whole = self._whole
+            variants = old.variants if whole.cases is None else case_variants(whole.scene, whole.cases)[0]
+            self._check_numerics(shared, old, varied=len(variants) > 1)
             if spec.cases is not None:
                 check_listed(self.path, shared, old)
 
