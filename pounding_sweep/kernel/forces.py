@@ -35,6 +35,7 @@ from pounding_sweep.kernel.lanes import (
     where,
 )
 from pounding_sweep.kernel.roots import (
+    NEVER,
     Powers,
     Series,
     along,
@@ -68,8 +69,6 @@ BEYOND = 0.25
 GRADED = 0.8
 #: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
 LATE = 0.01
-#: Fraction of a sub-step that stands for: not in it.
-NEVER = 2.0
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.roots import coefficients, polynomial, rate, root
+from pounding_sweep.kernel.roots import NEVER, coefficients, polynomial, rate, root
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:

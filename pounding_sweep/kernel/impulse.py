@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from pounding_sweep.kernel import links, transfers
-from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
-from pounding_sweep.kernel.roots import along, coefficients, polynomial, rate, root
+from pounding_sweep.kernel.roots import NEVER, along, coefficients, polynomial, rate, root
 from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
 

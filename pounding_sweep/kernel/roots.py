@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, where, while_any
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, when_any, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
 SETTLED = {"float64": 1e-8, "float32": 1e-3}
@@ -16,6 +16,8 @@ NEAR = 0.01
 #: Most that t**4 to t**8 leave the cubics through their values and slopes at 0 and 1 by; of motions that turn by less
 #: than 2.8 in a step, all higher powers add a fifteenth at most.
 LEAVES = tuple(1.07 * most for most in (0.0625, 0.157, 0.27, 0.394, 0.525))
+#: Fraction of a sub-step that stands for: not in it.
+NEVER = 2.0
 #: Coefficients of t, t**2, t**3, t**4, ...
 Powers = tuple[Any, ...]
 
@@ -109,6 +111,20 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
     if group.spec.implicit:
         return root(group, asks, low, high, lambda t: sign * series.value(t))
     return newton(group, asks, low, high, series, sign)
+
+
+def first_crossing(
+    group: Group, lanes: Any, series: Series, sign: Any, crosses: Any, turns: Any, rises: Any, end: Any = 1.0
+) -> Any:
+    """Where sign times a series turns positive, in some lanes: before the end, where it `crosses`, else `NEVER`."""
+    # where it `rises` only after it fell, it may begin at its event; where it `turns`, it may be negative again
+    bends = lanes & (turns | rises)
+    low, high, event = Cell(group.full(0.0)), Cell(group.full(end)), Cell(lanes & crosses)
+    with when_any(bends):
+        extreme = crossing(group, bends, 0.0, end, series.rate, where(rises, sign, -sign))
+        event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > 0.0)))
+        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, end)
+    return where(event.now, crossing(group, event.now, low.now, high.now, series, sign), NEVER)
 
 
 def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:

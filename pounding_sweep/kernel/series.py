@@ -13,13 +13,14 @@ a few steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, links, located, series_transfers, series_yielding
-from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
+from pounding_sweep.kernel import forces, hysteresis, links, located, transfers
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -39,17 +40,17 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
-from pounding_sweep.kernel.roots import Series, newton, tangents, turn
+from pounding_sweep.kernel.roots import NEVER, Series, first_crossing, newton, tangents
 from pounding_sweep.kernel.row import Pushes, accelerations, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
+#: The same where storeys yield.
+LEFT_OUT_YIELDING = {"float64": 1e-11, "float32": 2e-7}
 #: Nodes of the quadrature of powers over a step, in both number formats.
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
-#: Newton's rounds to where a motion turns, in both number formats, at least.
-TURNS = {"float64": 3, "float32": 2}
 #: Parts of a step in which extremes of motions are looked for.
 PARTS = 4
 #: Most halvings of a step in which an event may hide, and its part after which none is sought.
@@ -70,7 +71,8 @@ def substep(group: Group, h: Any) -> None:
     located.look_ahead(group, h)
     _expand(group)
     _meet(group)
-    _go(group)
+    _place(group)
+    group.state["h"] = group.state["span"] * group.state["fraction"]
     _take_contacts(group)
     _take_turns(group)
     if "link_force" in group.asked:
@@ -191,153 +193,115 @@ def _force(group: Group, j: Any) -> Series:
     return Series(lambda k: s["fj", j + k * nc], group.spec.series - 1)
 
 
+def _per(group: Group) -> Any:
+    """Inverse of the length of the whole step, zero in lanes that wait."""
+    span = group.state["span"]
+    return where(span > 0.0, 1.0 / span, 0.0)
+
+
 def _meet(group: Group) -> None:
-    """Find the first instant at which contacts change their modes: ``fraction``, of the step."""
+    """Find the first instant at which contacts or storeys change their modes: ``fraction``, of the step."""
     s = group.state
     ongoing = s["time_left"] > 0.0
     s["taken"] = where(ongoing, 1.0, 0.0 * s["h"])
-    s["fraction"] = group.full(1.0)
     for j in group.each_contact():
         s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
-        for kind in range(_kinds(group, j)):
-            s["ruled_out", group.change(j, kind)] = 0.0
+    for i, _ in hysteresis.each_storey(group) if group.spec.yielding else ():
+        s["turn", i], s["then", i] = group.full(NEVER), s["phase", i]
     _converge(group)
-    if group.spec.yielding:
-        series_yielding.begin(group)
-    s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
-    if group.spec.yielding:
-        series_yielding.place(group)
-    events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
-    # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
-    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events + HALVINGS):
-        choice = _choose(group, going.now)
-        doubt = choice.doubt.now
-        found = choice.found.now & ~doubt
-        going.now = found | doubt
-        with when_any(going.now):
-            s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
-            _locate(group, found)
+    for _ in while_any(lambda: going.now, group.trace, at_most=HALVINGS + 1):
+        asks, first, doubt = going.now, Cell(s["fraction"]), Cell(group.lanes_where(False))
+        if group.spec.yielding:
+            _place(group)
+            _look_at_storeys(group, asks, doubt, first)
+        for j in group.each_contact():
+            mine = Cell(asks)
             if group.spec.yielding:
-                series_yielding.place(group)
+                most, _ = _hull(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))
+                nears = most + _depth(group, j).bulge(s["fraction"]) > group.gap(j)
+                mine.now = asks & ((s["mode", j] > OPEN) | nears)
+            with when_any(mine.now):
+                _look_at_contact(group, j, mine.now, doubt)
+            first.now = minimum(first.now, s["event", j])
+        going.now = asks & doubt.now  # half the step tells
+        s["fraction"] = where(going.now, 0.5 * s["fraction"], first.now)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _kinds(group: Group, j: Any) -> int:
-    """How many kinds of changes a contact has: of its penetration's sign, and of that of its rate or its force."""
-    law = group.law_of(j).shape
-    return 2 if law.approach_only or law.clips else 1
-
-
 def _converge(group: Group) -> None:
-    """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
+    """Find where series leave out more than rounding, or floors that part come back: ``fraction``, of the step."""
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    s, order, room, back = group.state, group.spec.series, Cell(group.full(1.0)), Cell(group.full(1.0))
-    left_out = series_yielding.LEFT_OUT if group.spec.yielding else LEFT_OUT
+    s, n, order, precision = group.state, group.spec.n_dof, group.spec.series, group.spec.precision
+    room, back = Cell(group.full(1.0)), Cell(group.full(1.0))
+
+    def keep(lanes: Any, first: Sequence[Any], last: Any) -> None:
+        most = (LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT)[precision] * reduce(maximum, map(size, first))
+        short = lanes & (size(last) > most)
+        room.now = where(short, minimum(room.now, most / size(last)), room.now)
+
     for j in group.each_contact(straight=True):
-        depth = _depth(group, j)
-        large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
-        most, last = left_out[group.spec.precision] * large, size(depth.read(order))
-        short = (s["mode", j] > OPEN) & (last > most)
-        room.now = where(short, minimum(room.now, most / last), room.now)
+        depth, closed = _depth(group, j), s["mode", j] > OPEN
         d, v, bend = (depth.read(k) for k in range(3))
-        returns = (s["mode", j] == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
+        keep(closed, (d, v, bend), depth.read(order))
+        returns = ~closed & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
         back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
-    short = room.now < 1.0
-    with when_any(short):
-        s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
-    s["fraction"] = minimum(s["fraction"], back.now)
+    for i in group.each(n) if group.spec.yielding else ():
+        # the fourth of them too: a floor at rest begins with the ground's ramp
+        keep(group.lanes_where(True), [s["jet", i + k * n] for k in range(4)], s["jet", i + order * n])
+    s["fraction"] = group.full(1.0)
+    with when_any(room.now < 1.0):
+        s["fraction"] = where(room.now < 1.0, roughly_power(room.now, 1.0 / order), s["fraction"])
+    # of what rests, no first term tells the size
+    s["fraction"] = maximum(minimum(s["fraction"], back.now), SOONEST)
 
 
-class _Choice:
-    """The event that seems to come first, in each lane; its series in ``pick``."""
-
-    def __init__(self, group: Group) -> None:
-        self.group, nobody = group, group.lanes_where(False)
-        self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
-        #: Lanes in which the step is too long to tell.
-        self.doubt = Cell(nobody)
-        group.state["bends"] = 0.0
-
-    def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
-        """How far it goes between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
-        return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
-
-    def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
-        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
-        group, s, end = self.group, self.group.state, self.group.state["fraction"]
-        e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
-        crosses = e1 > 0.0
-        if leans is not None:
-            crosses = crosses & (~leans | (r1 >= 0.0))
-        turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
-        reach = Cell(group.full(-1.0))
-        with when_any(turns):
-            reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
-        hops = turns & (reach.now > 0.0)
-        # one that turns twice may have been positive before: half the step tells
-        above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
-        below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
-        unseen = lanes & (above | below) & (end > HALVED)
-        with when_any(unseen):
-            bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
-            self.doubt.now = self.doubt.now | (unseen & (bends | _turns_twice(group, series)))
-        rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
-        lanes = lanes & (crosses | hops)
-        with when_any(lanes):
-            low = minimum(e0, 0.0)
-            guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
-            guess = where(guess >= 0.0, guess, 0.0)
-            self.found.now = self.found.now | lanes
-            better = lanes & (guess < self.soonest.now)
-            self.soonest.now = where(better, guess, self.soonest.now)
-            for k in range(group.spec.series + 1):
-                term = sign * series.read(k) if k <= series.order else 0.0
-                s["pick", k] = where(better, term, s["pick", k])
-            s["picked"], s["aim"] = where(better, number, s["picked"]), where(better, target, s["aim"])
-            s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
+def _first(group: Group, lanes: Any, sign: Any, series: Series, doubt: Cell, leans: Any = None) -> Any:
+    """Where sign times a series turns positive by ``fraction`` or before; where it `leans`, if it rises there."""
+    end = group.state["fraction"]
+    e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
+    crosses = e1 > 0.0
+    if leans is not None:
+        crosses = crosses & (~leans | (r1 >= 0.0))
+    turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
+    reach, found = Cell(group.full(-1.0)), Cell(group.full(NEVER))
+    with when_any(turns):
+        third = (1.0 / 3.0) * end
+        reach.now = maximum(fma(third, r0, e0), fma(-third, r1, e1)) + series.bulge(end)
+    # one that turns twice may have been positive before
+    above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
+    below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
+    unseen = lanes & (above | below) & (end > HALVED)
+    with when_any(unseen):
+        bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
+        doubt.now = doubt.now | (unseen & (bends | _turns_twice(group, series)))
+    turns = turns & (reach.now > 0.0)
+    lanes = lanes & (crosses | turns)
+    with when_any(lanes):
+        found.now = first_crossing(group, lanes, series, sign, crosses, turns, (r0 < 0.0) & (r1 > 0.0) & crosses, end)
+    return found.now
 
 
-def _choose(group: Group, asks: Any) -> _Choice:
-    """Find what may change first before ``fraction``, in lanes that ask."""
-    s, choice = group.state, _Choice(group)
-    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
-    for j in group.each_contact():
-        if not group.spec.yielding:
-            _offer_contact(group, choice, j, asks, per)
-            continue
-        mine = asks & ((s["mode", j] > OPEN) | series_yielding.may_touch(group, j, _depth(group, j)))
-        with when_any(mine):
-            _offer_contact(group, choice, j, mine, per)
-    if group.spec.yielding:
-        series_yielding.offer(group, asks, choice)
-    return choice
-
-
-def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
-    """Consider the changes of a contact's mode, in lanes that ask."""
+def _look_at_contact(group: Group, j: Any, asks: Any, doubt: Cell) -> None:
+    """Find the first change of a contact's mode before ``fraction``, in lanes that ask."""
     s, law, depth, mode = group.state, group.law_of(j), _depth(group, j), group.state["mode", j]
-    closed, pressing = mode > OPEN, mode == PRESSING
-
-    def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
-        number = group.change(j, kind)
-        known = (s["next", j] == target) & ~(s["event", j] > s["fraction"])
-        lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
-        choice.offer(real(number), lanes, sign, series, target, leans)
-
-    sign = where(closed, -1.0, group.full(1.0))
+    closed, toward = mode > OPEN, where(mode == PRESSING, -1.0, group.full(1.0))
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
-    offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
+    changes = [(asks, where(closed, -1.0, group.full(1.0)), depth, where(closed, OPEN, group.full(PRESSING)), leans)]
     if law.shape.approach_only:
-        toward = where(pressing, -1.0, group.full(1.0))
-        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
+        target = where(mode == PRESSING, REBOUND, group.full(PRESSING))
+        changes.append((asks & closed, toward, depth.rate, target, None))
     if law.shape.clips:
-        k, c = s["kl", j], s["cl", j] * per
-        press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
-        toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
-        offer(1, asks & closed & (c > 0.0), toward, press, target)
+        c = s["cl", j] * _per(group)
+        press = Series(_pressing(depth, s["kl", j], c, _is_product(group, j), group.limit.at_release), depth.order - 1)
+        target = where(mode == PRESSING, SLACK, group.full(PRESSING))
+        changes.append((asks & closed & (c > 0.0), toward, press, target, None))
+    for lanes, sign, series, target, leaning in changes:
+        t = _first(group, lanes, sign, series, doubt, leaning)
+        sooner = t < s["event", j]
+        s["event", j], s["next", j] = where(sooner, t, s["event", j]), where(sooner, target, s["next", j])
 
 
 def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
@@ -354,75 +318,111 @@ def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Cal
     return read
 
 
-def _locate(group: Group, found: Any) -> None:
-    """Find when the chosen event happens; one that does not is ruled out."""
+def _drift(group: Group, i: Any, below: Any, first: Any, sign: Any) -> Series:
+    """Sign times the drift of a storey, its first coefficient given."""
+    s, n = group.state, group.spec.n_dof
+
+    def read(k: int) -> Any:
+        if k == 0:
+            return first
+        x = s["jet", i + k * n]
+        return sign * (x if below is None else x - s["jet", below + k * n])
+
+    return Series(read, group.spec.series)
+
+
+def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
+    """Bounds of a motion up to ``fraction``, as far as it is a cubic: those of the hull of its ends and tangents."""
+    third = (1.0 / 3.0) * (group.state["span"] * group.state["fraction"])
+    early, late = fma(third, v0, x0), fma(-third, v1, x1)
+    return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
+
+
+def _look_at_storeys(group: Group, asks: Any, doubt: Cell, first: Cell) -> None:
+    """Find the first changes of storeys' phases before ``fraction``, in lanes that ask."""
+    # A storey's shear is one straight line in its drift while its phase lasts, so that the series goes on to hold.
     s = group.state
-    pick, end, bends = Series(lambda k: s["pick", k], group.spec.series), s["fraction"], s["bends"]
-    s["low"], s["high"], happens = group.full(0.0), end, Cell(found)
-    with when_any(found & ~(bends == 0.0)):
-        extreme = newton(group, found & ~(bends == 0.0), 0.0, end, pick.rate, bends)
-        turns = bends < 0.0
-        s["low"], s["high"] = where(bends > 0.0, extreme, s["low"]), where(turns, extreme, s["high"])
-        happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
-    t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
-    s["fraction"] = where(happens.now, t, end)
-    for j in group.each_contact():
-        for kind in range(_kinds(group, j)):
-            number = group.change(j, kind)
-            mine = found & (s["picked"] == real(number))
-            s["event", j] = where(mine & happens.now, t, s["event", j])
-            s["next", j] = where(mine & happens.now, s["aim"], s["next", j])
-            s["ruled_out", number] = where(mine & ~happens.now, 1.0, s["ruled_out", number])
-    if group.spec.yielding:
-        series_yielding.keep(group, found, happens.now, t)
+    for i, below in hysteresis.each_storey(group):
+        phase, dy, p = s["phase", i], group.prop("yield_drift", i), s["slip", i]
+        margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
+        v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
+        z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
+        elastic, drift = asks & (phase == 0.0), _drift(group, i, below, z0, 1.0)
+        yields = asks & ~(phase == 0.0)
+
+        def take(t: Any, then: Any, i: Any = i) -> None:
+            sooner = t < s["turn", i]
+            s["turn", i], s["then", i] = where(sooner, t, s["turn", i]), where(sooner, then, s["then", i])
+
+        with when_any(elastic):
+            most, least = _hull(group, z0, z1, v0, v1)
+            bulge = drift.bulge(s["fraction"])
+            most, least = most + bulge, least - bulge
+            leaves, beyond = elastic & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
+            # where it may turn twice, it may be beyond and back
+            unseen = leaves & (v0 * v1 >= 0.0) & ~beyond
+            with when_any(unseen):
+                _, early, late, last = tangents(drift.rate, s["fraction"])
+                twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
+                doubt.now = doubt.now | (unseen & twice)
+            with when_any(leaves):
+                toward = where(v0 > 0.0, 1.0, group.full(-1.0))
+                # it leaves its range on the side to which it moves first, and comes back, or stays beyond
+                turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
+                hops = turns & ~(toward * z1 > dy + margin)
+                side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+                start = side * z0 - dy
+                start = where(start > -margin, start - margin, start)
+                lanes = leaves & (hops | beyond)
+                take(_first(group, lanes, 1.0, _drift(group, i, below, start, side), doubt), side)
+        with when_any(yields):
+            end, last, third = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
+            early, late = fma(third, drift.read(2) * 2.0, drift.read(1)), fma(-third, drift.rate.rate.value(end), last)
+            turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
+            with when_any(turns):
+                take(_first(group, turns, -phase, drift.rate, doubt), 0.0)
+        first.now = minimum(first.now, s["turn", i])
 
 
-def _go(group: Group) -> None:
-    """Go to the end of the step, or to the event that ends it."""
-    s, t = group.state, group.state["fraction"]
-    moves = s["span"] > 0.0
-    per = where(moves, 1.0 / s["span"], 0.0)
-    s["h"] = s["span"] * t
-    if group.spec.yielding:  # it is there
-        return
+def _place(group: Group) -> None:
+    """Go to ``fraction``, of the step."""
+    s, t, per = group.state, group.state["fraction"], _per(group)
     for i in group.each(group.spec.n_dof, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t)
-        s["v", i] = where(moves, rate * per, s["v0", i])
+        s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
 
 
 def _take_contacts(group: Group) -> None:
     """Take the largest forces and penetrations of closed contacts."""
     s, r = group.state, group.asked
-    moves = s["span"] > 0.0
     for j in group.each_contact() if r & {"force", "penetration"} else ():
-        closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
+        closed, depth, force = (s["mode", j] > OPEN) & (s["span"] > 0.0), _depth(group, j), _force(group, j)
         with when_any(closed):
             # of the force itself, a spring's too: the same bits in the kernel of a damped law
             for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
                 if reducer in r:
-                    s[most, j] = maximum(s[most, j], _largest(group, closed, series))
+                    x, rate = series.with_slope(s["fraction"])
+                    s[most, j] = maximum(s[most, j], where(closed, maximum(series.read(0), x), 0.0))
+                    turns = closed & (((series.read(1) > 0.0) & (rate < 0.0)) | _turns_twice(group, series))
+                    with when_any(turns):
+                        s[most, j] = maximum(s[most, j], where(turns, _extremes(group, turns, series)[0], 0.0))
 
 
-def _largest(group: Group, lanes: Any, series: Series) -> Any:
-    """Return the largest value of a series in the step, in some lanes; 0 or more."""
-    t, r0 = group.state["fraction"], series.read(1)
-    x1, r1 = series.with_slope(t)
-    most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
-
-    def take(turns: Any, start: Any, end: Any) -> None:
-        at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
-        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
-
-    turns = lanes & (r0 > 0.0) & (r1 < 0.0)
-    with when_any(turns):
-        take(turns, 0.0, t)
-    twice = lanes & _turns_twice(group, series)
-    with when_any(twice):
-        for start, end in _parts(group):
-            falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
-            with when_any(falls):
-                take(falls, start, end)
-    return most.now
+def _extremes(group: Group, lanes: Any, series: Series) -> tuple[Any, Any]:
+    """Return the largest and the least value of a series over the step, in some lanes."""
+    x0, rate0 = Cell(series.read(0)), Cell(series.read(1))
+    most, least, low = Cell(x0.now), Cell(x0.now), Cell(0.0 * x0.now)
+    for q in count_to(PARTS, group.trace):  # beside other contacts it may turn more than once
+        end = (1.0 / PARTS) * real(q + 1) * group.state["fraction"]
+        x, rate = series.with_slope(end)
+        turns, there = lanes & (rate0.now * rate < 0.0), Cell(x)
+        with when_any(turns):
+            at = newton(group, turns, low.now, end, series.rate, where(rate0.now > 0.0, -1.0, group.full(1.0)))
+            there.now = where(turns, series.value(at), x)
+        most.now = maximum(most.now, maximum(x, there.now))
+        least.now = minimum(least.now, minimum(x, there.now))
+        low.now, rate0.now = end, rate
+    return most.now, least.now
 
 
 def _turns_twice(group: Group, series: Series) -> Any:
@@ -448,19 +448,7 @@ def _take_turns(group: Group) -> None:
             course = _course(group, motion)
             asks = near & ((v0 * v1 <= 0.0) | _turns_twice(group, course))
             with when_any(asks):
-                for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
-                    r0, r1 = course.rate.value(a), course.rate.value(b)
-                    with when_any(turns := asks & (r0 * r1 < 0.0)):
-                        at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
-                        take_extremes(group, motion, turns, (course.value(at), x0, x1))
-                take_extremes(group, motion, asks, (x0, x0, x1))
-
-
-def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
-    """Go through the parts of the step: start and end."""
-    for q in count_to(PARTS, group.trace):
-        start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
-        yield start, end
+                take_extremes(group, motion, asks, (*_extremes(group, asks, course), x1))
 
 
 def _course(group: Group, motion: Motion) -> Series:
@@ -478,12 +466,12 @@ def _integrate(group: Group) -> None:
     if "links" in r:
         links.clear_powers(group)
     if "transfer" in r:
-        series_transfers.begin(group)
-    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
+        transfers.begin(group)
+    per = _per(group)
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
         for i in group.each(n, straight=False) if r & {"energy", "transfer", "links"} else ():
-            s["y", i] = _floor(group, i).rate.value(t) * per
+            s["y", i] = _velocity(group, i, t)
         if "links" in r:
             for i in group.each(n, straight=False):
                 s["x", i] = _floor(group, i).value(t)
@@ -497,9 +485,9 @@ def _integrate(group: Group) -> None:
         for j in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
             closed = s["mode", j] > OPEN
             with when_any(closed):
-                force = where(closed, _force(group, j).value(t), 0.0)  # where all contacts are open, none has a series
+                force = _force_at(group, j, t)
                 if "transfer" in r:
-                    series_transfers.add(group, j, force, weight)
+                    transfers.add(group, j, force, weight)
                 if "impulse" in r:
                     s["impulse", j] = fma(weight, force, s["impulse", j])
                 if "work" in r:
@@ -507,47 +495,45 @@ def _integrate(group: Group) -> None:
     if "links" in r:
         links.record(group, 1.0)
     if "transfer" in r:
-        series_transfers.conclude(group, _force)
+        transfers.by_series(group, NODES[group.spec.precision], (_force_at, _velocity))
 
 
-def _largest_size(group: Group, lanes: Any, x: Series) -> Any:
-    """Return the largest absolute value of a series over the step, in some lanes; elsewhere 0."""
-    most = Cell(where(lanes, size(x.read(0)), 0.0))
-    for start, end in _parts(group):  # beside other contacts it may turn more than once
-        r0, r1 = x.rate.value(start), x.rate.value(end)
-        most.now = maximum(most.now, where(lanes, size(x.value(end)), 0.0))
-        with when_any(turns := lanes & (r0 * r1 < 0.0)):
-            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
-            most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
-    return most.now
+def _force_at(group: Group, j: Any, t: Any) -> Any:
+    """Force of a contact at a part t of the whole step."""
+    closed, found = group.state["mode", j] > OPEN, Cell(group.full(0.0))
+    with when_any(closed):
+        found.now = where(closed, _force(group, j).value(t), 0.0)
+    return found.now
+
+
+def _velocity(group: Group, i: Any, t: Any) -> Any:
+    """Velocity of a floor at a part t of the whole step."""
+    return _floor(group, i).rate.value(t) * _per(group)
+
+
+def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
+    """Take the largest absolute value of a series over the step."""
+    s, moves = group.state, group.state["span"] > 0.0
+    most, least = _extremes(group, moves, x)
+    s[name, i] = maximum(s[name, i], where(moves, maximum(most, -least), 0.0))
 
 
 def _take_links(group: Group) -> None:
     """Take the forces of links over the step."""
-    s = group.state
-    moves = s["span"] > 0.0
-    per = where(moves, 1.0 / s["span"], 0.0)
     for j, (left, right) in group.each_link():
-        k, c, floors = (
-            group.prop("link_k", j),
-            group.prop("link_c", j) * per,
-            (_floor(group, left), _floor(group, right)),
-        )
+        k, c = group.prop("link_k", j), group.prop("link_c", j) * _per(group)
+        floors = _floor(group, left), _floor(group, right)
 
         def pull(n: int, k: Any = k, c: Any = c, floors: Any = floors) -> Any:
             a, b = floors
             return fma(c, a.rate.read(n) - b.rate.read(n), k * (a.read(n) - b.read(n)))
 
-        s["link_force", j] = maximum(
-            s["link_force", j], _largest_size(group, moves, Series(pull, group.spec.series - 1))
-        )
+        _take_size(group, "link_force", j, Series(pull, group.spec.series - 1))
 
 
 def _take_accelerations(group: Group) -> None:
     """Take the total accelerations of all floors over the step."""
-    s = group.state
-    moves = s["span"] > 0.0
-    per = where(moves, 1.0 / s["span"], 0.0)
+    s, per = group.state, _per(group)
     for i in group.each(group.spec.n_dof, straight=False):
         bend = _floor(group, i).rate.rate
 
@@ -555,4 +541,4 @@ def _take_accelerations(group: Group) -> None:
             found = bend.read(k) * (per * per)
             return found + (s["g0"], s["g1"] - s["g0"])[k] if k < 2 else found
 
-        s["acc", i] = maximum(s["acc", i], _largest_size(group, moves, Series(total, bend.order)))
+        _take_size(group, "acc", i, Series(total, bend.order))

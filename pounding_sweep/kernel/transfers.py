@@ -1,24 +1,38 @@
-"""Energies that buildings give to their contacts, in steps that are tried (of those by series: `series_transfers`).
+"""Energies that buildings give to their contacts.
 
-What a building has given changes by the powers of its contacts, which a scheme sums over its stages, and has its
-extremes where their sum changes its sign. About where, the cubic through energies and powers at the ends of a sub-step
-tells; how much was given by then, the motion that the scheme found between them.
+What a building has given changes by the powers of its contacts and has its extremes where their sum changes its sign.
+In steps that are tried a scheme sums powers over its stages; about where they change their sign, the cubic through
+energies and powers at the ends of a sub-step tells. In steps by series they are looked for part by part. How much was
+given by then, the motion between the ends tells.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces
+from pounding_sweep.kernel.forces import OPEN, force_at, is_closed
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.peaks import Between, cubic_extremes, cubic_turns, velocity
+from pounding_sweep.kernel.roots import root
 from pounding_sweep.kernel.row import each_given
 
-#: Gauss points between the start of a sub-step and an extreme.
+#: Gauss points between the start of a sub-step that was tried and an extreme.
 NODES = 3
+#: Parts of a step by series, shorter beside its ends, at whose ends a power's sign is asked for.
+PARTS = 16
+#: Share of a step's mean power by which that at its ends may go against it unseen: its square is what is lost.
+AGAINST = 1e-4
+#: Room for what Gauss points miss of the integral of a power's size.
+ROOM = 1.5
+#: Force of a contact, and velocities of floors, at a part of a sub-step.
+Course = tuple[Callable[[Group, Any, Any], Any], Callable[[Group, Any, Any], Any]]
+#: Those of a sub-step that was tried.
+TRIED: Course = force_at, velocity
 
 
 def plain(group: Group) -> None:
@@ -42,19 +56,14 @@ def _take(group: Group, b: Any, energy: Any) -> None:
 
 def substep(group: Group, taken: Any) -> None:
     """Add what buildings gave over the sub-step that some lanes have taken, and take its extremes."""
-    closed = taken & forces.is_closed(group)
+    closed = taken & is_closed(group)
     with when_any(closed):
         _add(group, closed)
 
 
 def _add(group: Group, closed: Any) -> None:
     s, h, implicit = group.state, group.state["h"], group.spec.implicit
-    for b in group.each(group.spec.n_buildings):
-        s["given0", b] = s["given1", b] = 0.0
-    for j in group.each_contact():
-        for row, force, v in (("given0", "f0", "v0"), ("given1", "f1", "v")):
-            for b, power in each_given(group, j, s[force, j], v):
-                s[row, b] = s[row, b] + power
+    _find_ends(group, lambda j: (s["f0", j], s["f1", j]))
     for b in group.each(group.spec.n_buildings, straight=False):
         early, late = h * s["given0", b], h * s["given1", b]
         gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
@@ -69,27 +78,98 @@ def _add(group: Group, closed: Any) -> None:
         for turn in cubic_turns(e0, e1, early, late):
             turns = closed & (turn > 0.0)
             with when_any(turns):
-                at = turn - h * _power(group, b, turn) / fma(turn, bent, bend)
+                at = turn - h * _power(group, b, turn, TRIED) / fma(turn, bent, bend)
                 at = where((at > 0.0) & (at < 1.0), at, turn)
-                _take(group, b, where(turns, e0 + _given(group, b, at), e1))
+                _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
 
 
-def _given(group: Group, b: Any, t: Any) -> Any:
-    """Energy that a building gives from the start of the sub-step until a part t of it (Gauss & Legendre)."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    table, total = Lookup(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)]), Cell(group.full(0.0))
-    for q in count_to(NODES, group.trace):
-        total.now = fma(table[q + NODES], _power(group, b, t * table[q]), total.now)
-    return group.state["h"] * t * total.now
+def _find_ends(group: Group, forces_of: Callable[[Any], tuple[Any, Any]]) -> None:
+    """Find the powers that buildings give at both ends of a sub-step, by forces of contacts there."""
+    s = group.state
+    for b in group.each(group.spec.n_buildings):
+        s["given0", b] = s["given1", b] = 0.0
+    for j in group.each_contact():
+        for row, force, v in zip(("given0", "given1"), forces_of(j), ("v0", "v"), strict=True):
+            for b, power in each_given(group, j, force, v):
+                s[row, b] = s[row, b] + power
 
 
-def _power(group: Group, b: Any, t: Any) -> Any:
+def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
+    """Mean power of a building from the start of the sub-step until a part t of it, times t (Gauss & Legendre)."""
+    at, weights = np.polynomial.legendre.leggauss(nodes)
+    table, total = Lookup(group.trace, [*(0.5 + 0.5 * at), *(0.5 * weights)]), Cell(group.full(0.0))
+    for q in count_to(nodes, group.trace):
+        total.now = fma(table[q + nodes], _power(group, b, t * table[q], course), total.now)
+    return t * total.now
+
+
+def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
     """Power that a building gives at a part t of the sub-step."""
-    s, v = group.state, Between(velocity, group, t)
+    s, (force, velocities) = group.state, course
+    v = Between(velocities, group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
     for j in group.each_contact():
-        with when_any(s["mode", j] > forces.OPEN):
-            for each, power in each_given(group, j, forces.force_at(group, j, t), v):
+        with when_any(s["mode", j] > OPEN):
+            for each, power in each_given(group, j, force(group, j, t), v):
                 s["given", each] = s["given", each] + power
     return s["given", b]
+
+
+# steps by series -----------------------------------------------------------------------------------------------------
+
+
+def begin(group: Group) -> None:
+    """Let nothing be transferred in the step yet."""
+    for name in ("gain", "swing"):
+        for b in group.each(group.spec.n_buildings):
+            group.state[name, b] = group.full(0.0)
+
+
+def add(group: Group, j: Any, force: Any, weight: Any) -> None:
+    """Add the powers of a contact at a Gauss point, at which floors have the velocities ``y``."""
+    s = group.state
+    for b, power in each_given(group, j, force, "y"):
+        s["gain", b] = fma(weight, power, s["gain", b])
+        s["swing", b] = fma(weight, size(power), s["swing", b])
+
+
+def by_series(group: Group, nodes: int, course: Course) -> None:
+    """Take the largest and smallest transfers of the step, whose Gauss points have been added."""
+    s = group.state
+    closed = is_closed(group) & (s["h"] > 0.0)
+    with when_any(closed):
+        _find_ends(group, lambda j: (course[0](group, j, group.full(0.0)), course[0](group, j, s["fraction"])))
+        for b in group.each(group.spec.n_buildings, straight=False):
+            s["now", b] = s["now", b] + s["gain", b]
+            _take(group, b, s["now", b])
+        for b in group.each(group.spec.n_buildings, straight=False):
+            turning = closed & _may_turn(group, b)
+            with when_any(turning):
+                _take_turns(group, b, turning, nodes, course)
+
+
+def _may_turn(group: Group, b: Any) -> Any:
+    """Lanes in which a transfer may have had an extreme of its own inside the step."""
+    s = group.state
+    gain, swing, high = s["gain", b], s["swing", b], s["now", b]
+    ends = s["h"] * minimum(s["given0", b] * gain, s["given1", b] * gain)
+    turns = (swing - size(gain) > group.limit.same_time * swing) | (ends < -AGAINST * gain * gain)
+    reach = 0.5 * (ROOM * swing - gain)  # beyond the end, if all that goes one way came first
+    return turns & ((high + reach > s["tmax", b]) | (high - (reach + gain) < s["tmin", b]))
+
+
+def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) -> None:
+    """Take the transfers of a building at which its power changes its sign, in some lanes."""
+    s, end, power = group.state, group.state["fraction"], partial(_power, group, b, course=course)
+    table = Lookup(group.trace, [*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
+    begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(s["given0", b])
+    for q in count_to(PARTS, group.trace):
+        a, high = low.now, end * table[q]
+        x = power(high)
+        turns = lanes & ~(at_low.now * x > 0.0)
+        with when_any(turns):
+            side = where(x > 0.0, 1.0, group.full(-1.0))
+            t = root(group, turns, a, high, lambda t: side * power(t))  # noqa: B023
+            _take(group, b, where(turns, fma(s["span"], _given(group, b, t, nodes, course), begun), s["now", b]))
+        low.now, at_low.now = high, x
