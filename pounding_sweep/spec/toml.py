@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import os
 import re
-import stat
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.errors import Fault, Place, SweepError, shown, unknown
+from pounding_sweep.base.errors import Place, SweepError, shown, unknown
 from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
 from pounding_sweep.model.faults import Faults, spell
 from pounding_sweep.model.laws import Law
@@ -36,13 +36,9 @@ def examples() -> dict[str, Path]:
     return {file.stem: file for file in files}
 
 
-def _read(name: str) -> dict[str, Any]:
-    return tomllib.loads(examples()[name].read_text(encoding="utf-8"))
-
-
 def example_title(name: str) -> str:
     """Return what an example shows."""
-    return str(_read(name)["title"])
+    return str(tomllib.loads(examples()[name].read_text(encoding="utf-8"))["title"])
 
 
 def example_files(name: str) -> list[Path]:
@@ -63,62 +59,31 @@ def sweep_file_hint(path: str) -> str:
 
 #: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
 MAX_FILE_BYTES = 64 * 2**20
-#: Deeper tables and arrays are refused, and longer dotted keys: those of sweep files have six parts at most.
+#: Longer dotted keys are refused: those of sweep files have six parts at most.
 MAX_DEPTH = 20
 
-_PART = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
-#: What a file is made of: comments and strings, which may hold anything, words, and dotted keys that are too long.
-_TOKEN = re.compile(
-    r"#[^\n]*"
-    r'|"{3}(?:\\.|[^"\\]|"(?!""))*(?:"{3,5}|\Z)'
-    r"|'{3}(?:[^']|'(?!''))*(?:'{3,5}|\Z)"
-    rf"|(?P<key>{_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}})"
-    r'|"(?:\\.|[^"\\\n])*(?:"|(?=\n)|\Z)'
-    r"|'[^'\n]*(?:'|(?=\n)|\Z)"
-    r"|[A-Za-z0-9_-]+",
+_STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''
+_PART = rf"(?:[A-Za-z0-9_-]+|{_STRING})"
+#: A key of too many parts, of which the parser takes the square in time and memory.
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}}")
+#: What files are made of, but for comments and blanks: strings, signs, ends of lines, and words.
+_LEXEME = re.compile(
+    rf"""#[^\n]*|(?P<token>\"{{3}}(?:\\.|[^\\])*?\"{{3,5}}|'{{3}}.*?'{{3,5}}|{_STRING}|[][{{}}=,.\n]|[^][{{}}=,.\s"'#]+)""",
     re.DOTALL,
 )
 
 
-def read_bounded(file: Path) -> bytes:
-    """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end."""
-    status = file.stat()
-    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # a folder can't be read: said below
-        raise ValueError("not a regular file; save the sweep to a file first")
-    if status.st_size > MAX_FILE_BYTES:
-        raise ValueError(f"it has {status.st_size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
-    return file.read_bytes()
-
-
 def parse_bounded(text: str) -> dict[str, Any]:
-    """Parse TOML of at most `MAX_DEPTH` levels."""
-    for token in _TOKEN.finditer(text):
-        if token["key"]:
-            line = text.count("\n", 0, token.start()) + 1
-            raise ValueError(
-                f"line {line}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
-            )
-    try:
-        data = tomllib.loads(text)
-    except RecursionError:
-        data = None
-    if data is None or _is_deep(data):
+    """Parse TOML whose keys have at most `MAX_DEPTH` parts."""
+    if key := _LONG_KEY.search(text):
         raise ValueError(
-            f"tables or arrays are more than {MAX_DEPTH} levels deep; those of sweep files are six at most"
+            f"line {text.count(chr(10), 0, key.start()) + 1}: a key of more than {MAX_DEPTH} parts; those of sweep "
+            "files have six at most"
         )
-    return data
-
-
-def _is_deep(data: dict[str, Any]) -> bool:
-    level: list[Any] = [data]
-    for _ in range(MAX_DEPTH + 1):
-        level = [
-            item
-            for given in level
-            for item in (given.values() if isinstance(given, dict) else given)
-            if isinstance(item, dict | list)
-        ]
-    return bool(level)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("its arrays are too deep; those of sweep files have two levels at most") from None
 
 
 #: A backslash in a text of double quotes, as in paths of Windows.
@@ -135,132 +100,81 @@ def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepE
         place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
     if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string|llegal", said):
         said += f"; {ESCAPE_HINT}"
-    problem = f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"
-    return SweepError(problem, [problem])
-
-
-_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_SPACE = re.compile(r"[ \t]*")
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-_STRING = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}' + r"|'''.*?'{3,5}" + r'|"(?:\\.|[^"\\\n])*"' + r"|'[^'\n]*'", re.DOTALL
-)
-_SCALAR = re.compile(r"[^,\]}#\n]*")
+    return sweep_error([f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"])
 
 
 def key_lines(text: str) -> dict[Place, int]:
-    r"""Find the line of every key, table and array element."""
-    scanner = _Scanner(text)
-    scanner.file()
-    return scanner.lines
+    r"""Find the line of every key, table and array element of valid TOML; it stops at what it does not follow."""
+    lines: dict[Place, int] = {}
+    counts: dict[Place, int] = {}
+    ends = [match.start() for match in re.finditer("\n", text)]
+    tokens = [
+        (match["token"], bisect.bisect_left(ends, match.start()) + 1)
+        for match in reversed([*_LEXEME.finditer(text)])
+        if match["token"]
+    ]
+
+    def next_is(*signs: str) -> bool:
+        return bool(tokens) and tokens[-1][0] in signs
+
+    def read_key(place: Place, line: int, several: bool = False) -> Place:
+        while True:
+            token, _ = tokens.pop()
+            place = (*place, token[1:-1] if token[0] in "\"'" else token)
+            lines.setdefault(place, line)
+            last = not next_is(".")
+            if several and last:
+                counts[place] = counts.get(place, -1) + 1
+            if place in counts and (several or not last):
+                place = (*place, counts[place])
+                lines.setdefault(place, line)
+            if last:
+                return place
+            tokens.pop()
+
+    def read_pair(table: Place) -> None:
+        place = read_key(table, tokens[-1][1])
+        tokens.pop()
+        read_value(place)
+
+    def read_value(place: Place) -> None:
+        opening, index = tokens.pop()[0], 0
+        while opening in ("[", "{"):
+            while next_is("\n", ","):
+                tokens.pop()
+            if next_is("]", "}"):
+                tokens.pop()
+                return
+            if opening == "{":
+                read_pair(place)
+            else:
+                lines.setdefault((*place, index), tokens[-1][1])
+                read_value((*place, index))
+                index += 1
+        while tokens and not next_is("\n", ",", "]", "}"):
+            tokens.pop()
+
+    table: Place = ()
+    with contextlib.suppress(IndexError, RecursionError):
+        while tokens:
+            if next_is("["):
+                _, line = tokens.pop()
+                if several := next_is("["):
+                    tokens.pop()
+                table = read_key((), line, several)
+                tokens.pop()
+                if several:
+                    tokens.pop()
+            elif next_is("\n"):
+                tokens.pop()
+            else:
+                read_pair(table)
+    return lines
 
 
 def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
     """Line of a place, or of the nearest table or array around it; None if none is known."""
-    for end in range(len(place), 0, -1):
-        if place[:end] in lines:
-            return lines[place[:end]]
-    return None
-
-
-class _Scanner:
-    """One pass over valid TOML; it stops silently at anything it does not follow."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.at = 0
-        self.lines: dict[Place, int] = {}
-        self.counts: dict[Place, int] = {}
-        self.ends = [match.start() for match in re.finditer("\n", text)]
-
-    def note(self, place: Place, at: int) -> None:
-        self.lines.setdefault(place, bisect.bisect_left(self.ends, at) + 1)
-
-    def take(self, pattern: re.Pattern[str]) -> str:
-        match = pattern.match(self.text, self.at)
-        if match is None:
-            return ""
-        self.at = match.end()
-        return match[0]
-
-    def eat(self, token: str) -> bool:
-        if not self.text.startswith(token, self.at):
-            return False
-        self.at += len(token)
-        return True
-
-    def key(self) -> list[str]:
-        """Read a key, dotted or not."""
-        parts: list[str] = []
-        while True:
-            self.take(_SPACE)
-            parts.append(self.take(_BARE) or self.take(_STRING)[1:-1])
-            self.take(_SPACE)
-            if not self.eat("."):
-                return parts
-
-    def file(self) -> None:
-        table: Place = ()
-        while True:
-            self.take(_BLANK)
-            start = self.at
-            if start >= len(self.text):
-                return
-            if self.eat("["):
-                table = self.header(start)
-            else:
-                self.assignment(table)
-            if self.at == start:
-                return
-
-    def header(self, start: int) -> Place:
-        """Read the rest of a table's header; return the table's place."""
-        several = self.eat("[")
-        parts = self.key()
-        self.eat("]]" if several else "]")
-        place: Place = ()
-        for index, part in enumerate(parts):
-            place = (*place, part)
-            self.note(place, start)
-            if several and index == len(parts) - 1:
-                self.counts[place] = self.counts.get(place, 0) + 1
-            if place in self.counts:
-                place = (*place, self.counts[place] - 1)
-                self.note(place, start)
-        return place
-
-    def assignment(self, table: Place) -> None:
-        start = self.at
-        place = table
-        for part in self.key():
-            place = (*place, part)
-            self.note(place, start)
-        if self.eat("="):
-            self.take(_SPACE)
-            self.value(place)
-
-    def value(self, place: Place) -> None:
-        if self.eat("["):
-            index = 0
-            while True:
-                self.take(_BLANK)
-                if self.at >= len(self.text) or self.eat("]"):
-                    return
-                self.note((*place, index), self.at)
-                self.value((*place, index))
-                index += 1
-                self.take(_BLANK)
-                self.eat(",")
-        elif self.eat("{"):
-            while True:
-                self.take(_BLANK)
-                if self.at >= len(self.text) or self.eat("}"):
-                    return
-                self.assignment(place)
-                self.take(_BLANK)
-                self.eat(",")
-        elif not self.take(_STRING):
-            self.take(_SCALAR)
+    return next((lines[place[:end]] for end in range(len(place), 0, -1) if place[:end] in lines), None)
 
 
 #: Tables of a file that hold arguments of `build_spec`: key -> argument.
@@ -278,14 +192,14 @@ SECTIONS: dict[str, dict[str, str]] = {
     },
     "output": {"variables": "outputs"},
 }
+#: Arguments that stand outside of them.
+_PLAIN = ("title", "scene", "design")
 _HOMES: dict[str, Iterable[str]] = {
     "[scene]": (*(each.name for each in fields(Scene)), *Scene.FILE_KEYS),
     "[scene.contact]": (*(each.name for each in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
     "[design]": DesignTable.model_fields,
 }
-#: Tables of which a key may belong in another one, beside those.
-_TABLES = (("scene",), ("scene", "contact"))
 _PLACES: dict[str, Place] = {
     argument: (section, key) for section, keys in SECTIONS.items() for key, argument in keys.items()
 }
@@ -298,17 +212,13 @@ def belongs(key: str) -> str:
 
 def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `build_spec` that a file gives, its tables and keys checked."""
-    given: dict[str, Any] = {key: data[key] for key in ("title", "scene", "design") if key in data}
-    keys = ("title", "scene", "design", *SECTIONS)
-    for key in data:
-        if key not in keys:
-            faults.add((key,), unknown("key", key, keys) + belongs(key))
-    if not isinstance(given.get("scene", {}), dict):
-        faults.add(("scene",), f"{shown(given['scene'])} won't do; it must be a table [scene]")
-    for section, names in SECTIONS.items():
-        table = data.get(section, {})
-        if section == "sweep" and section not in data:
-            faults.add((section,), "is missing; give a table [sweep]")
+    given: dict[str, Any] = {}
+    for section, table in data.items():
+        names = SECTIONS.get(section)
+        if section in _PLAIN:
+            given[section] = table
+        elif names is None:
+            faults.add((section,), unknown("key", section, (*_PLAIN, *SECTIONS)))
         elif not isinstance(table, dict):
             faults.add((section,), f"{shown(table)} won't do; it must be a table [{section}]")
         else:
@@ -316,21 +226,8 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
                 if key in names:
                     given[names[key]] = value
                 else:
-                    faults.add((section, key), unknown("key", key, names) + belongs(key))
+                    faults.add((section, key), unknown("key", key, names))
     return given
-
-
-def _read_data(data: dict[str, Any], **more: Any) -> tuple[SweepSpec | None, list[Fault]]:
-    """Make a sweep of what a file holds; returns every fault with its place in the file."""
-    faults = Faults()
-    spec, found = read_sweep(_arguments(faults, data) | more)
-    known = [place for place, _ in faults.found]
-    for inner, text in found:
-        place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
-        if not any(place[: len(at)] == at for at in known):  # nothing more is said of what is at fault as a whole
-            home = belongs(str(place[-1])) if place[:-1] in _TABLES and text.startswith("unknown key") else ""
-            faults.add(place, text + home)
-    return spec, faults.found
 
 
 def load_spec(
@@ -344,28 +241,45 @@ def load_spec(
     named = os.fspath(path)
     try:
         file = expanded(path)
-        text = read_bounded(file).decode("utf-8-sig")  # editors on Windows put a mark first
+        if file.exists() and not (file.is_file() or file.is_dir()):  # opening a pipe would wait, a device may never end
+            raise ValueError("not a regular file; save the sweep to a file first")
+        if (size := file.stat().st_size) > MAX_FILE_BYTES:
+            raise ValueError(f"it has {size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
+        text = file.read_text("utf-8-sig")  # editors on Windows put a mark first
     except UnicodeDecodeError as error:
-        msg = f"{named}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
-        raise SweepError(msg, [msg]) from None
+        raise sweep_error(
+            [f"{named}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"]
+        ) from None
     except (OSError, ValueError) as error:
         hint = sweep_file_hint(named) if isinstance(error, FileNotFoundError) else ""
-        msg = f"{named}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}{hint}"
-        raise SweepError(msg, [msg]) from None
-    text = text.replace("\r\n", "\n")
+        why = getattr(error, "strerror", None) or error
+        raise sweep_error([f"{named}: the sweep file can't be read: {why}{hint}"]) from None
     try:
         data = parse_bounded(text)
     except tomllib.TOMLDecodeError as error:
         raise syntax_error(named, text, error) from None
     except ValueError as error:  # a number of thousands of digits, a key or brackets without end
-        msg = f"{named}: no usable TOML: {error}"
-        raise SweepError(msg, [msg]) from None
-    more: dict[str, Any] = {} if laws is None else {"laws": laws}
-    spec, faults = _read_data(
-        data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders, **more
+        raise sweep_error([f"{named}: no usable TOML: {error}"]) from None
+    faults = Faults()
+    given = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
+    spec, found = read_sweep(
+        given | {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
     )
-    if spec is not None and not faults:
+    wrong = [place for place, _ in faults.found]
+    for inner, said in found:
+        place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
+        if not any(place[: len(whole)] == whole for whole in wrong):  # of what is at fault as a whole no more is said
+            faults.add(place, said)
+    if spec is not None and not faults.found:
         return spec
     lines = key_lines(text)
-    placed = sorted(((line_of(lines, place) or 1, place, said) for place, said in faults), key=lambda item: item[0])
-    raise sweep_error([f"{named}:{line}: {spell(place)}: {said}" for line, place, said in placed], named)
+    placed = sorted(
+        ((line_of(lines, place) or 1, place, said) for place, said in faults.found), key=lambda item: item[0]
+    )
+    raise sweep_error(
+        [
+            f"{named}:{line}: {spell(place)}: {said}{belongs(str(place[-1])) if said.startswith('unknown key') else ''}"
+            for line, place, said in sorted(placed, key=lambda item: item[0])
+        ],
+        named,
+    )
