@@ -8,7 +8,6 @@ import itertools
 import os
 import re
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -18,14 +17,12 @@ import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
-from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
+from pounding_sweep.base.files import expanded, near_file
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
 
 RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 """Environment variable with the folder or folders (separated as in PATH) of record files."""
-
-_PEER_PLACE = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
 
 
 @dataclass(frozen=True)
@@ -41,9 +38,8 @@ class KnownRecord:
     #: Names its file goes by.
     files: tuple[str, ...]
     #: Where to get it.
-    place: str = _PEER_PLACE
+    place: str = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
     bundled: str | None = None
-    aliases: tuple[str, ...] = ()
 
     @property
     def description(self) -> str:
@@ -51,27 +47,22 @@ class KnownRecord:
         return f"{self.event}, {self.title}, {self.component}"
 
 
-def _peer(key: str, title: str, event: str, component: str, rsn: int, name: str, *aliases: str) -> KnownRecord:
+def _peer(key: str, title: str, event: str, component: str, rsn: int, name: str) -> KnownRecord:
     """Make a record of PEER NGA-West2 whose file goes by its old name, or that behind its number."""
-    files = (f"{name.rpartition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2")
-    return KnownRecord(key, title, event, component, rsn, files, aliases=aliases)
+    return KnownRecord(key, title, event, component, rsn, (f"{name.rpartition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2"))
 
 
 _BUNDLED = "elcentro_ns_1940.csv"
-_EL_CENTRO = ("elcentro", "el_centro_ns", "el_centro_1940")
 KNOWN_RECORDS: dict[str, KnownRecord] = {
     entry.key: entry
     for entry in (
         KnownRecord(
             *("el_centro", "El Centro", "Imperial Valley 1940", "N-S", None, (_BUNDLED,)),
-            *("shipped with pounding_sweep", _BUNDLED, _EL_CENTRO),
+            *("shipped with pounding_sweep", _BUNDLED),
         ),
         _peer("arleta", "Arleta - Nordhoff Fire Sta", "Northridge 1994", "90", 949, "NORTHR_ARL090"),
         _peer("santa_monica", "Santa Monica City Hall", "Northridge 1994", "90", 1077, "NORTHR_STM090"),
-        _peer(
-            *("san_fernando", "Pacoima Dam (upper left abut)", "San Fernando 1971", "254", 77),
-            *("SFERN_PUL254", "pacoima_dam"),
-        ),
+        _peer("san_fernando", "Pacoima Dam (upper left abut)", "San Fernando 1971", "254", 77, "SFERN_PUL254"),
     )
 }
 """Records known by name, by key."""
@@ -292,8 +283,6 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     >>> find_record("el_centro")
     Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2)
     """
-    if not isinstance(name, str) or not name.strip():
-        raise RecordError(f"a record's name must be a non-empty text, not {shown(name)}")
     name = name.strip()
     group, _, component = name.partition("/")
     if (key := plain_name(group)) in RECORD_SETS:
@@ -304,7 +293,7 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
             f"or one of its records, such as {f'{key}/{next(iter(set_components(key)))}'!r}"
         )
     plain, rsn = plain_name(name), _rsn(name)
-    entries = (e for e in KNOWN_RECORDS.values() if plain in (e.key, *e.aliases) or (rsn is not None and rsn == e.rsn))
+    entries = (e for e in KNOWN_RECORDS.values() if plain == e.key or (rsn is not None and rsn == e.rsn))
     entry = next(entries, None)
     searched = _folders(folders)
     files = {folder: _files(folder) for folder in searched if entry is None or not entry.bundled}
@@ -366,13 +355,12 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
             names = [entry.key] if entry and not entry.bundled else []
             names += [file.stem] if sum(other.stem == file.stem for other in files) == 1 else []
             name = next((name for name in (*names, file.name) if name not in found), str(file))
-            try:
-                found[name] = read_record(file, name=name)
-            except RecordError as error:
-                found[name] = message = str(error)
-                if column is not None and "give column=" in message:
-                    with suppress(RecordError):
-                        found[name] = read_record(file, name=name, column=column)
+            for chosen in dict.fromkeys((None, column)):  # most files have one component
+                try:
+                    found[name] = read_record(file, name=name, column=chosen)
+                    break
+                except RecordError as error:
+                    found.setdefault(name, str(error))
     return list(found.items())
 
 
@@ -409,25 +397,14 @@ def resolve_record(
     """Turn a record, a path or a name into one record, as `resolve_records` does; a record set is refused."""
     if isinstance(item, Record):
         return item
-    text = os.fspath(item) if isinstance(item, str | os.PathLike) else None
-    if not isinstance(text, str):
-        what = "a record must be a Record, a path or a name" if text is None else "a record's path must be text"
-        raise RecordError(f"{what}, not {shown(item)}")
-    if {*"\t\n\r\f\b"} & {*text}:
-        raise RecordError(f"a record's path has a line break or a tab: {text!r}; {ESCAPE_HINT}")
-    separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
+    if not isinstance(item, str | os.PathLike):
+        raise RecordError(f"a record must be a Record, a path or a name, not {shown(item)}")
+    text = str(os.fspath(item))
     in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
-    is_name = in_set or not (separated or Path(text).suffix.lower() in RECORD_SUFFIXES)
-    if isinstance(item, str) and is_name:
+    if isinstance(item, str) and (in_set or not ("/" in text or Path(text).suffix.lower() in RECORD_SUFFIXES)):
         return find_record(text, folders, column)
-    try:
-        path = (Path() if base is None else Path(base)) / expanded(text)
-        absent = not path.exists()
-    except RecordError:
-        raise
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{shown(text)} is no usable path: {error}") from None
-    if absent and not separated:
+    path = Path(base or "") / expanded(text)
+    if "/" not in text and not os.path.exists(path):  # Path.exists raises for some paths
         try:
             return find_record(text, folders, column)
         except MissingRecordError as error:

@@ -94,7 +94,9 @@ def read_table(source: RecordText, header: Lines, line: int, row: str, steps: Se
     text = "\n".join(text for _, text in header)
     split = [(number, heads) for number, text in header if (heads := _headings(text, row, columns))]
     # Remarks may follow the line of headings.
-    where, heads = next((item for item in split[::-1] if item[0] == header[-1][0] or any(_timed(item[1]))), (0, []))
+    where, heads = next(
+        (item for item in split[::-1] if item[0] == header[-1][0] or any(map(_TIME_HEADING.match, item[1]))), (0, [])
+    )
     if columns > 1 and _NOT_SECONDS.search(text):
         source.fail(f"its times are not in seconds ({in_quotes(text)}); convert them")
     if columns > 2 and not heads and source.column is None:
@@ -102,7 +104,7 @@ def read_table(source: RecordText, header: Lines, line: int, row: str, steps: Se
             f"line {line} has {columns} columns without headings; give layout='rows' with dt= and units= if they are "
             "values of one component one after another, or column= a number from 1 for one of several components"
         )
-    timed = _timed(heads)
+    timed = [bool(_TIME_HEADING.match(head)) for head in heads]
     values = _values(source, line, columns)
     time = timed.index(True) if any(timed) else (0 if columns == 2 or _rises(values[:, 0]) else None)
     if columns == 1:
@@ -110,8 +112,6 @@ def read_table(source: RecordText, header: Lines, line: int, row: str, steps: Se
     if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
         source.fail(f"has no column of acceleration: its columns are headed {heads}")
     others = [index for index in range(columns) if index != time]
-    if time is not None and str(source.column).strip() == str(time + 1):
-        source.fail(f"column {source.column} is its time; give another column=")
     names = heads or [str(index + 1) for index in range(columns)]
     chosen = others[source.choose([names[index] for index in others], [index + 1 for index in others])]
     heading = (where, heads[chosen]) if heads else None
@@ -197,10 +197,6 @@ def _values(source: RecordText, start: int, columns: int) -> Array:
         values = np.array(rows)
     source.check_points(values.size / columns)
     return values.reshape(-1, columns)
-
-
-def _timed(heads: list[str]) -> list[bool]:
-    return [bool(_TIME_HEADING.match(head)) for head in heads]
 
 
 def _counts(column: Array) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.base.errors import RecordError, shown, unknown
+from pounding_sweep.base.errors import RecordError, unknown
 from pounding_sweep.base.files import expanded
 from pounding_sweep.records.columns import parse_columns, read_header, read_table
 from pounding_sweep.records.reader import (
@@ -416,10 +416,7 @@ def read_record(
     >>> print(record.reading)
     unit g: 'acc (g)', line 1; step: 'time (s)', line 1
     """
-    try:
-        file = expanded(path)
-    except TypeError:
-        raise RecordError(f"a record's path must be a text or a path, not {shown(path)}") from None
+    file = expanded(path)
     if pga is not None and scale != 1.0:
         raise RecordError(f"{file}: scale={scale!r} and pga={pga!r} exclude each other; give one of them")
     wanted = None if units is None else require_unit(units)

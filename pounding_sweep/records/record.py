@@ -44,15 +44,10 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
 
 
 def _samples(name: str, acceleration: Any) -> npt.NDArray[np.float64]:
-    """Copy `acceleration` into a checked, read-only vector."""
-    if np.ma.isMaskedArray(acceleration):
-        acceleration = np.ma.asarray(acceleration, dtype=np.float64).filled(np.nan)
+    """Copy `acceleration` into a checked, read-only vector; -0.0 becomes 0.0, so that equal motions are equal."""
     try:
-        given = np.asarray(acceleration)
-        if given.dtype.kind not in "biufO":
-            raise TypeError
-        values = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+        values = np.ma.asarray(acceleration, dtype=np.float64).filled(np.nan) + 0.0
+    except (TypeError, ValueError):
         raise RecordError(f"record {name!r}: acceleration must be a sequence of real numbers in m/s2") from None
     if values.ndim != 1:
         raise RecordError(
@@ -60,14 +55,12 @@ def _samples(name: str, acceleration: Any) -> npt.NDArray[np.float64]:
         )
     if values.size == 0:
         raise RecordError(f"record {name!r} is empty; it needs at least 1 point")
-    bad = ~np.isfinite(values)
-    if bad.any():
-        nans = int(np.isnan(values).sum())
+    if not np.isfinite(values).all():
+        bad, nan = ~np.isfinite(values), np.isnan(values).sum()
         raise RecordError(
-            f"record {name!r}: {int(bad.sum())} of {values.size} accelerations are not finite ({nans} NaN, "
-            f"{int(bad.sum()) - nans} inf), the first at index {int(bad.argmax())}; mend or cut the record"
+            f"record {name!r}: {bad.sum()} of {values.size} accelerations are not finite ({nan} NaN, "
+            f"{bad.sum() - nan} inf), the first at index {bad.argmax()}; mend or cut the record"
         )
-    values += 0.0  # -0.0 becomes 0.0, so that equal motions have equal digests
     values.flags.writeable = False
     return values
 
@@ -134,10 +127,6 @@ class Record:
 
     def __hash__(self) -> int:
         return hash(self.sha256)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A pickled array comes back writeable: go through the constructor.
-        return Record, (self.name, self.dt, np.asarray(self.acceleration), self.source, self.scale, self.reading)
 
     @property
     def n_points(self) -> int:

@@ -15,7 +15,9 @@ from pounding_sweep.base.errors import RecordError, shown, unknown
 from pounding_sweep.records.reader import MOST_POINTS, Array
 from pounding_sweep.records.record import Record, number
 
-_SEEDS = 2**64
+#: What the source of a record that was made begins with.
+_SYNTHETIC = "synthetic, Clough-Penzien filtered white noise under a Jennings envelope"
+_NEAR_FAULT = "near-fault pulse of Mavroeidis and Papageorgiou (2003)"
 
 
 def _points(duration: float, dt: float) -> int:
@@ -101,7 +103,7 @@ def synthetic_record(
     >>> synthetic_record(1, pga=2.0)
     Record('synthetic-1', 2001 points, dt=0.01 s, PGA 2 m/s2)
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < _SEEDS:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
         raise RecordError(f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}")
     numbers = {
         "duration (s)": duration,
@@ -140,12 +142,11 @@ def synthetic_record(
     motion = motion * np.asarray(up * end_level**down)
     label = f"synthetic-{seed}" if name is None else name
     source = (
-        f"synthetic, Clough-Penzien filtered white noise: seed={int(seed)}, duration={duration:g} s, dt={dt:g} s, "
-        f"pga={pga:g} m/s2, ground {wg:g} rad/s and {zg:g}, high-pass {wf:g} rad/s and {zf:g}, "
-        f"Jennings envelope rise={rise:g}, strong={strong:g}, end_level={end_level:g}"
+        f"{_SYNTHETIC}: seed={int(seed)}, duration={duration:g} s, dt={dt:g} s, pga={pga:g} m/s2, "
+        f"ground_frequency={wg:g} rad/s, ground_damping={zg:g}, filter_frequency={wf:g} rad/s, filter_damping={zf:g}, "
+        f"rise={rise:g}, strong={strong:g}, end_level={end_level:g}"
     )
-    peak = np.max(np.abs(motion))
-    return Record(label, dt, motion * (pga / peak), source)
+    return Record(label, dt, motion * (pga / np.max(np.abs(motion))), source)
 
 
 @dataclass(frozen=True)
@@ -174,29 +175,20 @@ PULSES: dict[str, Pulse] = {
 """Pulse shapes by name."""
 
 
-#: Numbers of the source of a synthetic record, in the order of its text.
-_TOLD = (
-    *("duration", "dt", "pga", "ground_frequency", "ground_damping"),
-    *("filter_frequency", "filter_damping", "rise", "strong", "end_level"),
-)
-
-
 def remade(source: str, points: int | None = None) -> Record | None:
-    """Make a synthetic record, or pulse of so many points, of a source again, from its six digits of each number."""
+    """Make a record of so many points again from its source, six digits of each number; None of another source."""
+    kind, _, text = source.partition(": ")
+    make = _MAKERS.get(kind)
+    if make is None:
+        return None
+    values: dict[str, Any] = {name: float(v) for name, v in re.findall(r"(\w+)=(-?[\d.]+(?:e[-+]\d+)?)", text)}
+    if "seed" in values:
+        values["seed"] = int(values["seed"])
     try:
-        if found := re.search(r"^synthetic, .*: seed=(\d+), (.*)$", source):
-            numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
-            given: dict[str, Any] = dict(zip(_TOLD, map(float, numbers), strict=False))
-            return synthetic_record(int(found[1]), **given) if len(numbers) == len(_TOLD) else None
-        told = {key: float(value) for key, value in re.findall(r"(\w+)=(-?[\d.]+(?:e[-+]\d+)?)", source)}
-        makers: dict[str, Callable[..., Record]] = {f"{shape} pulse": partial(pulse_record, shape) for shape in PULSES}
-        make = (makers | {_NEAR_FAULT: near_fault_record}).get(source.partition(":")[0])
-        if make is not None:
-            whole = make(**told)
-            return whole if points in (None, whole.n_points) else make(**told, duration=(points - 1) * whole.dt)
-    except (RecordError, TypeError, ValueError):  # a text that this package did not write
-        pass
-    return None
+        whole = make(**values)
+        return whole if points in (None, whole.n_points) else make(**values, duration=(points - 1) * whole.dt)
+    except (RecordError, TypeError):  # a text that this package did not write
+        return None
 
 
 def pulse_record(
@@ -248,8 +240,6 @@ def pulse_record(
     return Record(shape if name is None else name, dt, motion, source)
 
 
-#: What the source of a near-fault pulse begins with.
-_NEAR_FAULT = "near-fault pulse of Mavroeidis and Papageorgiou (2003)"
 #: Least number of steps in a period of a near-fault pulse.
 _STEPS_PER_PULSE = 8
 
@@ -327,3 +317,11 @@ def near_fault_record(
         f"cycles={cycles:g}, phase={phase:g} degrees, dt={dt:g} s"
     )
     return Record("near_fault" if name is None else name, dt, motion, source)
+
+
+#: What makes a record, by what its source begins with.
+_MAKERS: dict[str, Callable[..., Record]] = {
+    **{f"{shape} pulse": partial(pulse_record, shape) for shape in PULSES},
+    _NEAR_FAULT: near_fault_record,
+    _SYNTHETIC: synthetic_record,
+}
