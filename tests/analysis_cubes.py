@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scenes import CubeAxis, assemble
 
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.outputs.variables import VARIABLES, inner_shape, scatter_contact, scatter_dof
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import to_json

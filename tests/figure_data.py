@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from scenes import CubeAxis, assemble
 
 from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.analysis import response_spectrum
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.outputs.variables import VARIABLES, inner_shape
 from pounding_sweep.records import pulse_record, records_dataset

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.output import dataset
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import Record
@@ -84,3 +87,23 @@ def scene_of_case(scene, case):
     """The scene with the building properties of a case."""
     variants, index = case_variants(scene, [case])
     return variants.scene_of(index[0])
+
+
+@dataclass
+class CubeAxis:
+    """One dimension of a cube that is made by hand."""
+
+    name: str
+    values: Sequence[Any]
+    units: str = ""
+    long_name: str = ""
+
+    @property
+    def size(self) -> int:
+        return len(self.values)
+
+
+def assemble(scene, axes, arrays, attributes=None, extra=None):
+    """Label results along axes."""
+    labels = {a.name: ((a.name,), a.values, {"units": a.units, "long_name": a.long_name or a.name}) for a in axes}
+    return dataset.assemble(scene, labels, arrays, attributes, extra)

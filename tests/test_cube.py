@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import CubeAxis, assemble
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
@@ -26,7 +27,7 @@ from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeAxis, assemble, unit_attributes
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
 from pounding_sweep.outputs.variables import (

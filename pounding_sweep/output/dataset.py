@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -21,8 +20,6 @@ from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.variables import (
     VARIABLES,
-    Variable,
-    inner_shape,
     mask_invalid,
     scatter_contact,
     scatter_dof,
@@ -41,23 +38,7 @@ SOURCE_ATTRIBUTE = "package_sha256"
 #: library may crash where a file with texts of any length is open several times (HDF5, issue 5359).
 TEXT: Mapping[str, Any] = {"dtype": "S1", "_FillValue": None}
 #: name -> (dimensions, values, attributes)
-Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
-
-
-@dataclass(frozen=True)
-class CubeAxis:
-    """One dimension along which scenarios differ."""
-
-    name: str  # name of the dimension: ``gap``, ``law``, ``case`` ...
-    values: Sequence[Any] | np.ndarray  # numbers or labels, one per position
-    units: str = ""  # in UDUNITS spelling; "" for labels
-    long_name: str = ""  # for axes and tables; the name where not given
-    comment: str = ""  # what else is to be said of it
-
-    @property
-    def size(self) -> int:
-        """Number of positions."""
-        return len(self.values)
+Coordinates = dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]
 
 
 @lru_cache(maxsize=1)
@@ -94,23 +75,22 @@ def unit_attributes(units: str) -> dict[str, str]:
     return {"unit_text" if _FRACTIONAL_POWER.search(units) else "units": units}
 
 
-def _attribute(value: Any) -> Any:
-    """Turn a value into what a netCDF attribute can hold."""
-    if isinstance(value, (bool, np.bool_)):
-        return "true" if value else "false"
-    if isinstance(value, (str, int, float, np.integer, np.floating)):
-        return value
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 1:
-        return value
-    if isinstance(value, (list, tuple)) and value and all(type(v) in (int, float) for v in value):
-        return np.asarray(value)
-    return json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
-
-
-def _attributes(given: Mapping[str, Any]) -> dict[str, Any]:
-    units = unit_attributes(str(given.get("units", "")))
-    kept = {key: value for key, value in given.items() if key != "units" and value is not None}
-    return {**units, **{key: _attribute(value) for key, value in kept.items()}}
+def _attributes(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what netCDF attributes can hold: text, numbers, arrays of numbers, and JSON of all else."""
+    result: dict[str, Any] = unit_attributes(str(raw.get("units", "")))
+    for key, value in raw.items():
+        if key == "units" or value is None or (key == "comment" and not value):
+            continue
+        numbers = np.asarray(value) if isinstance(value, (list, tuple, np.ndarray)) and len(value) else None
+        if isinstance(value, (bool, np.bool_)):
+            result[key] = "true" if value else "false"
+        elif isinstance(value, (str, int, float, np.integer, np.floating)):
+            result[key] = value
+        elif numbers is not None and numbers.dtype.kind in "iuf" and numbers.ndim == 1:
+            result[key] = numbers
+        else:
+            result[key] = json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
+    return result
 
 
 def coordinate_values(values: Any) -> np.ndarray:
@@ -128,9 +108,9 @@ def coordinate_values(values: Any) -> np.ndarray:
     return array.astype(np.float64)
 
 
-def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+def _scene_coordinates(scene: Scene) -> Coordinates:
     elevations = np.concatenate([building.elevations for building in scene.buildings])
-    coordinates: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
+    coordinates: Coordinates = {
         "building": (("building",), [b.name for b in scene.buildings], {"long_name": "building, left to right"}),
         "storey": (
             ("storey",),
@@ -163,9 +143,7 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
     return coordinates
 
 
-def law_coordinates(
-    dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS
-) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS) -> Coordinates:
     """Return what is known about the laws of a coordinate, as far as it is."""
     keys = [str(key) for key in np.ravel(np.asarray(laws))]
     if len(dims) != 1 or not any(key in known for key in keys):
@@ -182,18 +160,6 @@ def law_coordinates(
         "law_title": (where, column("title"), {"long_name": "contact law in words"}),
         "law_formula": (where, column("formula"), {"long_name": "contact force (kN) of penetration d and its rate v"}),
     }
-
-
-def _data_attributes(variable: Variable) -> dict[str, Any]:
-    attributes: dict[str, Any] = {
-        "units": variable.units,
-        "long_name": variable.long_name,
-        "comment": variable.definition,
-    }
-    if variable.flag_values:
-        attributes["flag_values"] = np.array(variable.flag_values, dtype=np.int8)
-        attributes["flag_meanings"] = variable.flag_meanings
-    return attributes
 
 
 def as_read(name: str, values: np.ndarray) -> np.ndarray:
@@ -224,7 +190,7 @@ class CubeParts(NamedTuple):
 
 def assemble(
     scene: Scene,
-    axes: Sequence[CubeAxis],
+    axes: Coordinates,
     arrays: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
@@ -233,53 +199,40 @@ def assemble(
     import xarray as xr
 
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
-    return xr.Dataset(*label(scene, axes, data, attributes, extra_coords))
+    return xr.Dataset(*label(scene, axes, data, attributes or {}, extra_coords or {}))
 
 
-def frame(
-    scene: Scene,
-    axes: Sequence[CubeAxis],
-    names: Iterable[str],
-    attributes: Mapping[str, Any] | None = None,
-    extra_coords: Coordinates | None = None,
-) -> CubeParts:
-    """Make the cube of results that are still to come: like `label`, its values zeros that take no memory."""
-    lengths = tuple(axis.size for axis in axes)
-    data = {
-        name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
-        for name in names
-    }
-    return label(scene, axes, data, attributes, extra_coords)
+def unfilled(name: str, shape: Sequence[int]) -> np.ndarray:
+    """Return an array of a variable, whose values are still to come, that takes no memory."""
+    return np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), shape)
 
 
 def label(
     scene: Scene,
-    axes: Sequence[CubeAxis],
+    axes: Coordinates,
     data: Mapping[str, np.ndarray],
-    attributes: Mapping[str, Any] | None = None,
-    extra_coords: Coordinates | None = None,
+    attributes: Mapping[str, Any],
+    extra_coords: Coordinates,
 ) -> CubeParts:
-    """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
-    coordinates: dict[str, Any] = {}
-    for axis in axes:
-        details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
-        coordinates[axis.name] = ((axis.name,), axis.values, details)
-    coordinates.update(extra_coords or {})
+    """Label values that are as they are to be read (see `as_read`), which is not checked."""
+    coordinates = {**axes, **extra_coords}
     if "law" in coordinates:
         coordinates = {**law_coordinates(*coordinates["law"][:2]), **coordinates}
-    coordinates = {**coordinates, **_scene_coordinates(scene)}
-
-    outer = tuple(axis.name for axis in axes)
-    found = {**made_here("Parametric sweep of seismic pounding of adjacent buildings"), **(attributes or {})}
-    parts = CubeParts({}, {}, _attributes(found))
+    title = "Parametric sweep of seismic pounding of adjacent buildings"
+    parts = CubeParts({}, {}, _attributes({**made_here(title), **attributes}))
     for name, variable in VARIABLES.items():
         if name in data and variable.exists_in(scene):
+            about = {"units": variable.units, "long_name": variable.long_name, "comment": variable.definition}
+            flags: dict[str, Any] = {}
+            if variable.flag_values:
+                values = np.array(variable.flag_values, dtype=np.int8)
+                flags = {"flag_values": values, "flag_meanings": variable.flag_meanings}
             encoding = encoding_of(name, data[name].dtype)
-            parts.data_vars[name] = ((*outer, *variable.dims), data[name], _data_attributes(variable), encoding)
-    for name, (dims, raw, about) in coordinates.items():
-        values = coordinate_values(raw)
-        encoding = encoding_of(name, values.dtype, is_coordinate=True)
-        parts.coords[name] = (tuple(dims), values, _attributes(about), encoding)
+            parts.data_vars[name] = ((*axes, *variable.dims), data[name], about | flags, encoding)
+    for name, (dims, raw, about) in {**coordinates, **_scene_coordinates(scene)}.items():
+        labels = coordinate_values(raw)
+        encoding = encoding_of(name, labels.dtype, is_coordinate=True)
+        parts.coords[name] = (tuple(dims), labels, _attributes({"long_name": name, **about}), encoding)
     return parts
 
 

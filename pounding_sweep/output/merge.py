@@ -23,11 +23,11 @@ from pounding_sweep.output.audited import AUDIT_DIMS, add_audit, has_audit
 from pounding_sweep.output.dataset import (
     VERSION_ATTRIBUTE,
     CubeParts,
-    as_read,
     as_stored,
     coordinate_values,
     encoding_of,
     package_version,
+    unfilled,
 )
 from pounding_sweep.output.identity import (
     AXIS_KEYS,
@@ -76,7 +76,8 @@ OWN_ATTRIBUTES = frozenset(
         *("accuracy_choice", "accuracy_numbers"),
         *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing"),
         *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
-        *("xarray_version", *MAKER_ATTRIBUTES, *ORIGINS),
+        *MAKER_ATTRIBUTES,
+        *ORIGINS,
     }
 )
 #: Values of an axis that differ by less than this were meant to be the same.
@@ -481,11 +482,10 @@ class _Merge:
         #: without its values, which would not fit into memory
         self.cube = CubeParts({}, {}, merge_attributes(parts, sweeps, n, cases))
         for name in self.names:
-            zero = as_read(name, np.zeros((), VARIABLES[name].dtype))
-            values = np.broadcast_to(zero, (*self.sizes, *self.inner[name]))
+            values = unfilled(name, (*self.sizes, *self.inner[name]))
             attributes = {key: v for key, v in base[name].attrs.items() if not str(key).startswith("audit_")}
             dims = (*self.axes, *VARIABLES[name].dims)
-            self.cube.data_vars[name] = (dims, values, attributes, encoding_of(name, zero.dtype))
+            self.cube.data_vars[name] = (dims, values, attributes, encoding_of(name, values.dtype))
         for name, label in self.labels.items():
             encoding = encoding_of(name, label.dtype, is_coordinate=True)
             self.cube.coords[name] = (tuple(map(str, label.dims)), label.values, label.attrs, encoding)

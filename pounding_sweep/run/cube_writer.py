@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.output.dataset import CubeParts, as_read, frame, label
+from pounding_sweep.output.dataset import CubeParts, as_read, label, unfilled
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.netcdf import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.output.results import table_type
@@ -21,26 +21,19 @@ if TYPE_CHECKING:
     from pounding_sweep.run.execute import Progress
 
 
-#: Part of a cube, and its values as they are stored.
-Slab = tuple[tuple[slice, ...], Mapping[str, np.ndarray]]
-
-
 def cube_in_memory(
     plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress, more: Mapping[str, Any]
 ) -> CubeParts:
     """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes."""
-    axes, extra = scenario_axes(plan)
-    sizes = tuple(axis.size for axis in axes)
-    stored = table_type(outcome.results.names, plan.spec.scene)
-    data = {}
+    cube, sizes = _labelled(plan, outcome, more)
     for name in outcome.results.names:
-        kind = as_read(name, np.zeros(0, stored[name].base)).dtype
-        data[name] = np.empty((*sizes, *stored[name].shape), kind)
-    for slab, values in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
-        for name, array in data.items():
-            array[slab] = as_read(name, values[name])
-    attributes = {**global_attributes(plan, outcome), **more}
-    return add_to_cube(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
+        if name in cube.data_vars:
+            dims, values, attributes, encoding = cube.data_vars[name]
+            cube.data_vars[name] = (dims, np.empty(values.shape, values.dtype), attributes, encoding)
+    for slab, arrays in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
+        for name, (_, values, *_) in cube.data_vars.items():
+            values[slab] = as_read(name, arrays[name])
+    return add_to_cube(cube, plan, found)
 
 
 def write_cube_of(
@@ -57,25 +50,27 @@ def write_cube_of(
     """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory."""
     from pounding_sweep.output.netcdf import write_in_slabs
 
-    scene, names = plan.spec.scene, outcome.results.names
-    axes, extra = scenario_axes(plan)
-    cube = frame(scene, axes, names, {**global_attributes(plan, outcome), **more}, extra)
-    sizes = tuple(axis.size for axis in axes)
-    kept = [name for name in names if name in cube.data_vars]
-    largest = max(table_type([name], scene).itemsize for name in kept)
+    cube, sizes = _labelled(plan, outcome, more)
+    inner = {name: inner_shape(name, plan.spec.scene) for name in cube.data_vars}
+    largest = max(table_type([name], plan.spec.scene).itemsize for name in inner)
     block = block_shape(sizes, BLOCK_BYTES // largest)
-    blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
-    whole = (
-        (slab, {name: np.ascontiguousarray(each) for name, each in values.items()})
-        for slab, values in _slabs(plan, outcome, sizes, block, progress)
-    )
-    write_in_slabs(add_to_cube(cube, plan, found), path, blocks, whole, overwrite=overwrite, folder=folder)
+    slabs = _slabs(plan, outcome, sizes, block, progress)
+    blocks = {name: (*block, *shape) for name, shape in inner.items()}
+    write_in_slabs(add_to_cube(cube, plan, found), path, blocks, slabs, overwrite=overwrite, folder=folder)
     return cube
+
+
+def _labelled(plan: Plan, outcome: Outcome, more: Mapping[str, Any]) -> tuple[CubeParts, tuple[int, ...]]:
+    """Return the cube of a sweep without its values, and the sizes of its axes."""
+    axes, extra = scenario_axes(plan)
+    sizes, scene = tuple(len(values) for _, values, _ in axes.values()), plan.spec.scene
+    data = {name: unfilled(name, (*sizes, *inner_shape(name, scene))) for name in outcome.results.names}
+    return label(scene, axes, data, {**global_attributes(plan, outcome), **more}, extra), sizes
 
 
 def _slabs(
     plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...], progress: Progress
-) -> Iterator[Slab]:
+) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
     """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none.
 
     They count as done once they were used.

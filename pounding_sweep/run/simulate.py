@@ -14,7 +14,7 @@ from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.output.dataset import assemble
+from pounding_sweep.output.dataset import Coordinates, assemble
 from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, resolve_record
@@ -188,9 +188,11 @@ def simulate(
     if accuracy is not None:
         attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}
     pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]
-    extra = {"pair_gap": (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})} if pair_gaps else None
+    extra: Coordinates = {}
+    if pair_gaps:
+        extra["pair_gap"] = (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})
     variables = {name: v[0] for name, v in values.items() if name not in NOT_OF_ONE}
-    dataset = assemble(row, [], variables, attributes, extra)
+    dataset = assemble(row, {}, variables, attributes, extra)
     if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
         time = np.linspace(0.0, motion.duration, len(states))
