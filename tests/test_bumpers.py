@@ -257,7 +257,9 @@ def test_a_scene_without_bumpers_asks_for_the_kernel_that_it_had():
 def test_contacts_of_each_law_have_a_status_of_their_own():
     """A contact is too short by the damping of its own law, not by that of another one."""
     kernel = RowKernel(BUMPED, LAWS["kelvin_voigt"], Numerics("rk4", 1e-3), reducers_for(["impact_count"]))
-    quick = kernel._quickening(np.array([0.02, 0.6]))
+    given = {"scale": np.ones(2), "gaps": np.ones((2, len(BUMPED.pair_names))), "stiffness": np.full(2, 8e5)}
+    still = ps.Record("still", 0.01, np.zeros(3))
+    quick = kernel.run(still, **given, restitution=np.array([0.02, 0.6]), twin=True)["quickening"]
     assert quick[:, 0] == pytest.approx(LAWS["kelvin_voigt"].quickening([0.02, 0.6]))
     assert quick[:, 1:].tolist() == [[PAD.quickening("published"), STOP.quickening("published")]] * 2
     need = kernel.numerics.scheme.min_steps_per_contact(True)

@@ -229,7 +229,7 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     scene = tall()
     variants = some_variants(scene, 3, seed)[np.array([2])]
     variants.damping_ratio[:] = ratio
-    h = 10.0**log_turn / max(float(variants.frequencies(b).max()) for b in range(2))
+    h = 10.0**log_turn / max(float(variants.frequencies[b].max()) for b in range(2))
     layout, table = tables_of(variants, np.zeros(3), h)
     n, count = layout.modes, len(layout.watched)
     assert {each.kind for each in layout.watched} == {TOUCH, TURN, ACCELERATION}

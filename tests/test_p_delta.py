@@ -77,7 +77,7 @@ def test_a_period_factor_is_one_under_the_weights():
             yield_strengths=row.yield_strengths[0, here],
         )
         np.testing.assert_allclose(stiffer.periods, periods[0, i] * building.periods, rtol=1e-12)
-        np.testing.assert_allclose(row.frequencies(i)[0], stiffer.frequencies, rtol=1e-12)
+        np.testing.assert_allclose(row.frequencies[i][0], stiffer.frequencies, rtol=1e-12)
         np.testing.assert_allclose(row.stiffnesses[0, here], stiffer.lateral_stiffnesses, rtol=1e-12)
         np.testing.assert_allclose(row.yield_drifts[0, here], np.divide(stiffer.yield_strengths, stiffer.stiffnesses))
         k, taken = np.array(stiffer.stiffnesses), np.array(stiffer.geometric_stiffnesses)

@@ -107,7 +107,7 @@ def test_properties_are_those_of_buildings_built_so(scene):
         np.testing.assert_allclose(variants.stiffnesses[i], stiffness, **exact)
         np.testing.assert_allclose(variants.contact_masses[i], [c.mass for c in other.contacts], **exact)
         for j, building in enumerate(other.buildings):
-            np.testing.assert_allclose(variants.frequencies(j)[i], building.frequencies, rtol=1e-12)
+            np.testing.assert_allclose(variants.frequencies[j][i], building.frequencies, rtol=1e-12)
             found = [factor[i] for factor in variants.rayleigh(j)]
             np.testing.assert_allclose(found, building.rayleigh, rtol=1e-11, atol=1e-15)
 

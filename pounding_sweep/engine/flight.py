@@ -99,7 +99,7 @@ def fixed_tables(
     if coupled is None:
         shared, push, first_masses = _shared_tables(layout, row.scene, h, precision)
         every = range(len(row.scene.buildings))
-        w = np.concatenate([row.frequencies(b).T for b in every]).T  # each mode's side by side
+        w = np.concatenate([row.frequencies[b].T for b in every]).T  # each mode's side by side
         a, b = (
             np.repeat(each.T, [b.n_storeys for b in row.scene.buildings], axis=0).T for each in row.rayleigh_factors
         )

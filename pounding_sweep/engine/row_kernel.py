@@ -393,7 +393,7 @@ class RowKernel:
             c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
             for j, bumper in enumerate(self.scene.bumper_of if self.shape.bumped else ()):
                 if bumper:
-                    k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_mass(j), self.basis)
+                    k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_masses[:, j], self.basis)
             put("k", k)
             put("c", c)
         if self.varied:

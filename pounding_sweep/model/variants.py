@@ -24,7 +24,7 @@ What sets it apart is that displacements follow from q and p, and q from displac
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -188,10 +188,9 @@ class Variants:
 
     def _bases(self, name: str, factor: np.ndarray) -> np.ndarray:
         """Return a property of all foundations times a factor, sway and rocking of each, shape (n, 2 foundations)."""
-        those, found = self.scene.foundations, [np.empty((len(self), 0))]
-        for b in those:
-            found.append(np.array(getattr(self.scene.buildings[b].foundation, name)) * factor[:, b, None])
-        return np.concatenate(found, axis=1)
+        own = [(factor[:, b, None], self.scene.buildings[b].foundation) for b in self.scene.foundations]
+        parts = [factor * np.array(getattr(foundation, name)) for factor, foundation in own]
+        return np.concatenate([np.empty((len(self), 0)), *parts], axis=1)
 
     @cached_property
     def base_masses(self) -> np.ndarray:
@@ -208,12 +207,9 @@ class Variants:
         """Coefficients of their dashpots (kN s/m, kN m s/rad), shape (n, 2 foundations)."""
         return self._bases("dashpots", self.mass_factor / self.period_factor)
 
-    def frequencies(self, building: int) -> np.ndarray:
-        """Natural circular frequencies of a building on its foundation (rad/s), rising, shape (n, modes)."""
-        return self._frequencies[building]
-
     @cached_property
-    def _frequencies(self) -> list[np.ndarray]:
+    def frequencies(self) -> list[np.ndarray]:
+        """Natural circular frequencies of buildings on their foundations (rad/s), rising, shape (n, modes) each."""
         buildings = enumerate(self.scene.buildings)
         return [(b.frequencies[:, None] / self.period_factor[:, i]).T for i, b in buildings]  # each mode's side by side
 
@@ -221,26 +217,27 @@ class Variants:
     def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s), (n, modes) each, of all that moves as one."""
         # dashpots of a single building on a fixed base are left out, linked buildings are one with theirs
-        found = []
+        result, (first, which) = [], self.flights()
         for group in self.scene.linked_buildings:
             if len(group) > 1 or self.scene.buildings[group[0]].foundation:
-                given = np.column_stack([self.period_factor, self.mass_factor, self.damping_ratio])
-                _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
-                parts = [self._linked_modes(group, first[k : k + _BLOCK]) for k in range(0, len(first), _BLOCK)]
-                w, decay = (np.concatenate([part[i] for part in parts])[which.reshape(-1)] for i in (0, 1))
+                parts = []
+                for k in range(0, len(first), _BLOCK):
+                    *_, w, drag = self[first[k : k + _BLOCK]].modal(group)
+                    parts.append((w, np.diagonal(drag, axis1=1, axis2=2).copy()))
+                w, decay = (np.concatenate(own)[which] for own in zip(*parts, strict=True))
             else:
-                (a, b), w = self.rayleigh(group[0]), self.frequencies(group[0])
+                (a, b), w = self.rayleigh(group[0]), self.frequencies[group[0]]
                 decay = a[:, None] + b[:, None] * w * w
-            found.append((w, decay))
-        return found
+            result.append((w, decay))
+        return result
 
-    def matrices(self, group: tuple[int, ...], rows: Any = slice(None)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Masses (t), K (kN/m) and C (kN s/m) of what moves as one, of some rows; shapes (n, floors and bases, ...)."""
+    def matrices(self, group: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses (t), K (kN/m) and C (kN s/m) of what moves as one, shapes (n, floors and bases, ...)."""
         start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
         based = [b for b in group if self.scene.buildings[b].foundation]
         n, first = stop - start + 2 * len(based), 2 * sum(b < group[0] for b in self.scene.foundations)
         bases = slice(first, first + 2 * len(based))
-        masses = self.masses[rows, start:stop]
+        masses = self.masses[:, start:stop]
         stiff, damped = np.zeros((len(masses), n, n)), np.zeros((len(masses), n, n))
         for b in group:
             own = self.scene.buildings[b]
@@ -248,11 +245,11 @@ class Variants:
             at = list(range(floors.start - start, floors.stop - start))
             at += [stop - start + 2 * based.index(b) + side for side in (0, 1)] if b in based else []
             here = (slice(None), np.array(at)[:, None], at)
-            k = (own.drifts.T * self.stiffnesses[rows, None, floors]) @ own.drifts
-            alpha, beta = (factor[rows, None, None] for factor in self.rayleigh(b))
+            k = (own.drifts.T * self.stiffnesses[:, None, floors]) @ own.drifts
+            alpha, beta = (factor[:, None, None] for factor in self.rayleigh(b))
             stiff[here] = k
-            damped[here] = beta * k + (own.drifts.T * self.dashpots[rows, None, floors]) @ own.drifts
-            damped[here] += alpha * ((own.deformations.T * self.masses[rows, None, floors]) @ own.deformations)
+            damped[here] = beta * k + (own.drifts.T * self.dashpots[:, None, floors]) @ own.drifts
+            damped[here] += alpha * ((own.deformations.T * self.masses[:, None, floors]) @ own.deformations)
         for link in self.scene.linked_floors:
             if start <= link.left < stop:
                 across = (np.arange(start, start + n) == link.left) - 1.0 * (np.arange(start, start + n) == link.right)
@@ -260,24 +257,24 @@ class Variants:
                 damped += link.damping * np.outer(across, across)
         if based:
             last = np.arange(stop - start, n)
-            stiff[:, last, last] += self.base_stiffnesses[rows, bases]
-            damped[:, last, last] += self.base_dashpots[rows, bases]
-            masses = np.concatenate([masses, self.base_masses[rows, bases]], axis=1)
+            stiff[:, last, last] += self.base_stiffnesses[:, bases]
+            damped[:, last, last] += self.base_dashpots[:, bases]
+            masses = np.concatenate([masses, self.base_masses[:, bases]], axis=1)
         return masses, stiff, damped
 
-    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`systems` of linked buildings, or of one on its foundation, of some rows."""
-        masses, stiff, damped = self.matrices(group, rows)
-        root = 1.0 / np.sqrt(masses)
-        values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
-        shapes = shapes * root[:, :, None]
-        return np.sqrt(np.maximum(values, 0.0)), np.einsum("nim,nij,njm->nm", shapes, damped, shapes)
+    def modal(self, group: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+        """Displacements by undamped modes of what moves as one, modes by displacements, frequencies, and C of modes."""
+        masses, stiff, damped = self.matrices(group)
+        root = np.sqrt(masses)
+        values, shapes = np.linalg.eigh(stiff / root[:, :, None] / root[:, None, :])
+        light, heavy = shapes / root[:, :, None], np.swapaxes(shapes, 1, 2) * root[:, None, :]
+        return light, heavy, np.sqrt(np.maximum(values, 0.0)), np.swapaxes(light, 1, 2) @ damped @ light
 
     def modal_damping(self, building: int, mode: int) -> np.ndarray:
         """Damping ratio of a mode of a building, dashpots left out unless it stands on a foundation, shape (n,)."""
         item, (a, b) = self.scene.buildings[building], self.rayleigh(building)
         if item.foundation is None:
-            w = self.frequencies(building)[:, mode]
+            w = self.frequencies[building][:, mode]
             return np.asarray((a / w + b * w) / 2.0)
         mass, stiff, dashed = item.damping_shares[:, mode]
         period = self.period_factor[:, building]
@@ -294,27 +291,16 @@ class Variants:
         buildings = self.scene.buildings
         own = np.array([each.rayleigh for each in buildings]).T
         unit = np.array([rayleigh_factors(each.on_fixed_base.frequencies, (1.0, 1.0)) for each in buildings]).T
-        a, b = (self.damping_ratio[:, None] * each for each in unit)
-        for found, each in ((a, own[0]), (b, own[1])):
-            np.copyto(found, each, where=np.isnan(self.damping_ratio)[:, None])
-        a /= self.period_factor
-        b *= self.period_factor
-        return a, b
-
-    def contact_mass(self, contact: int) -> np.ndarray:
-        """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""
-        if self.scene.contacts[contact].struck >= 0:
-            shares = self.scene.contacts[contact].ends
-            return np.asarray(1.0 / np.sum([share**2 / self.masses[:, i] for i, share in shares], axis=0))
-        ends = [i for i in (self.scene.contacts[contact].left, self.scene.contacts[contact].right) if i >= 0]
-        masses = [self.masses[:, i] for i in ends]
-        return np.asarray(masses[0] if len(masses) == 1 else masses[0] * masses[1] / (masses[0] + masses[1]))
+        ratio = self.damping_ratio[:, None]
+        a, b = (np.where(np.isnan(ratio), mine, ratio * each) for mine, each in zip(own, unit, strict=True))
+        return a / self.period_factor, b * self.period_factor
 
     @cached_property
     def contact_masses(self) -> np.ndarray:
-        """Effective masses of all contacts (t), shape (n, contacts)."""
-        found = [self.contact_mass(j) for j in range(len(self.scene.contacts))]
-        return np.stack(found, axis=1) if found else np.empty((len(self), 0))
+        """Effective masses of all contacts (t), the floor's own at a wall, shape (n, contacts)."""
+        ends = [contact.ends for contact in self.scene.contacts]
+        masses = [1.0 / sum(share**2 / self.masses[:, i] for i, share in own) for own in ends]
+        return np.array(masses).T.reshape(len(self), len(ends))
 
     def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of each contact (kN/m**exponent), shape (n, contacts): its own, in series with struck columns."""
@@ -342,19 +328,6 @@ def _as_given(scene: Scene) -> Variants:
     return Variants(scene, ones, ones, none)
 
 
-def distinct(given: np.ndarray, compute: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Compute something of each column of a table, once for each distinct column."""
-    if given.shape[1] == 1:
-        return compute(given)
-    order = np.lexsort(given)
-    new = np.append(True, np.any(given[:, order[1:]] != given[:, order[:-1]], axis=0))
-    if new.all():
-        return compute(given)
-    where = np.empty(len(order), np.int64)
-    where[order] = np.cumsum(new) - 1
-    return compute(given[:, order[new]])[..., where]
-
-
 @dataclass(frozen=True)
 class CoupledModes:
     """Modes of a row of buildings, of some variants."""
@@ -374,61 +347,41 @@ def coupled_modes(row: Variants, precision: str = "float64") -> CoupledModes:
     w, c, push, error = (np.empty((count, n)) for _ in range(4))
     floors, modal = np.zeros((count, 4, n, n)), np.zeros((count, 4, n, n))
     for group in row.scene.linked_buildings:
-        masses, stiff, damped = row.matrices(group)
-        here = slice(at, at := at + masses.shape[1])
-        root = np.sqrt(masses)
-        values, shapes = np.linalg.eigh(stiff / root[:, :, None] / root[:, None, :])
-        omega, heavy = np.sqrt(values), np.swapaxes(shapes, 1, 2) * root[:, None, :]  # y = heavy @ u
-        light = shapes / root[:, :, None]
-        drag = np.swapaxes(light, 1, 2) @ damped @ light
-        found = _modes_of(omega, drag, heavy.sum(axis=2), precision)
-        w[:, here], c[:, here], push[:, here] = found.w, found.c, found.push
-        error[:, here] = found.error[:, None]
-        own, half = (slice(None), slice(None), here, here), len(omega[0])
+        light, heavy, omega, drag = row.modal(group)
+        here = slice(at, at := at + (half := omega.shape[1]))
+        w[:, here], c[:, here], push[:, here], x, y, worst = _modes_of(omega, drag, heavy.sum(axis=2), precision)
+        error[:, here] = worst[:, None]
+        own, pairs = (slice(None), slice(None), here, here), [(k, j) for k in (0, 1) for j in (0, 1)]
         to, back = (light / omega[:, None, :], light), (omega[:, :, None] * heavy, heavy)
-        floors[own] = np.stack([to[k] @ found.x[:, j, k * half : (k + 1) * half] for k in (0, 1) for j in (0, 1)], 1)
-        modal[own] = np.stack(
-            [found.y[:, j, :, k * half : (k + 1) * half] @ back[k] for j in (0, 1) for k in (0, 1)], 1
-        )
+        floors[own] = np.stack([to[k] @ x[:, j, k * half : (k + 1) * half] for k, j in pairs], 1)
+        modal[own] = np.stack([y[:, k, :, j * half : (j + 1) * half] @ back[j] for k, j in pairs], 1)
     return CoupledModes(w, c, push, floors, modal, error.max(axis=1))
 
 
-@dataclass
-class _Found:
-    """Modes of one group: `x` takes q and p to states, shape (n, 2, 2 modes, modes), `y` takes states to q and p."""
-
-    w: np.ndarray
-    c: np.ndarray
-    push: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    error: np.ndarray
-
-    def put(self, rows: np.ndarray, other: _Found) -> None:
-        for name, mine in vars(self).items():
-            mine[rows] = getattr(other, name)
-
-
-def _modes_of(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, precision: str) -> _Found:
-    """Modes of groups of undamped frequencies, damping and load in undamped modes."""
+def _modes_of(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, precision: str) -> list[np.ndarray]:
+    """Modes of groups of undamped frequencies, damping and load in undamped modes, as `_pairs` returns them."""
     rounding, largest, nudges = FORMATS[precision]
-    found = _pairs(omega, drag, load, rounding)
+    modes = _pairs(omega, drag, load, rounding)
     # modes that coincide without being independent: those of a damping next to it
     uneven = np.sqrt(np.arange(1.0, omega.shape[1] + 1.0))
     for nudge in nudges:
-        poor = np.flatnonzero(found.error > largest)
+        poor = np.flatnonzero(modes[-1] > largest)
         if not len(poor):
             break
         grown = 1.0 + nudge * uneven
-        other = _pairs(omega[poor], drag[poor] * grown[:, None] * grown, load[poor], rounding)
-        other.error = np.maximum(other.error, nudge)
-        better = other.error < found.error[poor]
-        found.put(poor[better], _Found(*(each[better] for each in vars(other).values())))
-    return found
+        others = _pairs(omega[poor], drag[poor] * grown[:, None] * grown, load[poor], rounding)
+        others[-1] = np.maximum(others[-1], nudge)
+        better = others[-1] < modes[-1][poor]
+        for mode, other in zip(modes, others, strict=True):
+            mode[poor[better]] = other[better]
+    return modes
 
 
-def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: float) -> _Found:
-    """Pairs of modes of x' = A x - b ag, slowest first, and how far they are from what A does."""
+def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: float) -> list[np.ndarray]:
+    """Return w, c and push of pairs of modes of x' = A x - b ag, slowest first, and how far they are from what A does.
+
+    Before the last, states by q and p, shape (n, 2, 2 modes, modes), and q and p by states.
+    """
     count, n = omega.shape
     a = np.zeros((count, 2 * n, 2 * n))
     every = np.arange(n)
@@ -467,4 +420,4 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
 
     w, c, push = (np.take_along_axis(each, slow, 1) for each in (w, c, push))
     x, y = np.take_along_axis(x, slow[:, None, None, :], 3), np.take_along_axis(y, slow[:, None, :, None], 2)
-    return _Found(w, c, push, x, y, np.where(np.isfinite(error), error, np.inf))
+    return [w, c, push, x, y, np.where(np.isfinite(error), error, np.inf)]

@@ -82,7 +82,7 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
 def building_coordinates(variants: Variants, dims: Sequence[tuple[str, str]], shape: Sequence[int]) -> Coordinates:
     """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them."""
     # `dims` are names of the dimensions of `variants`, of that shape, with the kind of property that they vary; "": any
-    scene, frequencies = variants.scene, [variants.frequencies(b) for b in range(len(variants.scene.buildings))]
+    scene, frequencies = variants.scene, variants.frequencies
     missing = np.full(len(frequencies[0]), np.nan)
     floors, each = ("building", "storey"), ("building",)
     table: list[Any] = [

@@ -66,7 +66,7 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     scene = variants.scene
     h, ground = record.dt, record.acceleration
     moving = [isinstance(item, Building) for item in scene.row]
-    frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(scene.buildings))])
+    frequency = np.stack([variants.frequencies[b][:, 0] for b in range(len(scene.buildings))])
     damping = np.stack([variants.modal_damping(b, 0) for b in range(len(scene.buildings))])
     damping = np.where(damping < 1.0, damping, _MOST_DAMPED)
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
@@ -115,12 +115,12 @@ def shortest_contact(
     beside = result
     for j, (contact, bumper) in enumerate(zip(variants.scene.contacts, variants.scene.bumper_of, strict=True)):
         if bumper is not None:
-            speed, mass = speeds[:, contact.pair], variants.contact_mass(j)
+            speed, mass = speeds[:, contact.pair], variants.contact_masses[:, j]
             lasting = elastic_duration(bumper.law.exponent, bumper.stiffness, mass, speed)
             beside = np.minimum(beside, lasting / bumper.quickening(basis))
             continue
         own = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
-        lasting = elastic_duration(law.exponent, own, variants.contact_mass(j), speeds[:, contact.pair])
+        lasting = elastic_duration(law.exponent, own, variants.contact_masses[:, j], speeds[:, contact.pair])
         result = np.minimum(result, lasting)
     return np.minimum(result / law.quickening(restitution, basis), beside)
 

@@ -22,7 +22,7 @@ from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
 
 #: Rows of a law that are worked out at once.
-BLOCK = 2**16
+BLOCK = 2**15
 #: Share of what is left that one chunk takes, near the end of a sweep.
 SHARE = 1.0 / 16.0
 #: Smallest chunk over the largest, where there are scenarios for it.

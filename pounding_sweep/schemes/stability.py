@@ -46,10 +46,7 @@ def largest_step(
     if decides:
         contact_k = stiffness
         if law.damping == "viscous":
-            largest = variants.contact_mass(0)
-            for j in range(1, len(scene.contacts)):
-                largest = np.maximum(largest, variants.contact_mass(j))
-            contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
+            contact_c = law.damping_coefficient(restitution, stiffness, variants.contact_masses.max(axis=1), basis)
     w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
     weights = _contact_weights(scene) if decides else np.zeros(scene.n_dof)
     links = _link_weights(scene)
@@ -62,7 +59,7 @@ def largest_step(
             floors = slice(*scene.offsets[index : index + 2])
             contact, *link = _largest_pulls(building, weights[floors], links[:, floors])
             mass, own_rate = variants.mass_factor[:, index], _largest_rate(variants, index)
-            most = np.square(variants.frequencies(index)[:, -1])
+            most = np.square(variants.frequencies[index][:, -1])
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, own_rate + (link[1] + contact_c * contact) / mass)
             continue
@@ -126,7 +123,7 @@ def _bumper_weights(variants: Variants, basis: str) -> np.ndarray:
     for j, (contact, bumper) in enumerate(zip(scene.contacts, scene.bumper_of, strict=True)):
         if bumper is not None and bumper.law.exponent == 1.0:
             viscous = bumper.law.damping == "viscous"
-            c = bumper.damping_coefficient(variants.contact_mass(j).max(), basis) if viscous else 0.0
+            c = bumper.damping_coefficient(variants.contact_masses[:, j].max(), basis) if viscous else 0.0
             for floor, _ in contact.ends:
                 weights[:, floor] += len(contact.ends) * np.array([bumper.stiffness, float(c)])
     return weights
