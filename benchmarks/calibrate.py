@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.extreme_scenes import oscillator
+from pounding_sweep.accuracy.extremes import oscillator
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.calibrate import OUTPUTS
 from benchmarks.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
-from pounding_sweep.accuracy.extreme_scenes import PEAKS
+from pounding_sweep.accuracy.extremes import PEAKS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import CHANGE, CLASSES, OK_CLAIM, Status, relative_errors
 from pounding_sweep.plan.plan import Plan, make_plan

@@ -14,30 +14,28 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
-from pounding_sweep.accuracy.extreme_scenes import (
+from pounding_sweep.accuracy.extremes import (
     OF_MANY_SHAPES,
     OUTPUTS,
+    SHOWN,
+    Run,
     beside_wall,
     earthquake,
     families,
     family_batches,
-    make_batch,
-    pair,
-    random_batches,
-    staggered,
-    yielding_pair,
-)
-from pounding_sweep.accuracy.extremes import (
-    SHOWN,
-    Run,
     judge,
+    make_batch,
     make_reference,
+    pair,
     peak_error,
     peaks_of,
+    random_batches,
     run_extremes,
     run_judged,
     sensitive_rows,
     stability_map,
+    staggered,
+    yielding_pair,
 )
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.engine.postprocess import (

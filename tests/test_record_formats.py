@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geonet, in_rows, knet, save, smc
 
 from pounding_sweep.base.errors import RecordError
-from pounding_sweep.records import MAX_FILE_BYTES, UNITS, columns, list_records, read_record, reader, resolve_records
+from pounding_sweep.records import MAX_FILE_BYTES, UNITS, formats, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
 from pounding_sweep.records.reader import plain_words
 
@@ -117,7 +117,7 @@ READ = [
 @pytest.mark.parametrize(("text", "arguments", "dt", "acceleration"), READ)
 def test_read(tmp_path, monkeypatch, text, arguments, dt, acceleration):
     for plain in (plain_words, lambda text: None):  # at once, and row by row
-        for module in (reader, columns):
+        for module in (reader, formats):
             monkeypatch.setattr(module, "plain_words", plain)
         record = read_record(save(tmp_path, text), **arguments)
         assert record.dt == pytest.approx(dt, rel=1e-6)

@@ -21,7 +21,7 @@ from pounding_sweep.output import export as tables
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.records.measures import record_measures
+from pounding_sweep.records.record import record_measures
 from pounding_sweep.spec.spec import scene_of
 
 pytestmark = pytest.mark.usefixtures("stub_module")

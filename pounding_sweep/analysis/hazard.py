@@ -22,7 +22,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import expanded
 from pounding_sweep.records import UNITS
-from pounding_sweep.records.stated import match_unit
+from pounding_sweep.records.reader import match_unit
 
 #: Units of velocities of a file, each with its size in m/s.
 _VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}

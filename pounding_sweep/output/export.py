@@ -29,7 +29,7 @@ from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.identity import places_of, plain, scenario_keys
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, reading, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
-from pounding_sweep.records.measures import RecordMeasures
+from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
 from pounding_sweep.spec.spec import scene_of
 

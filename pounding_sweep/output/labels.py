@@ -17,7 +17,7 @@ from pounding_sweep.output.dataset import Coordinates, law_coordinates
 from pounding_sweep.output.identity import library_attribute, library_versions
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
-from pounding_sweep.records.measures import record_measures
+from pounding_sweep.records.record import record_measures
 from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 from pounding_sweep.spec.spec import SweepSpec, to_json

@@ -14,10 +14,8 @@ from pounding_sweep.records.catalogue import (
     resolve_records,
 )
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
-from pounding_sweep.records.measures import RecordMeasures, record_measures, records_dataset
-from pounding_sweep.records.reader import MAX_FILE_BYTES
-from pounding_sweep.records.record import Reading, Record
-from pounding_sweep.records.stated import UNITS
+from pounding_sweep.records.reader import MAX_FILE_BYTES, UNITS
+from pounding_sweep.records.record import Reading, Record, RecordMeasures, record_measures, records_dataset
 from pounding_sweep.records.synthetic import PULSES, Pulse, near_fault_record, pulse_record, synthetic_record
 
 __all__ = [
