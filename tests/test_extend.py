@@ -479,9 +479,6 @@ def test_cases_under_labels_and_records_under_other_names(few, ran, tmp_path):
         pytest.param(
             lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep", marks=pytest.mark.slow
         ),
-        pytest.param(
-            lambda cube: cube.isel(case=[0, 2, 1, 3]), "other values of record than its sweep", marks=pytest.mark.slow
-        ),
         (lambda cube: cube.assign_coords(pair_gap=cube.pair_gap * 2), "other values of pair_gap than its sweep"),
         pytest.param(
             lambda cube: cube.drop_vars("contact_stiffness"),

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
     FREE,
-    MAKER_ATTRIBUTES,
     OWN_LAWS,
     check_axes,
     differing_laws,
@@ -28,6 +26,7 @@ from pounding_sweep.output.identity import (
     other_values,
     places_of,
     plain,
+    recorded_axes,
     recorded_sweep,
     scenario_keys,
     source,
@@ -50,17 +49,13 @@ KEY_BLOCK = 2**18
 
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest: str) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
-    if "merged_from" in cube.attrs and not set(MAKER_ATTRIBUTES) <= set(cube.attrs):
-        raise InputError(
-            f"{path!r} can't be extended: it was merged from cubes that several states of the package's source, or "
-            "several versions of numba, llvmlite or numpy, made (see its merged_from). Extend those of them that the "
-            "installed ones made, or run the sweep without it"
-        )
-    if "sweep" not in cube.attrs or "status" not in cube.data_vars or SOURCE_ATTRIBUTE not in cube.attrs:
-        raise InputError(
-            f"{path!r} does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
-            f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
-        )
+    if not {"sweep", SOURCE_ATTRIBUTE} <= cube.attrs.keys() or "status" not in cube.data_vars:
+        why = "does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
+        why += f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
+        if "merged_from" in cube.attrs:
+            why = "can't be extended: it was merged from cubes that several states of the package's source made (see "
+            why += "its merged_from). Extend those of them that the installed one made, or run the sweep without it"
+        raise InputError(f"{path!r} {why}")
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
     free = AXIS_KEYS | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
     sweeps = differing_laws(there, here) + [
@@ -96,42 +91,12 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given["own_laws"] = tuple(law_of({key: value for key, value in law.items() if key != "sha256"}) for law in laws)
     given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     found = replace(spec, **given)
-    names = [record["name"] for record in told["records"]]
-    if found.cases is None:
-        check_axes(path, cube, {**found.axes, "gap": found.gaps or 1, "record": names})
-    else:
-        check_axes(path, cube, {"case": len(found.cases)})
-    if found.cases is not None:
-        there = cube["record"].values.tolist() if "record" in cube.coords else None
-        if there != [case.record for case in found.cases]:
-            raise other_values(path, "record")
-    _check_results(path, cube, spec)
+    check_axes(path, cube, recorded_axes(cube, told))
     return found
 
 
-def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
-    """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
-    scene = spec.scene
-    names = [name for name in cube_variables(spec.outputs) if VARIABLES[name].exists_in(scene)]
-    if missing := [name for name in names if name not in cube.data_vars]:
-        raise InputError(f"{path!r} has no variable {', '.join(missing)}; give a cube of a sweep with the same outputs")
-    labels = {
-        "building": [building.name for building in scene.buildings],
-        "pair": list(scene.pair_labels),
-        "storey": list(range(1, scene.n_storeys + 1)),
-    }
-    for dim in {dim for name in names for dim in VARIABLES[name].dims}:
-        if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
-            raise other_values(path, dim)
-
-
-def dimensions(spec: SweepSpec) -> tuple[str, ...]:
-    """Return the dimensions of the scenarios in the cube of a sweep."""
-    return tuple(spec.axes) or ("case",)
-
-
-def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Dataset]:
-    """Return an earlier sweep and its cube, without the records that the new sweep has not."""
+def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, dict[str, list[int]]]:
+    """Return an earlier sweep without the records that the new one has not, and which part of its cube that is."""
     known = {motion_of(record): record for record in whole.records}
     known |= {(record.name, *motion_of(record)): record for record in whole.records}  # several may be of one motion
     told = []
@@ -141,22 +106,11 @@ def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Datas
     records = tuple(record for _, record in told if record is not None)
     if whole.cases is None:
         kept = [i for i, (_, record) in enumerate(told) if record is not None]
-        return replace(whole, records=records), cube.isel(record=kept)
+        return replace(whole, records=records), {"record": kept}
     names = {name: record.name for name, record in told if record is not None}  # there -> here
     chosen = [i for i, case in enumerate(whole.cases) if case.record in names]
     cases = tuple(replace(whole.cases[i], record=names[str(whole.cases[i].record)]) for i in chosen)
-    return replace(whole, records=records, cases=cases), cube.isel(case=chosen)
-
-
-def check_listed(path: str, cube: xr.Dataset, old: Plan) -> None:
-    """Raise `InputError` if listed cases of a cube, such as reordered ones, are not those of its sweep."""
-    for name, (dims, values, _) in scenario_axes(old)[1].items():
-        expected = np.asarray(values)
-        if name != "record" and not (  # which may have another name in the new sweep
-            name in cube.coords
-            and np.array_equal(cube[name].transpose(*dims).values, expected, equal_nan=expected.dtype.kind == "f")
-        ):
-            raise other_values(path, name)
+    return replace(whole, records=records, cases=cases), {"case": chosen}
 
 
 class EarlierCube:
@@ -170,16 +124,21 @@ class EarlierCube:
             check_same_study(self.path, cube, plan.spec, source_digest)
             self.sha256 = str(cube.attrs["sweep_sha256"])
             self.origin = source(self.path, cube.attrs)
-            self._whole = described_sweep(self.path, cube, plan.spec)
-            spec, shared = shared_part(cube, self._whole)
+            whole = described_sweep(self.path, cube, plan.spec)
+            spec, self._part = shared_part(cube, whole)
             if not spec.n_scenarios:
                 return
             self._old = old = make_plan(spec)
-            whole = self._whole
             variants = old.variants if whole.cases is None else case_variants(whole.scene, whole.cases)[0]
-            self._check_numerics(shared, old, varied=len(variants) > 1)
-            if spec.cases is not None:
-                check_listed(self.path, shared, old)
+            self._check_numerics(cube, old, varied=len(variants) > 1)
+            shared = cube.isel(self._part)
+            for name, (dims, values, _) in scenario_axes(old)[1].items() if spec.cases is not None else ():
+                expected = np.asarray(values)
+                if name != "record" and not (  # which may have another name in the new sweep
+                    name in shared.coords
+                    and np.array_equal(shared[name].transpose(*dims), expected, equal_nan=expected.dtype.kind == "f")
+                ):
+                    raise other_values(self.path, name)
 
     def chunks(self, wanted: np.ndarray) -> Iterator[tuple[Chunk, np.ndarray]]:
         """Go through the results that answer wanted rows of the plan, each row once; raises `OutputError`."""
@@ -190,9 +149,7 @@ class EarlierCube:
         done, has_run = np.zeros(len(key_of), bool), np.zeros(len(old.uncoupled_runs), bool)
         has_run[old.uncoupled_to_run] = len(plan.uncoupled_to_run) < len(plan.uncoupled_runs)
         with open_cube(self.path) as cube:
-            if source(self.path, cube.attrs) != self.origin:
-                raise InputError(f"{self.path!r} was replaced meanwhile; run again")
-            shared, dims = shared_part(cube, self._whole)[1], dimensions(old.spec)
+            shared, dims = cube.isel(self._part), tuple(old.spec.axes) or ("case",)
             inverse = old.inverse.reshape([shared.sizes[dim] for dim in dims])
             kind = table_type(cube_variables(plan.outputs), plan.spec.scene)
             for slab in slabs(inverse.shape, block_shape(inverse.shape, max(1, SLAB_BYTES // kind.itemsize))):
@@ -266,18 +223,8 @@ class EarlierCube:
         """Return the results of scenarios that lie side by side as rows of a table."""
         rows = np.zeros([part.stop - part.start for part in where.values()], kind)
         for name in kind.names or ():
-            if name not in cube:  # of pairs, in a row without any
-                continue
-            with reading(self.path):  # a variable alone: its coordinates would take most of the time
-                values = cube.variables[name].isel(where).transpose(*where, *VARIABLES[name].dims).values
-            rows[name] = as_stored(name, values)
+            if VARIABLES[name].exists_in(self._plan.spec.scene):
+                with reading(self.path):  # a variable alone: its coordinates would take most of the time
+                    values = cube.variables[name].isel(where).transpose(*where, *VARIABLES[name].dims).values
+                rows[name] = as_stored(name, values)
         return rows.ravel()
-
-
-def extension_attributes(origin: Mapping[str, Any], taken: int) -> dict[str, Any]:
-    """Return what a cube says of the one that it extends: global attributes."""
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-    return {
-        "history": f"{now} extended from another cube by pounding_sweep {package_version()} (see extended_from)",
-        "extended_from": {**origin, "scenarios_taken": taken},
-    }

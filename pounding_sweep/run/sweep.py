@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -212,7 +213,7 @@ class Sweep:
         extend: str | os.PathLike[str] | None,
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
-        from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
+        from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
         from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
@@ -220,7 +221,7 @@ class Sweep:
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
         from pounding_sweep.run.log import RunLog
-        from pounding_sweep.run.reuse import EarlierCube, extension_attributes
+        from pounding_sweep.run.reuse import EarlierCube
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -248,7 +249,10 @@ class Sweep:
                     if target is not None and target.exists():
                         _check_results(outcome, target)
                     if outcome.taken_from is not None:
-                        more |= extension_attributes(outcome.taken_from, outcome.taken)
+                        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+                        more["history"] = f"{now} extended from another cube by pounding_sweep {package_version()} "
+                        more["history"] += "(see extended_from)"
+                        more["extended_from"] = {**outcome.taken_from, "scenarios_taken": outcome.taken}
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
