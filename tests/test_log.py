@@ -111,15 +111,6 @@ def test_warnings_are_in_the_logs_of_runs_that_overlap(tmp_path):
     assert lines(tmp_path / "second")[:-1] == ["warning: two", "warning: three"]
 
 
-def test_a_working_folder_that_is_gone_is_told(tmp_path, monkeypatch):
-    (tmp_path / "gone").mkdir()
-    monkeypatch.chdir(tmp_path / "gone")
-    (tmp_path / "gone").rmdir()
-    make().run(tmp_path / "out.nc").close()
-    assert lines(tmp_path / "out.nc.log")[1].endswith(", in a folder that is gone")
-    monkeypatch.chdir(tmp_path)
-
-
 def test_chunks_that_fail_are_in_the_log(tmp_path, monkeypatch):
     monkeypatch.setattr(execute, "run_chunk", lambda kernel, *more: "on purpose")
     with pytest.warns(RuntimeWarning, match="on purpose"):

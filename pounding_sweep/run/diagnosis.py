@@ -6,7 +6,6 @@ import os
 import platform
 import re
 import resource
-import secrets
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from typing import Any
 
 import psutil
 
-from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.files import expanded
 
 #: Name of the distribution.
@@ -34,7 +32,6 @@ _THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 
 def diagnose() -> dict[str, Any]:
     """Look at the installation; changes nothing."""
-    from pounding_sweep.run.diagnosis import free_memory
     from pounding_sweep.run.execute import check_scheduler
 
     versions, memory = installed_versions(), free_memory()
@@ -68,7 +65,7 @@ def installed_versions() -> dict[str, str | None]:
     required = _required()
     needed = sorted({*LIBRARIES, *(name for name, extra in required.items() if not extra)}, key=str.lower)
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name in (NAME, *needed, *(name for name, extra in required.items() if extra)):
+    for name in dict.fromkeys((NAME, *needed, *required)):
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
@@ -80,15 +77,15 @@ def installed_versions() -> dict[str, str | None]:
 def _required() -> dict[str, str]:
     """Return the distributions that the package, as it is installed, requires: name -> extra that does, or ""."""
     try:
-        lines = requires(NAME) or []
+        lines = sorted(requires(NAME) or [])
     except PackageNotFoundError:
         return {}
     found: dict[str, str] = {}
     for extra in ("", *EXTRAS):
-        for line in sorted(lines):
-            name, marker = re.match(r"[\w.-]+", line), re.search(r"extra == ['\"](\w+)['\"]", line)
-            if name and (marker[1] if marker else "") == extra:
-                found.setdefault(name[0], extra)
+        for line in lines:
+            parts = re.match(r"([\w.-]+)(?:.*extra == ['\"](\w+))?", line)
+            if parts and (parts[2] or "") == extra:
+                found.setdefault(parts[1], extra)
     return found
 
 
@@ -100,43 +97,32 @@ def processor() -> dict[str, Any]:
 
     features = sorted(name for name, present in binding.get_host_cpu_features().items() if present)
     width = next((bits for name, bits in _WIDTHS.items() if name in features), None)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "name": binding.get_host_cpu_name(),
         "vector_bits": width,
         "lanes_per_kernel": LANES,
-        "cores_usable": cores,
+        "cores_usable": len(os.sched_getaffinity(0)),
         "cores": os.cpu_count(),
         "features": features,
     }
 
 
 def _output(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.output.netcdf import check_output, free_space
+    from pounding_sweep.output.netcdf import free_space
 
-    folder = None
-    try:
-        folder = Path.cwd()
-        check_output(folder / f"{secrets.token_hex(8)}.nc")
-        return {"folder": str(folder), "writable": True, "free_bytes": free_space(folder)}
-    except OutputError:
+    folder = Path.cwd()
+    writable = os.access(folder, os.W_OK)
+    if not writable:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-    except OSError:
-        problems.append("the current folder was removed; change to another one")
-    return {"folder": folder and str(folder), "writable": False, "free_bytes": None}
+    return {"folder": str(folder), "writable": writable, "free_bytes": free_space(folder)}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:
     from pounding_sweep.engine.cache import CACHE_VARIABLE, lasting_folder
 
-    folder, anew = None, "so every run compiles its kernels anew; name"
-    try:
-        folder = lasting_folder()
-        if folder is None:
-            problems.append(f"no home folder is known, {anew} a folder for them in {CACHE_VARIABLE}")
-    except InputError as error:
-        problems.append(f"{CACHE_VARIABLE}: {error}")
+    folder, anew = lasting_folder(), "so every run compiles its kernels anew; name"
     if folder is None:
+        problems.append(f"no home folder is known, {anew} a folder for them in {CACHE_VARIABLE}")
         return {"folder": None, "kernels": 0, "bytes": 0}
     parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
@@ -166,17 +152,12 @@ def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
 
     folders = []
     for part in filter(str.strip, os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep)):
-        named = f"{part!r}, named in {RECORDS_VARIABLE},"
         try:
             folder = expanded(part)
             files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
             folders.append({"folder": str(folder), "files": files})
-        except InputError as error:
-            problems.append(f"{RECORDS_VARIABLE}: {error}")
-        except (FileNotFoundError, NotADirectoryError):
-            problems.append(f"{named} is no folder; make it or mend the variable")
         except OSError as error:
-            problems.append(f"{named} can't be read ({error.strerror})")
+            problems.append(f"{part!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
     return folders
 
 

@@ -26,35 +26,30 @@ if TYPE_CHECKING:
 _OPEN: list[RunLog] = []
 
 
-def _log_warnings() -> None:
-    """Have `warnings.showwarning` tell the open logs, too."""
-    show = warnings.showwarning
-    if hasattr(show, "tells_logs"):
-        return
-
-    def show_and_log(message: Warning | str, *args: Any, **kwargs: Any) -> None:
-        for log in tuple(_OPEN):
-            log.warned(str(message))
-        show(message, *args, **kwargs)
-
-    show_and_log.tells_logs = True  # type: ignore[attr-defined]
-    warnings.showwarning = show_and_log
-
-
 class RunLog(Progress):
     """Writes down a run, after those that were there before; passes progress on."""
 
     def __init__(self, path: Path, display: Progress) -> None:
         self.path, self._display = path, display
         self._started = time.perf_counter()
-        self._stage: tuple[str, float] | None = None
-        self._count = 0
-        self._warned: set[str] = set()
+        self._stage, self._since, self._count = "", 0.0, 0
+        self._written: set[str] = set()
         self._writable = True
 
     def __enter__(self) -> RunLog:
         _OPEN.append(self)
-        _log_warnings()
+        show = warnings.showwarning
+        if not hasattr(show, "tells_logs"):
+
+            def show_and_log(message: Warning | str, *args: Any, **kwargs: Any) -> None:
+                for log in tuple(_OPEN):
+                    if (text := f"warning: {message}") not in log._written:
+                        log._written.add(text)
+                        log.info(text)
+                show(message, *args, **kwargs)
+
+            show_and_log.tells_logs = True  # type: ignore[attr-defined]
+            warnings.showwarning = show_and_log
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: Any) -> None:
@@ -86,21 +81,18 @@ class RunLog(Progress):
         from pounding_sweep.run.diagnosis import installed_versions, processor
 
         cpu = processor()
-        scheduler = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
-        workers_text = "" if "://" in scheduler else f", {workers} workers"
+        where = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
+        where += "" if "://" in where else f", {workers} workers"
         versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items())
-        try:
-            folder = str(Path.cwd())
-        except OSError:
-            folder = "a folder that is gone"
         for line in (
             f"begins: {shlex.join(sys.argv)}",
-            f"process {os.getpid()} on {socket.gethostname()}, in {folder}",
+            f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}",
             f"sweep {plan.digest} {plan.spec.title}".rstrip(),
             f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions",
             f"versions: {versions}",
             f"machine: {platform.platform()}, {cpu['name']}, vectors of {cpu['vector_bits']} bits, "
-            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {scheduler}{workers_text}",
+            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {where}"
+            + ("" if "://" in where else f", {workers} workers"),
         ):
             self.info(line)
 
@@ -115,7 +107,7 @@ class RunLog(Progress):
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
         self._end_stage()
-        self._stage, self._count = (name, time.perf_counter()), 0
+        self._stage, self._since, self._count = name, time.perf_counter(), 0
         self.info(f"stage {name} begins" + (f": {total}" if total else ""))
         self._display.stage(name, total)
 
@@ -135,13 +127,6 @@ class RunLog(Progress):
         self._display.close()
 
     def _end_stage(self) -> None:
-        if self._stage is not None:
-            name, since = self._stage
-            self.info(f"stage {name} ends: {self._count} done in {time.perf_counter() - since:.3f} s")
-            self._stage = None
-
-    def warned(self, text: str) -> None:
-        """Write a warning, once."""
-        if text not in self._warned:
-            self._warned.add(text)
-            self.info(f"warning: {text}")
+        if self._stage:
+            self.info(f"stage {self._stage} ends: {self._count} done in {time.perf_counter() - self._since:.3f} s")
+            self._stage = ""
