@@ -91,8 +91,7 @@ class RunLog(Progress):
             f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions",
             f"versions: {versions}",
             f"machine: {platform.platform()}, {cpu['name']}, vectors of {cpu['vector_bits']} bits, "
-            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {where}"
-            + ("" if "://" in where else f", {workers} workers"),
+            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {where}",
         ):
             self.info(line)
 
