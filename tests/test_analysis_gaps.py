@@ -113,7 +113,7 @@ class TestRules:
         exact = float(cube.closing_max.isel(law=0, record=1).max())
         assert float(found.exact) == exact
         assert float(found.ratio.sel(rule="abs")) == pytest.approx(expected["abs"] / exact)
-        assert found.attrs["factor_r"] == "a: 5, b: 3"
+        assert found.attrs["factor_r"] == "{'a': 5.0, 'b': 3.0}"
 
     def test_a_wall_does_not_move_and_floors_that_are_not_level_give_no_reduction(self):
         heights = {"storey_heights": [3.0, 3.0]}

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -93,31 +93,14 @@ class BehaviourFactors:
         InputError
             It is not given for that building, or is no positive number.
         """
-        given = getattr(self, factor)
-        if isinstance(given, Mapping) and building not in given:
+        value = getattr(self, factor)
+        if isinstance(value, Mapping):
+            value = value.get(building, math.nan)
+        if not (math.isfinite(value) and value > 0):
             raise InputError(
-                f"factor {factor!r} is given for {', '.join(given) or 'no building'}, but not for {building!r}"
+                f"factor {factor!r} of building {building!r} is {value!r}; give every building a positive number"
             )
-        value = float(given[building] if isinstance(given, Mapping) else given)
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"factor {factor!r} of building {building!r} is {value!r}; it must be a positive number")
-        return value
-
-    def text(self, factor: str) -> str:
-        """Return a factor in words."""
-        given = getattr(self, factor)
-        return ", ".join(f"{k}: {v:g}" for k, v in given.items()) if isinstance(given, Mapping) else f"{given:g}"
-
-
-@dataclass(frozen=True)
-class Neighbours:
-    """What a rule is given of two floors that could meet; arrays share their dimensions."""
-
-    left: xr.DataArray  # largest absolute displacements (m); 0 for a wall, which moves with the ground
-    right: xr.DataArray
-    correlation: xr.DataArray  # correlation of the two responses, see `cqc_correlation`; 0 at a wall
-    level: xr.DataArray  # two buildings, every floor of the lower of which is level with one of the other
-    factors: Mapping[str, Sequence[xr.DataArray]]  # behaviour factors of both sides
+        return float(value)
 
 
 @dataclass(frozen=True)
@@ -130,7 +113,7 @@ class SeparationRule:
     clause: str  # where it is from
     edition: str
     note: str  # what else is to be said of it
-    gap: Callable[[Neighbours], xr.DataArray]  # `Neighbours` -> needed gap (m)
+    gap: Callable[[xr.Dataset], xr.DataArray]  # what `_neighbours` returns -> needed gap (m)
 
 
 def cqc_correlation(
@@ -143,15 +126,6 @@ def cqc_correlation(
     bottom = (1.0 - r**2) ** 2 + 4.0 * product * r * (1.0 + r**2) + 4.0 * (damping_1**2 + damping_2**2) * r**2
     same = bottom == 0.0  # undamped, equal periods
     return (top + same) / (bottom + same)
-
-
-def _root_of_squares(one: xr.DataArray, other: xr.DataArray) -> xr.DataArray:
-    return (one**2 + other**2) ** 0.5
-
-
-def _asce7(ends: Neighbours) -> xr.DataArray:
-    (cd_1, cd_2), (importance_1, importance_2) = ends.factors["cd"], ends.factors["importance"]
-    return _root_of_squares(ends.left * cd_1 / importance_1, ends.right * cd_2 / importance_2)
 
 
 #: All rules by key.
@@ -174,7 +148,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "-",
             "-",
             "for responses that are not correlated",
-            lambda ends: _root_of_squares(ends.left, ends.right),
+            lambda ends: np.hypot(ends.left, ends.right),
         ),
         SeparationRule(
             "double_difference",
@@ -194,7 +168,9 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "12.12.3",
             "ASCE/SEI 7-16, 7-22",
             FROM_MEMORY,
-            _asce7,
+            lambda ends: np.hypot(
+                ends.left * ends.cd_left / ends.importance_left, ends.right * ends.cd_right / ends.importance_right
+            ),
         ),
         SeparationRule(
             "ec8",
@@ -203,10 +179,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "4.4.2.7",
             "EN 1998-1:2004",
             FROM_MEMORY,
-            lambda ends: (
-                _root_of_squares(ends.left * ends.factors["q"][0], ends.right * ends.factors["q"][1])
-                * (1.0 - 0.3 * ends.level)
-            ),
+            lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
         ),
         SeparationRule(
             "is1893",
@@ -215,9 +188,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "7.11.3",
             "IS 1893 (Part 1):2016",
             FROM_MEMORY,
-            lambda ends: (
-                (ends.left * ends.factors["r"][0] + ends.right * ends.factors["r"][1]) * (1.0 - 0.5 * ends.level)
-            ),
+            lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
         ),
     )
 }
@@ -285,13 +256,13 @@ def required_gap(
         raise InputError("the required gap of a row needs records: required_gap(scene, records)")
     else:
         scene, runs = runs_of_row(source, records, folders)
-    closing, (ends, thick) = values(runs, "closing_max"), _neighbours(scene, runs, factors)
+    closing, ends = values(runs, "closing_max"), _neighbours(scene, runs, factors)
     closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
-    exact, reach = (closest + thick).max("storey"), closest.max("storey")
+    exact, reach = (closest + ends.thickness).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
-    index = labelled("rule", [rule.key for rule in rules], "separation rule")
-    rule_gap = xr.concat([(rule.gap(ends) + thick).max("storey") for rule in rules], dim=index)
-    found = {
+    index = labelled("rule", SEPARATION_RULES, "separation rule")
+    rule_gap = xr.concat([(rule.gap(ends) + ends.thickness).max("storey") for rule in rules], dim=index)
+    result = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
         "never": ((reach == 0.0).where(reach.notnull()), "1", "1 where the pair never touches, 0 where it does"),
@@ -299,24 +270,27 @@ def required_gap(
         "ratio": (rule_gap / exact.where(exact > 0.0), "1", "required gap by the rule over the exact one"),
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
-    variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}
+    variables = {name: described(*about, bare=True) for name, about in result.items()}
     coords: dict[str, Any] = {
         f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
         for name in ("title", "formula", "clause", "edition", "note")
     }
     gaps = [scene.gaps[pair] for pair in scene.pair_of_label]
     coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
-    if thick.any():
-        coords["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
-    used = {f"factor_{f.name}": factors.text(f.name) for f in fields(factors)}
+    if ends.thickness.any():
+        coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
     about = {} if isinstance(source, xr.Dataset) else identity(runs)
+    used = {f"factor_{name}": str(value) for name, value in vars(factors).items()}
     return xr.Dataset(variables).assign_coords(coords).assign_attrs({**about, **used})
 
 
-def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> tuple[Neighbours, xr.DataArray]:
-    """Return what rules are given, missing where no floors meet, and what bumpers take of the gap (m).
+def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
+    """Return what rules are made of, on pair and storey; missing where no floors meet.
 
-    Both are on pair and storey.
+    ``left`` and ``right`` are the largest absolute displacements (m) of the two floors, 0 of a wall, which moves with
+    the ground; ``correlation`` that of the two responses, 0 at a wall; ``level`` whether two buildings stand there,
+    every floor of the lower of which is level with one of the other; ``cd_left`` and so on the behaviour factors;
+    ``thickness`` what bumpers take of the gap (m).
     """
     labels = list(scene.pair_labels)
     names = [building.name for building in scene.buildings]
@@ -326,9 +300,9 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> tu
     row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
     sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], pair, ("pair",)) for side in (0, 1)]
 
-    def of_sides(part: xr.DataArray) -> list[xr.DataArray]:  # of a wall 1
-        picked = (part.isel(building=side).where(side >= 0, 1.0) for side in sides)
-        return [one.reset_coords(drop=True).transpose("pair", ...) for one in picked]
+    def of_sides(name: str, part: xr.DataArray) -> dict[str, xr.DataArray]:  # of a wall 1
+        picked = (part.isel(building=side).where(side >= 0, 1.0).reset_coords(drop=True) for side in sides)
+        return {f"{name}_{end}": one.transpose("pair", ...) for end, one in zip(("left", "right"), picked, strict=True)}
 
     # of each floor that could meet another: shares of the floors that it moves with, those beside struck columns
     moves = np.zeros((2, len(labels), scene.n_storeys, len(names), scene.n_storeys))
@@ -343,21 +317,22 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> tu
     known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(meets > 0.0, floor, ("pair", "storey"))
     dims = ("pair", "storey", "building", "floor")
     left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
-    periods, damping = of_sides(runs["fundamental_period"]), of_sides(runs["first_damping_ratio"])
     level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
     neighbours = zip(scene.row[:-1], scene.row[1:], strict=True)
     lowest = [min(item.n_storeys for item in both if isinstance(item, Building)) for both in neighbours]
     two = (sides[0] >= 0) & (sides[1] >= 0)
-    return Neighbours(
-        left,
-        right,
-        correlation=cqc_correlation(*periods, *damping).where(two, 0.0),
-        level=two & xr.DataArray((level == lowest)[list(scene.pair_of_label)], pair, ("pair",)),
-        factors={
-            f.name: of_sides(xr.DataArray([factors.of(f.name, name) for name in names], dims="building"))
-            for f in fields(factors)
-        },
-    ), xr.DataArray(thick, floor, ("pair", "storey"))
+    modes = of_sides("period", runs["fundamental_period"]) | of_sides("damping", runs["first_damping_ratio"])
+    result = {
+        "left": left,
+        "right": right,
+        "correlation": cqc_correlation(*modes.values()).where(two, 0.0),
+        "level": two & xr.DataArray((level == lowest)[list(scene.pair_of_label)], pair, ("pair",)),
+        "thickness": xr.DataArray(thick, floor, ("pair", "storey")),
+    }
+    for factor in vars(factors):
+        of_buildings = [factors.of(factor, name) for name in names]
+        result |= of_sides(factor, xr.DataArray(of_buildings, dims="building"))
+    return xr.Dataset(result)
 
 
 #: Shares of the motions that may make a pair touch.
@@ -370,32 +345,43 @@ CURVE = tuple(np.geomspace(1e-3, 0.9, 30).tolist())
 PROPORTIONAL = 1e-3
 #: Parts of equal probability into which each of the two distributions behind an interval is cut.
 _PARTS = 50
-#: Numbers of a gap, and of a rate.
-_NUMBERS = ("", "_lower", "_upper", "_observed")
+#: Endings of the names of a gap's, and of a rate's, numbers.
+_ENDS = ("", "_lower", "_upper", "_observed")
+#: What these numbers are.
+_MEANINGS = {
+    "gap": "gap at which the pair touches with that probability",
+    "gap_in_years": "gap at which the pair touches in the years with that probability",
+    "rate": "annual rate at which the pair touches with the row's gap",
+}
 
 
 def gap_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per gap that is asked for; with a hazard, also one per pair for the gap that it has."""
-    named = [str(name) for name in result.coords if name not in result.dims and "pair" not in result[name].dims]
-    result = result.drop_vars([name for name in named if name != "row_gap"])
-    counts = result[["records", "never"]].rename(never="never touches")
     years = float(result.attrs.get("years", math.nan))
-    kinds = {"gap": "intensity" if "intensity" in result.dims else "the suite as it is"}
-    kinds |= {"gap_in_years": f"in {years:g} years"} if "gap_in_years" in result else {}
+    tables = {
+        "gap": "intensity" if "intensity" in result.dims else "the suite as it is",
+        "gap_in_years": f"in {years:g} years",
+        "rate": "the row's gap",
+    }
+    numbers = result.reset_coords(drop=True)
     rows: list[Row] = []
-    for kind, given in kinds.items():
-        part = result[[f"{kind}{ending}" for ending in _NUMBERS]].drop_vars("row_gap", errors="ignore")
-        part = part.rename({f"{kind}{ending}": f"gap{ending}" for ending in _NUMBERS})
-        for row in plain_rows(part.assign(counts.drop_vars("row_gap", errors="ignore"))):
+    for stem, given in tables.items():
+        if stem not in result:
+            continue
+        names = {f"{stem}{end}": f"{stem.partition('_')[0]}{end}" for end in _ENDS}
+        if stem == "rate":
+            names["beyond"] = "beyond"
+        part = numbers[[*names, "records", "never"]].rename(names | {"never": "never touches"})
+        if stem == "rate":
+            part["gap"] = result["row_gap"].reset_coords(drop=True)
+        for row in plain_rows(part):
             level = row.pop("intensity", None)
             row["given"] = given if level is None else f"{given} {level:.4g}"
-            if kind == "gap_in_years":
+            if stem == "gap_in_years":
                 row["rate"] = -math.log1p(-row["probability"]) / years
+            elif stem == "rate":
+                row["probability"] = row["rate"] and -math.expm1(-row["rate"] * years)
             rows.append(row)
-    rates = [f"rate{ending}" for ending in _NUMBERS]
-    for row in plain_rows(result[[*rates, "beyond"]].assign(counts)) if "rate" in result else []:
-        chance = row["rate"] and -math.expm1(-row["rate"] * years)
-        rows.append({"given": "the row's gap", "probability": chance, "gap": row.pop("row_gap"), **row})
     others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
     first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
     about = {"units": "m", "over": over_text({"record": int(result.attrs["suite"])})}
@@ -489,12 +475,11 @@ def gap_for_probability(
     gaps = cube if cube.attrs.get(COMPARISON) == "required-gap" else required_gap(cube, records, folders=folders)
     check_needs(gaps, "a gap for a probability", several=["record"])
     exact, level, units = gaps["exact"], xr.DataArray(1.0), ""
-    about: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
+    attributes: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
     if intensity is not None or site is not None:
         strength = intensity_of(cube, intensity, records=records, folders=folders)
         name, units = strength.attrs["long_name"], strength.attrs["units"]
-        about["intensity"] = f"{name} ({units})"
-        _check_proportional(cube, gaps)
+        attributes["intensity"] = f"{name} ({units})"
         exact = _per_intensity(exact, strength, cube)
         level = labelled("intensity", _levels(levels, strength), name, units)
     elif levels is not None:
@@ -503,11 +488,13 @@ def gap_for_probability(
         )
     shares = labelled("probability", [*probabilities, *curve], "probability that the pair touches", "1")
     fit = _Lognormal(exact, confidence)
-    whole = {f"gap{end}": part * level for end, part in fit.gaps(shares).items()}
-    counts: dict[str, tuple[xr.DataArray, str, str]] = {
-        "dispersion": (fit.spread, "1", "standard deviation of the logarithm of the required gap"),
-        "records": (fit.count, "1", "records that count"),
-        "never": ((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
+    numbers = {"gap": {end: part * level for end, part in fit.gaps(shares).items()}}
+    variables = {
+        "trial_gap": described(exact * level, "m", "required gap of the record"),
+        "median": described(np.exp(fit.middle) * level, "m", "median required gap"),
+        "dispersion": described(fit.spread, "1", "standard deviation of the logarithm of the required gap"),
+        "records": described(fit.count, "1", "records that count"),
+        "never": described((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
     }
     if site is not None:
         if not isinstance(intensity, xr.DataArray):
@@ -516,35 +503,26 @@ def gap_for_probability(
             raise InputError(
                 f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
             )
-        whole |= {f"gap_in_years{end}": part for end, part in fit.gaps_of_rate(site, shares, years).items()}
-        about |= {"hazard": site.source, "years": years}
+        numbers["gap_in_years"] = fit.gaps_of_rate(site, shares, years)
+        attributes |= {"hazard": site.source, "years": years}
         if "row_gap" in gaps.coords:
-            for name, part in fit.rates(site, gaps["row_gap"]).items():
-                counts[name] = (part, "year-1", _text(name, confidence))
-            counts["beyond"] = (counts["beyond"][0], "1", "share of the rate from intensities beyond the hazard's")
+            numbers["rate"] = fit.rates(site, gaps["row_gap"])
+            beyond = numbers["rate"].pop("beyond")
+            variables["beyond"] = described(beyond, "1", "share of the rate from intensities beyond the hazard's")
     n = len(probabilities)
-    found = {name: part.isel(probability=slice(n)) for name, part in whole.items()}
-    curves = {name: part.isel(probability=slice(n, None)) for name, part in whole.items() if name != "gap_observed"}
-    found |= {f"curve_{name}": part.rename(probability="curve") for name, part in curves.items()}
-    found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
-    variables = {name: described(part, "m", _text(name, confidence)) for name, part in found.items()}
-    return xr.Dataset(variables | {name: described(*given) for name, given in counts.items()}, attrs=about)
-
-
-def _text(name: str, confidence: float) -> str:
-    """Return the long name of a result."""
-    stem, _, ending = name.removeprefix("curve_").rpartition("_")
-    if ending in ("lower", "upper"):
-        return f"{ending} end of the {confidence:.0%} confidence interval of {stem}"
-    whose = "of the records themselves" if ending == "observed" else "by a lognormal"
-    kind = name.removeprefix("curve_").removesuffix("_observed")
-    return {
-        "gap": f"gap at which the pair touches with that probability, {whose}",
-        "gap_in_years": f"gap at which the pair touches in the years with that probability, {whose}",
-        "rate": f"annual rate at which the pair touches with the row's gap, {whose}",
-        "median": "median required gap",
-        "trial_gap": "required gap of the record",
-    }.get(kind, kind)
+    for stem, parts in numbers.items():
+        for end, part in parts.items():
+            text = f"{_MEANINGS[stem]}, {'of the records themselves' if end else 'by a lognormal'}"
+            if end in ("_lower", "_upper"):
+                text = f"{end[1:]} end of the {confidence:.0%} confidence interval of {stem}"
+            name = f"{stem}{end}"
+            variables[name] = described(part, "year-1" if stem == "rate" else "m", text)
+            if stem != "rate":
+                if name != "gap_observed":
+                    curves = variables[name].isel(probability=slice(n, None))
+                    variables[f"curve_{name}"] = curves.rename(probability="curve")
+                variables[name] = variables[name].isel(probability=slice(n))
+    return xr.Dataset(variables, attrs=attributes)
 
 
 def check_numbers(probabilities: Sequence[float], confidence: float = 0.95, years: float = YEARS) -> None:
@@ -564,34 +542,29 @@ def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[floa
     return [float(level) for level in check_levels(levels, strength.attrs["units"])]
 
 
-def _check_proportional(cube: xr.Dataset, gaps: xr.Dataset) -> None:
-    """Raise `InputError` where required gaps do not grow with the intensity: storeys may yield, bumpers are thick."""
+def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
+    """Return required gaps per intensity, which they must grow with, of scales of both signs along ``direction``."""
     if "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields):
         raise InputError(
             "required gaps of a row that yields do not grow in proportion to the intensity, so that those at others "
             "can't be told; leave the intensity and the hazard out, for gaps at each scale of the cube"
         )
-    if "thickness" in gaps.coords:
+    if "thickness" in exact.coords:
         raise InputError(
             "bumpers take their thickness of the gap, so that the required gap does not grow in proportion to the "
             "intensity; leave them out of the row, and add their thickness to the gap that is found"
         )
-
-
-def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
-    """Return required gaps per intensity, of scales of both signs along ``direction``."""
     ratio = exact / strength.where(strength > 0.0)
-    scaled = [dim for dim in DIMENSIONS["scale"] if dim in ratio.dims]
-    if not scaled:
+    dim = next((dim for dim in DIMENSIONS["scale"] if dim in ratio.dims), None)
+    if dim is None:
         return ratio
-    (dim,) = scaled
     parts = {}
     for text, sign in (("as recorded", 1.0), ("reversed", -1.0)):
         part = ratio.isel({dim: np.flatnonzero(sign * ratio[dim].values > 0.0)})
         if not part.sizes[dim]:
             continue
         low, high = part.min(dim), part.max(dim)
-        wrong = (high - low > PROPORTIONAL * high).fillna(False).any([d for d in low.dims if d != "record"])
+        wrong = (high - low > PROPORTIONAL * high).any([d for d in low.dims if d != "record"])
         if wrong.any():
             name = str(strength["record"].values[np.argmax(wrong.values)])
             raise InputError(
@@ -610,7 +583,7 @@ class _Lognormal:
 
     def __init__(self, exact: xr.DataArray, confidence: float) -> None:
         self.exact = exact
-        self.ends = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
+        self.bounds = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
         self.count = exact.notnull().sum("record")
         logs: Any = np.log(exact.where((self.count > 1) & ~(exact <= 0.0).any("record")))
         self.middle, self.spread = logs.mean("record"), logs.std("record", ddof=1)
@@ -620,57 +593,57 @@ class _Lognormal:
         from scipy.stats import nct, norm
 
         z = index.copy(data=norm.isf(index.values))
-        found = {"": np.exp(self.middle + z * self.spread)}
         sizes, place = np.unique(self.count.values, return_inverse=True)  # quantiles take long, and sizes are few
-        for name, share in zip(("_lower", "_upper"), self.ends, strict=True):
+        deviates = [z]
+        for share in self.bounds:
             table = nct.ppf(share, np.where(sizes > 1, sizes - 1, np.nan), z.values[:, None] * sizes**0.5)
             t = xr.DataArray(table[:, place.reshape(self.count.shape)], dims=("probability", *self.count.dims))
-            found[name] = np.exp(self.middle + t * self.spread / self.count**0.5)
-        observed, _ = fractiles_over(self.exact, ["record"], [1.0 - p for p in index.values])
-        observed = observed.rename(quantile="probability").assign_coords(probability=index)
-        found["_observed"] = observed.where(index * self.count >= 1.0)
-        return {name: part.transpose("probability", ...) for name, part in found.items()}
+            deviates.append(t / self.count**0.5)
+        observed = fractiles_over(self.exact, ["record"], (1.0 - index.values).tolist(), "probability")[0]
+        observed = observed.assign_coords(probability=index).where(index * self.count >= 1.0)
+        parts = (*(np.exp(self.middle + deviate * self.spread) for deviate in deviates), observed)
+        return {end: part.transpose("probability", ...) for end, part in zip(_ENDS, parts, strict=True)}
 
     def gaps_of_rate(self, site: Hazard, index: xr.DataArray, years: float) -> dict[str, xr.DataArray]:
         """Return the gap for each probability of a touch in some years, its interval, and that of the records."""
         rate = -np.log1p(-index.values) / years
 
         def gaps(exact: np.ndarray, middle: float, spread: float, count: int) -> np.ndarray:
-            found = np.full((len(_NUMBERS), index.size), np.nan)
+            result = np.full((len(_ENDS), index.size), np.nan)
             if np.isfinite(spread):
-                found[0] = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
+                result[0] = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
                 z, spreads = _drawn(spread, count)
                 medians = np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
                 drawn = (middle + z * spreads / count**0.5 + medians).reshape(index.size, -1)
-                found[1:3] = np.exp(np.quantile(drawn, self.ends, axis=1))
+                result[1:3] = np.exp(np.quantile(drawn, self.bounds, axis=1))
             with np.errstate(divide="ignore"):
                 capacities = 1.0 / exact[np.isfinite(exact)]
             if np.isfinite(capacities).any():
-                found[3] = site.factor_at(rate, capacities)
-            return found
+                result[3] = site.factor_at(rate, capacities)
+            return result
 
-        found = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
-        return dict(zip(_NUMBERS, found.transpose("number", "probability", ...), strict=True))
+        result = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
+        return dict(zip(_ENDS, result.transpose("number", "probability", ...), strict=True))
 
     def rates(self, site: Hazard, gap: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return the annual rate at which a gap touches, its interval, that of the records; and ``beyond``."""
 
         def rates(exact: np.ndarray, middle: float, spread: float, count: int, gap: float) -> np.ndarray:
-            found = np.full(len(_NUMBERS) + 1, np.nan)
+            result = np.full(len(_ENDS) + 1, np.nan)
             if not gap > 0.0:
-                return found
+                return result
             if np.isfinite(spread):
                 z, spreads = _drawn(spread, count)
                 median = gap / np.exp(middle)
                 drawn = site.touching(median / np.exp(z * spreads / count**0.5), spreads)
-                found[0], found[4] = site.touching(median, np.array(spread)), site.beyond(median, np.array(spread))
-                found[1:3] = np.quantile(drawn, self.ends)
+                result[0], result[4] = site.touching(median, np.array(spread)), site.beyond(median, np.array(spread))
+                result[1:3] = np.quantile(drawn, self.bounds)
             with np.errstate(divide="ignore"):
-                found[3] = site.exceeded(gap / exact[np.isfinite(exact)]).mean() if count else np.nan
-            return found
+                result[3] = site.exceeded(gap / exact[np.isfinite(exact)]).mean() if count else np.nan
+            return result
 
-        names = (*(f"rate{end}" for end in _NUMBERS), "beyond")
-        return dict(zip(names, self._of_pairs(rates, ["number"], gap).transpose("number", ...), strict=True))
+        parts = self._of_pairs(rates, ["number"], gap).transpose("number", ...)
+        return dict(zip((*_ENDS, "beyond"), parts, strict=True))
 
     def _of_pairs(self, make: Callable[..., np.ndarray], dims: list[Any], *more: xr.DataArray) -> xr.DataArray:
         """Return what a function makes of the required gaps and the fit of each pair, along `dims` of its own."""

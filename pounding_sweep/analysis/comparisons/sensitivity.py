@@ -10,11 +10,11 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import chosen_variables, values
+from pounding_sweep.analysis.scenarios import ROUND_OFF, chosen_variables, labelled, long_name, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.design import BLOCK, SAMPLE, Design, design_of
+from pounding_sweep.spec.design import BLOCK, Design, design_of
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
 _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_residual", "first_impact_time"}
@@ -22,8 +22,6 @@ _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_
 RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
 LEAST = 4
-#: Values that differ by less than this share of the largest do not differ.
-ROUNDING = 1e-9
 #: Numbers of the bootstrap that are held at a time.
 BLOCK_NUMBERS = 1 << 22
 
@@ -87,42 +85,41 @@ def sensitivity(
         raise InputError(
             f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
         )
-    design, groups = _groups(cube)
+    design, labels, rows = _groups(cube)
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
     default = [name for name in valid if name not in _ASIDE]
     names = chosen_variables(cube, "a sensitivity", variables, default if variables is None else valid, "output")
-    inputs = [each.name for each in design.inputs]
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for name in names:
-        part = values(cube, name).transpose("case", ...)
-        inner, sizes = part.dims[1:], part.shape[1:]
-        table = part.values.reshape(len(part), -1)
-        parts = [_indices(table[rows], len(inputs), confidence, resamples) for rows in groups.values()]
+        response = values(cube, name).transpose("case", ...)
+        inner, table = response.dims[1:], response.values.reshape(len(response), -1)
+        parts = [_indices(table[places], len(design.inputs), confidence, resamples) for places in rows]
         indices, ends, counts = (
-            np.stack(each).reshape(len(groups), *each[0].shape[:-1], *sizes) for each in zip(*parts, strict=True)
+            np.stack(part).reshape(len(rows), *part[0].shape[:-1], *response.shape[1:])
+            for part in zip(*parts, strict=True)
         )
         for i, what in enumerate(("first", "total")):
-            text = f"{what} Sobol index: {part.attrs.get('long_name', name)}"
+            text = f"{what} Sobol index: {long_name(cube, name)}"
             about = {"units": "1", "long_name": text}, {"units": "1", "long_name": f"confidence interval, {text}"}
-            found[f"{name}_{what}"] = (("group", "input", *inner), indices[:, i], about[0])
-            found[f"{name}_{what}_interval"] = (("group", "bound", "input", *inner), ends[:, i], about[1])
+            result[f"{name}_{what}"] = (("group", "input", *inner), indices[:, i], about[0])
+            result[f"{name}_{what}_interval"] = (("group", "bound", "input", *inner), ends[:, i], about[1])
         text = "points with a value in all blocks"
-        found[f"{name}_samples"] = (("group", *inner), counts, {"units": "1", "long_name": text})
+        result[f"{name}_samples"] = (("group", *inner), counts, {"units": "1", "long_name": text})
     coords: dict[str, Any] = {
-        "group": ("group", np.arange(1, len(groups) + 1), {"units": "1", "long_name": "scenarios of one design"}),
-        "input": ("input", inputs, {"long_name": "input of the design"}),
-        "bound": ("bound", ["lower", "upper"], {"long_name": "end of the confidence interval"}),
+        "group": labelled("group", np.arange(1, len(rows) + 1), "scenarios of one design", "1"),
+        "input": labelled("input", (item.name for item in design.inputs), "input of the design"),
+        "bound": labelled("bound", ["lower", "upper"], "end of the confidence interval"),
     }
     coords |= {dim: cube[dim].variable for dim in INNER_DIMS if dim in cube.coords}
     about_groups = {"law": "contact law", "record": "ground-motion record", "beside": "values of other axes"}
-    for (key, text), labels in zip(about_groups.items(), zip(*groups, strict=True), strict=True):
-        if any(labels):
-            coords[key] = ("group", list(labels), {"long_name": text})
-    return xr.Dataset(found, coords, {"confidence": confidence, "resamples": resamples})
+    for (key, text), texts in zip(about_groups.items(), zip(*labels, strict=True), strict=True):
+        if any(texts):
+            coords[key] = ("group", list(texts), {"long_name": text})
+    return xr.Dataset(result, coords, {"confidence": confidence, "resamples": resamples})
 
 
-def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[str, str, str], np.ndarray]]:
-    """Return the design of a cube, and the rows of each law, record and values of other axes: (blocks, samples)."""
+def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.ndarray]:
+    """Return the design of a cube, each law, record and values of other axes, and rows: (group, blocks, samples)."""
     sweep = stored_sweep(cube)
     stored = sweep.get("design")
     placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
@@ -133,38 +130,38 @@ def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[str, str, str], np.nda
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
     design = design_of(stored)
-    fixed = [_fixed(case, design) for case in sweep["cases"]]
-    places: dict[tuple[tuple[str, str], ...], dict[tuple[str, int], int]] = {}
-    numbers = zip(cube["case"].values.tolist(), cube[BLOCK].values.tolist(), cube[SAMPLE].values.tolist(), strict=True)
-    for row, (number, block, sample) in enumerate(numbers):
-        places.setdefault(fixed[number - 1], {})[block, sample] = row
-    whole = [(block, sample) for block in design.blocks for sample in range(1, design.samples + 1)]
-    result: dict[tuple[str, str, str], np.ndarray] = {}
-    for group, rows in places.items():
-        own = dict(group)
-        if len(rows) < len(whole):
+    cases = cube["case"].values  # numbers from 1, points of the design innermost
+    order = np.argsort(cases)
+    groups, counts = np.unique((cases[order] - 1) // len(design), return_counts=True)
+    fixed = [_fixed(sweep["cases"][group * len(design)], design) for group in groups]
+    for own, count in zip(fixed, counts, strict=True):
+        if count < len(design):
             raise InputError(
-                f"{len(whole) - len(rows)} of the {len(whole)} points of the design with {own['law']} are not "
+                f"{len(design) - count} of the {len(design)} points of the design with {own['law']} are not "
                 "in this part of the cube; give the whole cube"
             )
-        others = {key: {dict(other).get(key) for other in places} - {None} for key in own}
+    labels = []
+    for own in fixed:
+        others = {key: {other.get(key) for other in fixed} - {None} for key in own}
         beside = (f"{key}={own[key]}" for key in own if key not in ("law", "record") and len(others[key]) > 1)
-        label = own["law"], own.get("record", "drawn"), " ".join(beside)
-        result[label] = np.array([rows[key] for key in whole]).reshape(len(design.blocks), -1)
-    return design, result
+        labels.append((own["law"], own.get("record", "drawn"), " ".join(beside)))
+    rows = order.reshape(len(groups), len(design.blocks), -1)
+    if (cube[BLOCK].values[rows] != np.array(design.blocks)[:, None]).any():
+        raise InputError("the points of the design are not in its order in this cube; give the cube of its sweep")
+    return design, labels, rows
 
 
-def _fixed(case: dict[str, Any], design: Design) -> tuple[tuple[str, str], ...]:
+def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
     """Return what of a case the design did not draw, as names and texts."""
-    drawn = {(each.argument, each.building) for each in design.inputs}
-    found: dict[str, Any] = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
+    drawn = {(item.argument, item.building) for item in design.inputs}
+    result: dict[str, Any] = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
     for argument, axis in AXES.items():
         if axis.by_building:
             factors = dict(case.get(argument, ()))
-            found |= {f"{axis.dimension}.{b}": value for b, value in factors.items() if (argument, b) not in drawn}
+            result |= {f"{axis.dimension}.{b}": value for b, value in factors.items() if (argument, b) not in drawn}
         elif (argument, None) not in drawn and case.get(axis.dimension) is not None:
-            found[axis.dimension] = case[axis.dimension]
-    return tuple((key, str(value)) for key, value in found.items())
+            result[axis.dimension] = case[axis.dimension]
+    return {key: str(value) for key, value in result.items()}
 
 
 def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,6 +218,6 @@ def _from_means(means: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Return first and total indices of means of `_columns`."""
     d = len(means) // 2 - 1
     variance = means[2 * d + 1] - means[2 * d] ** 2
-    varies = variance > (ROUNDING * np.abs(a).max(axis=-1)) ** 2
+    varies = variance > (ROUND_OFF * np.abs(a).max(axis=-1)) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(varies, np.stack([means[:d], means[d : 2 * d]]) / variance, np.nan)
