@@ -17,14 +17,12 @@ from scipy.special import ndtr
 from pounding_sweep.analysis import fragility
 from pounding_sweep.analysis.comparisons import EVENTS
 from pounding_sweep.analysis.comparisons.fragility import (
-    FIT_STATUS,
     FitStatus,
     LognormalFit,
     crossing,
     fit_lognormal,
     fit_rows,
     fit_with_one_dispersion,
-    probability,
     sentence,
 )
 from pounding_sweep.base.errors import InputError
@@ -36,6 +34,10 @@ _PLACE = importlib.util.spec_from_file_location(
 )
 interval_coverage = importlib.util.module_from_spec(_PLACE)
 _PLACE.loader.exec_module(interval_coverage)
+
+
+def probability(fit, intensity):
+    return ndtr(np.log(intensity / fit.median) / fit.dispersion)
 
 
 def naive_loss(median, dispersion, x, happened):
@@ -109,7 +111,7 @@ class TestFit:
         fit = fit_lognormal(x, x > 1.0)
         told = fit.status.words(fit.low, fit.high, "m s-2")
         assert told.startswith("weaker and stronger motions do not overlap: the median is between 0.85 and 1.56 m s-2,")
-        assert not any("{" in status.words(1.0, 2.0, "m s-2") for status in FIT_STATUS)
+        assert not any("{" in status.words(1.0, 2.0, "m s-2") for status in FitStatus)
         above = FitStatus.SEPARATED.words(3.0, float("nan"), "m s-2")
         assert "the median is above 3 m s-2, the strongest motion tried, at which less than half" in above
 

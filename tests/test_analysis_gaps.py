@@ -166,7 +166,7 @@ class TestRules:
         assert found.exact.attrs == {"units": "m", "long_name": "exact required gap"}
 
     def test_factors_that_are_not_valid(self):
-        with pytest.raises(InputError, match="given for a, but not for 'b'"):
+        with pytest.raises(InputError, match=r"building .b. is nan; give every building a positive"):
             required_gap(told(low_and_high()), behaviour=BehaviourFactors(q={"a": 2.0}))
         with pytest.raises(InputError, match=r"factor 'r' of building 'a' is 0\.0"):
             required_gap(told(low_and_high()), behaviour=BehaviourFactors(r=0.0))

@@ -1,4 +1,4 @@
-"""A lognormal distribution of capacity, fitted to intensities at which something did or did not happen.
+"""Fragility: the probability that something happens, against the intensity of the ground motion, as a lognormal.
 
 P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood of independent trials that happened or not (Baker
 2015, "Efficient analytical fragility function fitting using dynamic structural analysis", Earthquake Spectra 31(1)). In
@@ -6,16 +6,14 @@ a + b ln x = ln(x / median) / dispersion the likelihood is log-concave, so that 
 finite value: those cases are told beforehand. Curves of several gaps or limit states may share one dispersion, and then
 never cross (Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of fragility curves", J. Eng. Mech. 126(12),
 1224-1231).
-
-Fragility: the probability that something happens, against the intensity of the ground motion.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -50,39 +48,26 @@ SAME = 1e-9
 FARTHEST = 10.0
 #: A dispersion above this is no result: the probability then hardly changes over any intensities that are tried.
 WIDEST = 5.0
+#: Intensities at which curves are given, where none are.
+LEVELS = 60
+#: Axes along which scenarios are trials of one thing.
+TRIALS = MOTION_DIMS
+#: Curves are said to cross where the probability is farther from 0 and 1 than this.
+SEEN = 1e-3
+#: Ends of an interval.
+BOUNDS = ("lower", "upper")
 
 
 class FitStatus(IntEnum):
     """Whether trials have a fit, or why not."""
 
-    meaning: str
-
-    def __new__(cls, code: int, meaning: str) -> FitStatus:
-        """Make the member of value `code`."""
-        member = int.__new__(cls, code)
-        member._value_ = code
-        member.meaning = meaning
-        return member
-
-    FITTED = (0, "fitted")
-    NO_DATA = (1, "no trials: no scenario is ok, or nothing of the kind exists there")
-    NEVER = (2, "never happened: the median is above {low} {units}, the strongest motion tried")
-    ALWAYS = (3, "always happened: the median is below {high} {units}, the weakest motion tried")
-    SEPARATED = (
-        4,
-        "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
-    )
-    ONE_LEVEL = (5, "all trials have one intensity, {low} {units}: no curve follows from them")
-    NOT_RISING = (
-        6,
-        "does not get more likely as the intensity rises, or hardly so over the intensities tried: no lognormal "
-        "describes it",
-    )
-
-    @property
-    def label(self) -> str:
-        """Name in ``flag_meanings``."""
-        return self.name.lower()
+    FITTED = 0
+    NO_DATA = 1
+    NEVER = 2
+    ALWAYS = 3
+    SEPARATED = 4
+    ONE_LEVEL = 5
+    NOT_RISING = 6
 
     def words(self, low: float, high: float, units: str) -> str:
         """Return the meaning with what is known of the median."""
@@ -92,11 +77,25 @@ class FitStatus(IntEnum):
             between = f"below {high:.4g} {units}, the weakest motion tried, at which more than half have it"
         else:
             between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
-        return self.meaning.format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
+        return _MEANINGS[self].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
 
 
-#: Every status, by rising value.
-FIT_STATUS: tuple[FitStatus, ...] = tuple(FitStatus)
+_MEANINGS = dict(
+    zip(
+        FitStatus,
+        (
+            "fitted",
+            "no trials: no scenario is ok, or nothing of the kind exists there",
+            "never happened: the median is above {low} {units}, the strongest motion tried",
+            "always happened: the median is below {high} {units}, the weakest motion tried",
+            "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
+            "all trials have one intensity, {low} {units}: no curve follows from them",
+            "does not get more likely as the intensity rises, or hardly so over the intensities tried: no lognormal "
+            "describes it",
+        ),
+        strict=True,
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -108,14 +107,8 @@ class LognormalFit:
     dispersion: float = np.nan  # standard deviation of the logarithm of the capacity; NaN without a fit
     low: float = np.nan  # what is known of the median without a fit; NaN where nothing is
     high: float = np.nan
-    limit: float = np.nan  # what the median tends to where trials are separated
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Logarithm of the median and dispersion, of separated trials what they tend to; NaN where there is no fit."""
-        if self.status == FitStatus.SEPARATED:
-            return float(np.log(self.limit)), 0.0
-        return float(np.log(self.median)), self.dispersion
+    #: logarithm of the median and dispersion, of separated trials what they tend to; NaN where there is no fit
+    limits: tuple[float, float] = (np.nan, np.nan)
 
 
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
@@ -133,8 +126,7 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
         return _separated(x, y)
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
-    logs = np.log(x)
-    return _likeliest(logs, y, np.zeros(len(x), int), np.array([logs.mean()]), float(logs.std()))[0]
+    return _likeliest([(x, y)])[0]
 
 
 def _usable(intensity: np.ndarray, happened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,9 +136,9 @@ def _usable(intensity: np.ndarray, happened: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _separated(x: np.ndarray, y: np.ndarray) -> LognormalFit:
-    """Tell where the median of separated trials is: beyond an intensity at which less than half happened."""
+    """Return where the median of separated trials is: beyond an intensity at which less than half happened."""
     low, high = float(x[~y].max()), float(x[y].min())
-    limit = float(np.sqrt(low * high))
+    limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
     if low == high:
         share = float(y[x == low].mean())
         if share < 0.5:
@@ -154,7 +146,7 @@ def _separated(x: np.ndarray, y: np.ndarray) -> LognormalFit:
         elif share > 0.5:
             low = float(x[x < high].max(initial=-np.inf))
     low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
-    return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limit=limit)
+    return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limits=limits)
 
 
 def merged(x: np.ndarray) -> np.ndarray:
@@ -170,29 +162,23 @@ def merged(x: np.ndarray) -> np.ndarray:
 def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
     """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened."""
     # a set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion
-    fits = [fit_lognormal(*each) for each in trials]
+    fits = [fit_lognormal(*part) for part in trials]
     among = [i for i, fit in enumerate(fits) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
-    dispersions = [fits[i].dispersion for i in among if fits[i].status == FitStatus.FITTED]
-    if len(among) > 1 and dispersions:
-        x, y = zip(*(_usable(*trials[i]) for i in among), strict=True)
-        sets = np.repeat(np.arange(len(among)), [len(part) for part in x])
-        start = np.array([fits[i].limits[0] for i in among]), float(np.median(dispersions))
-        joint = _likeliest(np.log(np.concatenate(x)), np.concatenate(y), sets, *start)
-        for i, fit in zip(among, joint, strict=True):
+    if len(among) > 1 and any(fit.status == FitStatus.FITTED for fit in fits):
+        for i, fit in zip(among, _likeliest([_usable(*trials[i]) for i in among]), strict=True):
             fits[i] = fit
     return fits
 
 
-def _likeliest(
-    log_x: np.ndarray, y: np.ndarray, sets: np.ndarray, log_medians: np.ndarray, dispersion: float
-) -> list[LognormalFit]:
+def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
     """Find where the slope of the likelihood is zero, which it is at one place: its maximum."""
-    # `sets` is the number of the set of each trial; each set has a median and all one dispersion, which start as given
+    # each set of trials has a median, and all one dispersion
     from scipy.optimize import root
     from scipy.special import log_ndtr
 
+    log_x, y = np.log(np.concatenate([x for x, _ in trials])), np.concatenate([y for _, y in trials])
     middle, spread = float(log_x.mean()), float(log_x.std())
-    members = sets[:, None] == np.arange(len(log_medians))
+    members = np.repeat(np.eye(len(trials)), [len(x) for x, _ in trials], axis=0)
     columns = np.where(y, 1.0, -1.0)[:, None] * np.column_stack([members, (log_x - middle) / spread])
 
     def slope(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,18 +186,17 @@ def _likeliest(
         ratio = np.exp(-0.5 * t**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t))  # both underflow far out
         return -ratio @ columns, (columns * (ratio * (ratio + t))[:, None]).T @ columns
 
-    start = np.append((middle - log_medians) / dispersion, spread / dispersion)
-    solution = root(slope, start, jac=True, method="hybr")
+    solution = root(slope, np.append(np.zeros(len(trials)), 1.0), jac=True, method="hybr")
     if np.abs(solution.fun).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
         raise PoundingSweepError(f"the maximum of the likelihood of {len(y)} trials was not found: {solution.message}")
     *offsets, b = (float(p) for p in solution.x)
     fits = []
-    for number, a in enumerate(offsets):
-        tried = log_x[members[:, number]]
-        log_median = middle - spread * a / b if b > 0.0 else np.inf
-        inside = tried.min() - np.log(FARTHEST) <= log_median <= tried.max() + np.log(FARTHEST)
+    for (x, _), a in zip(trials, offsets, strict=True):
+        log_median = middle - spread * a / b if b > 0.0 else math.inf
+        inside = np.log(x.min() / FARTHEST) <= log_median <= np.log(x.max() * FARTHEST)
         if inside and spread <= WIDEST * b:
-            fits.append(LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b))
+            limits = log_median, spread / b
+            fits.append(LognormalFit(FitStatus.FITTED, math.exp(log_median), spread / b, limits=limits))
         else:
             fits.append(LognormalFit(FitStatus.NOT_RISING))
     return fits
@@ -226,41 +211,30 @@ def crossing(median: Any, dispersion: Any, other_median: Any, other_dispersion: 
         return median * np.exp(dispersion * away), ndtr(np.where(np.isfinite(away), away, np.nan))
 
 
-def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:
-    """Return the probability of the event at intensities above zero; NaN without a fit."""
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(np.log(intensity / fit.median) / fit.dispersion))
-
-
 def jackknife(
     fit: LognormalFit, without: Sequence[LognormalFit], intensity: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return confidence intervals of a fit from those without one record each.
+    """Return confidence intervals of a fit from those without one record each; NaN where there is none.
 
     They are of the median, the dispersion and the probability at n intensities, each by itself, shapes (2,), (2,) and
-    (2, n); NaN where there is none.
+    (2, n).
     """
     from scipy.special import ndtr, stdtrit
 
-    n, missing = len(without), (np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan))
-    if n < 2:
-        return missing
-    pseudo = n * np.array(fit.limits) - (n - 1) * np.array([other.limits for other in without])
+    n = len(without)
+    pseudo = n * np.array([fit.limits]) - (n - 1) * np.array([other.limits for other in without]).reshape(n, 2)
+    if n < 2 or not np.isfinite(pseudo).all() or pseudo[:, 1].mean() <= 0.0:
+        return np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan)
     log_median, dispersion = pseudo.mean(axis=0)
-    if not (np.isfinite(pseudo).all() and dispersion > 0.0):
-        return missing
     covariance = np.cov(pseudo.T) / n
     wide = float(stdtrit(n - 1, 0.5 + confidence / 2.0))
     ends = wide * np.array([-1.0, 1.0])
     of_median, mixed, of_dispersion = (covariance / fit.dispersion**2)[[0, 0, 1], [0, 1, 1]]
-    away = (np.log(intensity) - log_median) / dispersion
-    low = high = away
+    bounds = np.tile((np.log(intensity) - log_median) / dispersion, (2, 1))
     if wide**2 * of_dispersion > 1.0:
         level = np.sqrt(max(of_median * of_dispersion - mixed**2, 0.0) / (wide**2 * of_dispersion - 1.0))
-        low = np.minimum(away, (level - mixed) / of_dispersion)
-        high = np.maximum(away, -(level + mixed) / of_dispersion)
-    bounds = np.stack([low, high])
+        bounds[0] = np.minimum(bounds[0], (level - mixed) / of_dispersion)
+        bounds[1] = np.maximum(bounds[1], -(level + mixed) / of_dispersion)
     # of two records it may round below zero
     variance = np.maximum(of_median + 2.0 * mixed * bounds + of_dispersion * bounds**2, 0.0)
     return (
@@ -270,35 +244,24 @@ def jackknife(
     )
 
 
-#: Intensities at which curves are given, where none are.
-LEVELS = 60
-#: Axes along which scenarios are trials of one thing.
-TRIALS = MOTION_DIMS
-#: Curves are said to cross where the probability is farther from 0 and 1 than this.
-SEEN = 1e-3
-#: Ends of an interval.
-BOUNDS = ("lower", "upper")
-
-
 def fit_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per fit of a fragility."""
-    whole = result["fit_status"]
-    dims = [dim for dim in (*scenario_dims(whole), "pair", "building") if dim in whole.dims]
+    status, units = result["fit_status"], str(result["median"].attrs["units"])
+    dims = [dim for dim in (*scenario_dims(status), "pair", "building") if dim in status.dims]
     columns = {"trials": result["trials"], "happened": result["happened_count"]}
     columns |= {name: result[name] for name in ("median", "dispersion")}
     if result["median_interval"].notnull().any():
-        for name, (i, bound) in product(("median", "dispersion"), enumerate(BOUNDS)):
-            columns[f"{name}_{bound}"] = result[f"{name}_interval"].isel(bound=i)
-    for i, q in enumerate(result["fractile"]["quantile"].values.tolist() if "fractile" in result else []):
-        columns[f"at {q:g}"] = result["fractile"].isel(quantile=i)
-    columns |= {"status": whole, **{end: result["median_between"].isel(bound=i) for i, end in enumerate(BOUNDS)}}
+        for name in ("median", "dispersion"):
+            columns |= {f"{name}_{bound}": result[f"{name}_interval"].sel(bound=bound) for bound in BOUNDS}
+    for q in result["quantile"].values.tolist() if "fractile" in result else []:
+        columns[f"at {q:g}"] = result["fractile"].sel(quantile=q)
+    columns |= {"status": status, **{bound: result["median_between"].sel(bound=bound) for bound in BOUNDS}}
     table = xr.Dataset({name: part.reset_coords(drop=True) for name, part in columns.items()}).transpose(*dims)
     rows = plain_rows(table)
     for row in rows:
-        low, high = (np.nan if end is None else end for end in (row.pop(end) for end in BOUNDS))
-        row["units"] = str(result["median"].attrs["units"])
-        row["over"] = str(result.attrs["trials_of"])
-        row["fit"] = FIT_STATUS[row.pop("status")].words(low, high, row["units"])
+        low, high = (np.nan if end is None else end for end in map(row.pop, BOUNDS))
+        fit = FitStatus(row.pop("status")).words(low, high, units)
+        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": fit}
     return rows
 
 
@@ -399,74 +362,82 @@ def fragility(
         happened, ok, strength = (
             part if dim in part.dims else part.expand_dims(dim) for part in (happened, ok, strength)
         )
-    happened, strength = happened.transpose(..., *trials), strength.transpose(*trials)
-    inner = happened.isel(dict.fromkeys(trials, 0), drop=True)
+    strength = strength.transpose(*trials)
+    dims = [dim for dim in happened.dims if dim not in trials]
     for axis in one_dispersion:
-        if axis not in inner.dims:
-            raise InputError(unknown("axis of one dispersion", axis, (str(dim) for dim in inner.dims)))
-    apart = [dim for dim in inner.dims if dim not in one_dispersion]
-    order = (*apart, *(dim for dim in inner.dims if dim in one_dispersion))
+        if axis not in dims:
+            raise InputError(unknown("axis of one dispersion", axis, map(str, dims)))
     x = np.asarray(strength.values, dtype=float)
     if levels is None and x.max() <= 0.0:
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS) if levels is None else check_levels(levels, units)
-    n_groups = int(np.prod([inner.sizes[dim] for dim in apart]))
-    alike: dict[bytes, list[dict[str, Any]]] = {}  # many are: some laws ignore some axes
-    cells: list[dict[str, Any]] = []
-    for tables in happened.transpose(*order, *trials).values.reshape(n_groups, -1, *x.shape):
+    alike: dict[bytes, tuple[np.ndarray, ...]] = {}  # many are: some laws ignore some axes
+
+    def fit(tables: np.ndarray) -> tuple[np.ndarray, ...]:
         key = tables.tobytes()
         if key not in alike:
-            alike[key] = _cells(tables, x, at, confidence)
-        cells += alike[key]
+            sizes = tables.shape[: len(one_dispersion)]
+            parts = zip(*_fits(tables.reshape(-1, *x.shape), x, at, confidence), strict=True)
+            alike[key] = tuple(np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts)
+        return alike[key]
 
-    coords: dict[str, Any] = {str(k): c for k, c in inner.coords.items() if k in inner.dims or not c.dims}
-    coords["bound"] = ("bound", list(BOUNDS), {"long_name": "end of the confidence interval"})
-    coords["intensity"] = ("intensity", at, {"units": units, "long_name": name})
-    variables = {}
-    for variable, (dims, unit, text) in _VARIABLES.items():
-        stacked = np.array([cell[variable] for cell in cells])
-        attributes = {"units": units if unit is None else unit, "long_name": text.format(event=words)}
-        shape = (*(inner.sizes[dim] for dim in order), *stacked.shape[1:])
-        variables[variable] = ((*order, *dims), stacked.reshape(shape), attributes)
-    dataset = xr.Dataset(variables, coords).transpose(*inner.dims, ...)
+    parts = xr.apply_ufunc(
+        fit,
+        happened,
+        input_core_dims=[[*one_dispersion, *trials]],
+        output_core_dims=[[*one_dispersion, *inner] for inner, _, _ in _VARIABLES.values()],
+        vectorize=True,
+    )
+    dataset = xr.Dataset(
+        {
+            variable: described(part, unit or units, text.format(event=words))
+            for (variable, (_, unit, text)), part in zip(_VARIABLES.items(), parts, strict=True)
+        },
+        {
+            **{dim: cube[dim] for dim in one_dispersion},
+            "bound": labelled("bound", BOUNDS, "end of the confidence interval"),
+            "intensity": labelled("intensity", at, name, units),
+        },
+    ).transpose(*dims, ...)
     dataset["fit_status"].attrs |= {
-        "flag_values": np.array([int(s) for s in FIT_STATUS], np.int8),
-        "flag_meanings": " ".join(s.label for s in FIT_STATUS),
+        "flag_values": np.array(FitStatus, np.int8),
+        "flag_meanings": " ".join(status.name.lower() for status in FitStatus),
     }
     left_out = (~ok).sum(trials).astype(np.int64)
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
+    happened = happened.transpose(..., *trials)
     dataset["happened"] = described(happened, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
     if len(quantiles):
         index = labelled("quantile", quantiles, f"probability that {words}", "1")
         away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
         dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
-    about_it = {"one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset), "confidence": confidence}
+    optional = {"one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset), "confidence": confidence}
     return dataset.assign_attrs(
         event=about.key,
         event_in_words=words,
         intensity=f"{name} ({units})",
         trials_of=over_text(dict(zip(trials, x.shape, strict=True))),
-        **{key: value for key, value in about_it.items() if value},
+        **{key: value for key, value in optional.items() if value},
     )
 
 
 def sentence(dataset: xr.Dataset) -> str:
     """Say in words what the fit of one cell is, or why there is none."""
-    status = FIT_STATUS[int(dataset["fit_status"])]
+    status = FitStatus(int(dataset["fit_status"]))
     low, high = (float(value) for value in dataset["median_between"])
     return status.words(low, high, str(dataset["median"].attrs["units"]))
 
 
-#: Results of a fit: dimensions of their own, unit (None: the intensity's), and what they are.
-_VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
+#: Results of a fit: dimensions of their own, unit ("": the intensity's), and what they are.
+_VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "fit_status": ((), "1", "whether there is a fit"),
-    "median": ((), None, "intensity at which it is as likely as not that {event}"),
+    "median": ((), "", "intensity at which it is as likely as not that {event}"),
     "dispersion": ((), "1", "standard deviation of the logarithm of that intensity"),
-    "median_interval": (("bound",), None, "confidence interval of the median"),
+    "median_interval": (("bound",), "", "confidence interval of the median"),
     "dispersion_interval": (("bound",), "1", "confidence interval of the dispersion"),
-    "median_between": (("bound",), None, "what is known of the median where there is no fit"),
+    "median_between": (("bound",), "", "what is known of the median where there is no fit"),
     "trials": ((), "1", "scenarios that count"),
     "happened_count": ((), "1", "scenarios in which {event}"),
     "probability": (("intensity",), "1", "probability that {event}"),
@@ -474,39 +445,32 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-def _cells(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> list[dict[str, Any]]:
+def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> list[tuple[Any, ...]]:
     """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
+    from scipy.special import ndtr
 
     def fits(records: np.ndarray) -> list[LognormalFit]:
         known = [np.isfinite(table) & records[:, None] for table in tables]
-        trials = [(x[these], table[these] > 0.0) for table, these in zip(tables, known, strict=True)]
-        return [fit_lognormal(*trials[0])] if len(trials) == 1 else fit_with_one_dispersion(trials)
+        return fit_with_one_dispersion(
+            [(x[used], table[used] > 0.0) for table, used in zip(tables, known, strict=True)]
+        )
 
     whole = fits(np.ones(len(x), bool))
-    fitted = [fit.status == FitStatus.FITTED for fit in whole]
     owns = np.isfinite(tables).any(axis=2)  # whether a curve has trials of a record
     without = {}
-    if confidence is not None and any(fitted):
+    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in whole):
         without = {one: fits(np.arange(len(x)) != one) for one in np.flatnonzero(owns.any(axis=0))}
-    cells = []
+    rows = []
     for number, (table, fit) in enumerate(zip(tables, whole, strict=True)):
-        others = [without[one][number] for one in np.flatnonzero(owns[number])] if without and fitted[number] else []
+        these = np.flatnonzero(owns[number]) if without and fit.status == FitStatus.FITTED else ()
+        others = [without[one][number] for one in these]
         median, dispersion, band = jackknife(fit, others, at, confidence or np.nan)
-        cells.append(
-            {
-                "fit_status": np.int8(fit.status),
-                "median": fit.median,
-                "dispersion": fit.dispersion,
-                "median_interval": median,
-                "dispersion_interval": dispersion,
-                "median_between": [fit.low, fit.high],
-                "trials": int(np.isfinite(table).sum()),
-                "happened_count": int((table > 0.0).sum()),
-                "probability": probability(fit, at),
-                "probability_interval": band,
-            }
-        )
-    return cells
+        between = [fit.low, fit.high]
+        counts = np.isfinite(table).sum(), (table > 0.0).sum()
+        curve = ndtr(np.log(at / fit.median) / fit.dispersion)
+        status = np.int8(fit.status)
+        rows.append((status, fit.median, fit.dispersion, median, dispersion, between, *counts, curve, band))
+    return rows
 
 
 def crossed(dataset: xr.Dataset) -> str:
