@@ -12,10 +12,10 @@ from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
-from pounding_sweep.spec import tables
+from pounding_sweep.spec import build
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import Arguments, build_spec
-from pounding_sweep.spec.design import DISTRIBUTIONS
+from pounding_sweep.spec.design import DISTRIBUTIONS, DesignTable
 from pounding_sweep.spec.toml import SECTIONS
 
 #: Of a record that is there: scaled to a spectral acceleration.
@@ -129,17 +129,17 @@ _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "[[scene.bumpers]]": (_parameters(Bumper), Bumper),
     "scene.contact.hertz": (_parameters(hertz_stiffness), hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
-    "Evenly spaced values": (_fields(tables.RangeTable), Range),
+    "Evenly spaced values": (_parameters(Range), Range),
     "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _fields(Arguments)["gaps"]), None),
-    "[design]": (_fields(tables.DesignTable), None),
+    "[design]": (_fields(DesignTable), None),
     **{heading: (_fields(model), None) for heading, model in _DISTRIBUTIONS.items()},
-    "A record from a file": (_parameters(read_record, *tables.SPECTRAL), read_record),
+    "A record from a file": (_parameters(read_record, *build.SPECTRAL), read_record),
     "A record by name": (
         {
             "record": ("a text", _NEEDED),
             "name": ("a text", None),
             "scale": ("a number", 1.0),
-            **dict.fromkeys(("pga", *tables.SPECTRAL), ("a number", None)),
+            **dict.fromkeys(("pga", *build.SPECTRAL), ("a number", None)),
         },
         None,
     ),

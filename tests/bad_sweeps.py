@@ -26,7 +26,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import Record
-from pounding_sweep.spec import tables
+from pounding_sweep.spec import build
 from pounding_sweep.spec.axes import Case, Range
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.toml import load_spec
@@ -190,7 +190,7 @@ def _told(make) -> str:
 
 def report(folder: Path) -> str:
     """Return every input with what is said of it; records are read once."""
-    with mock.patch.object(tables, "find_record", functools.cache(tables.find_record)):
+    with mock.patch.object(build, "find_record", functools.cache(build.find_record)):
         return _report(folder)
 
 

@@ -213,9 +213,9 @@ def test_bad_records(tmp_path):
     assert "'pulse' repeats value [7]; give it another name" in by_name["repeated"]
 
 
-@pytest.mark.parametrize("huge", [Range(0.0, 1.0, 10**12), range(10**30), itertools.count()])
+@pytest.mark.parametrize("huge", [{"start": 0.0, "stop": 1.0, "count": 10**12}, range(10**30), itertools.count()])
 def test_huge_axis_is_refused_before_it_is_made(huge):
-    assert "1000000 values" in problems(gaps=huge)[0] or "to 1000000, how many" in problems(gaps=huge)[0]
+    assert "1000000" in problems(gaps=huge)[0]
 
 
 def test_too_many_scenarios_are_refused_with_their_number():

@@ -193,6 +193,7 @@ Flag = Annotated[
 #: Numbers within bounds, and whole numbers.
 Positive = Annotated[Number, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[Number, Field(allow_inf_nan=False)]
 Fraction = Annotated[Number, Field(ge=0.0, lt=1.0)]
 Whole = Annotated[
     int, BeforeValidator(lambda value: int(value) if isinstance(value, np.integer) else value), Field(strict=True)

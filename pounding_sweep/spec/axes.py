@@ -12,13 +12,18 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal
+from typing import Annotated, Any
 
-from pounding_sweep.base.errors import Fault, LawError, SweepError
+from pydantic import Field
+
+from pounding_sweep.base.errors import Fault, LawError, SceneError, SweepError
+from pounding_sweep.model.faults import Finite, Whole, checked, number_check, one_of
 from pounding_sweep.model.laws import Law, get_law, realised_validity
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 
+#: More values than this on one axis are refused.
+MAX_AXIS = 1_000_000
 #: Factor by name of the building, in the order of the row.
 Factors = tuple[tuple[str, float], ...]
 #: Values of an axis; None where the sweep does not have it.
@@ -59,8 +64,6 @@ class Axis:
 
     @cached_property
     def _number(self) -> Callable[[Any], float]:
-        from pounding_sweep.model.faults import number_check
-
         return number_check(self.noun, **self.bounds)
 
     def check(self, value: Any, laws: Sequence[Law] = (), basis: str = "published") -> float:
@@ -319,7 +322,7 @@ DIMENSIONS = {
 }
 
 
-@dataclass(frozen=True)
+@checked
 class Range:
     """Evenly spaced values of an axis, expanded only once the sweep's size is known.
 
@@ -331,7 +334,7 @@ class Range:
     start, stop : float
         First and last value, in the axis' unit.
     count : int
-        Number of values, >= 1.
+        Number of values, from 1 to a million.
     spacing : {"linear", "log"}
         Equal differences or equal ratios.
 
@@ -341,17 +344,24 @@ class Range:
     (0.0, 0.1, 0.2, 0.3)
     """
 
-    start: float
-    stop: float
-    count: int
-    spacing: Literal["linear", "log"] = "linear"
+    start: Finite
+    stop: Finite
+    count: Annotated[Whole, Field(ge=1, le=MAX_AXIS)]
+    spacing: Annotated[str, one_of("spacing", ("linear", "log"))] = "linear"
+
+    def __post_init__(self) -> None:
+        ends = f"start {self.start!r} and stop {self.stop!r}"
+        if self.count == 1 and self.start != self.stop:
+            raise SceneError(f"1 value can't reach both {ends}; give at least 2", ("count",))
+        if self.spacing == "log" and not (self.start > 0.0 and self.stop > 0.0):
+            raise SceneError(f"log needs start and stop above 0, not {ends}", ("spacing",))
 
     def __len__(self) -> int:
         return self.count
 
     def values(self) -> tuple[float, ...]:
         """Return the values, ``count`` of them."""
-        first, last, steps = float(self.start), float(self.stop), self.count - 1
+        first, last, steps = self.start, self.stop, self.count - 1
         if not steps:
             return (first,)
         if self.spacing == "log":

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, create_model
 
 from pounding_sweep.base.errors import (
     Fault,
@@ -31,18 +31,20 @@ from pounding_sweep.base.errors import (
     shown,
     unknown,
 )
+from pounding_sweep.base.files import expanded
 from pounding_sweep.base.text import LONGEST_TITLE, label_fault
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
     Number,
     Table,
+    called,
     is_number,
     key,
     listed,
     number,
-    number_check,
     one_of,
+    one_or_several,
     spell,
     valid_part,
 )
@@ -51,10 +53,19 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.records import (
+    Record,
+    find_record,
+    near_fault_record,
+    pulse_record,
+    read_record,
+    resolve_records,
+    synthetic_record,
+)
+from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent
-from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases, read_distribution
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
+from pounding_sweep.spec.design import RECORD, Design, DesignTable, named_inputs, product_cases
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -65,12 +76,6 @@ from pounding_sweep.spec.spec import (
     step_fault,
     sweep_error,
 )
-from pounding_sweep.spec.tables import (
-    MAX_AXIS,
-    DesignTable,
-    read_range,
-    record_of_table,
-)
 
 #: After so many faults in a list the rest of it is not looked at.
 _MOST_FAULTS = 20
@@ -78,7 +83,6 @@ _MOST_FAULTS = 20
 CHECKED_AXIS = 10_000
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
-_GAP_OR_GAPS = number_check("gap in m, or one per pair", ge=0.0)
 #: Default parameters of Newmark's method.
 _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
@@ -162,32 +166,32 @@ class _Settings(Table):
     outputs: Annotated[Any, AfterValidator(_check_outputs)] = Field(
         "default", validate_default=True, description="a name or a list of names"
     )
-    building: Any = key("tables building.NAME of factors", None)
 
 
-_AXIS: Any = (Any, key("a number, a list of numbers, or a table of evenly spaced values", None))
+#: Values by name of the building; a `Case` has them as pairs.
+_FACTORS = Annotated[dict[str, Any], BeforeValidator(lambda value: dict(value) if isinstance(value, tuple) else value)]
+_BY_BUILDING: Any = _FACTORS | None, key('a table by name of the building, such as {"left": 1.2}', None)
+_KINDS = ", ".join(FACTOR_KINDS.values())
+_BUILDINGS: Any = dict[str, dict[str, Any]] | None, key(f"tables building.NAME of {_KINDS}", None)
+_AXIS: Any = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
+_AXES: dict[str, Any] = {name: _BY_BUILDING if axis.by_building else _AXIS for name, axis in AXES.items()}
 #: All arguments: what each takes, and its default.
-Arguments = create_model("Arguments", __base__=_Settings, **dict.fromkeys(AXES, _AXIS))
-
-_FACTORS = key('a table by name of the building, such as {"left": 1.2}', ())
-_OF_CASES: dict[str, Any] = {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "gap": (Any, None)}
+Arguments = create_model("Arguments", __base__=_Settings, **_AXES, building=_BUILDINGS)
+_GAP = Annotated[Number, number("gap in m", ge=0.0)]
+_OF_CASES: dict[str, Any] = {
+    "record": (Any, None),
+    "building": _BUILDINGS,
+    "law": (Any, key(f"a law, valid: {', '.join(LAWS)}")),
+    "gap": (Annotated[Any, one_or_several(_GAP, Sequence[_GAP])], key("a gap in m, at least 0, or one per pair", None)),
+}
 for _name, _axis in AXES.items():
-    _type = Any if _axis.by_building else Number | None
-    _field = (
-        _FACTORS if _axis.by_building else number(f"a {_axis.noun}", getattr(Case, _axis.dimension), **_axis.bounds)
-    )
-    _OF_CASES.setdefault(_name if _axis.by_building else _axis.dimension, (_type, _field))
-
-
-class _CaseBase(Table):
-    model_config = ConfigDict(title="Case or a table")
-
-    record: Any = None
-    building: Any = None
-
-
+    if _axis.by_building:
+        _OF_CASES[_name] = _BY_BUILDING
+    elif _axis.dimension not in _OF_CASES:
+        _default = getattr(Case, _axis.dimension)
+        _OF_CASES[_axis.dimension] = Number | None, number(f"a {_axis.noun}", _default, **_axis.bounds)
 #: A listed case: its keys in Python and in files, which have `building`.
-CaseTable = create_model("CaseTable", __base__=_CaseBase, **_OF_CASES)
+CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES)
 
 
 def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
@@ -359,7 +363,7 @@ class _Reader:
     def _sequence(self, value: Any, axis: Axis) -> Range | list[Any]:
         """Return the values of one axis, evenly spaced ones not yet expanded."""
         if isinstance(value, (Range, dict)):
-            return read_range(value)
+            return value if isinstance(value, Range) else TypeAdapter(Range).validate_python(value)
         if hasattr(value, "__array__"):
             value = np.asarray(value).tolist()
         if is_number(value):
@@ -383,32 +387,18 @@ class _Reader:
     def _by_building(self, given: Mapping[str, Any], faults: Faults) -> dict[tuple[str, Any], tuple[Place, Any]]:
         """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
         # it is given as tables by name of the building, or as one table `building` of tables by name
-        found: dict[tuple[str, Any], tuple[Place, Any]] = {}
-        for argument in FACTOR_KINDS:
-            table = given.get(argument) or {}
-            table = dict(table) if isinstance(table, tuple) else table
-            if isinstance(table, Mapping):
-                found |= {(argument, name): ((argument, str(name)), value) for name, value in table.items()}
-            else:
-                text = f'must be a table by name of the building, such as {{"left": 1.2}}, not {shown(table)}'
-                faults.add((argument,), text)
         kinds = {kind: argument for argument, kind in FACTOR_KINDS.items()}
-        tables = given.get("building") or {}
-        if not isinstance(tables, Mapping):
-            faults.add(("building",), f"must be tables building.NAME of factors, not {shown(tables)}")
-            tables = {}
-        for name, table in tables.items():
-            if not isinstance(table, Mapping):
-                faults.add(("building", name), f"must be a table of {', '.join(kinds)}, not {shown(table)}")
-                continue
+        found: dict[tuple[str, Any], tuple[Place, Any]] = {
+            (argument, name): ((argument, name), value)
+            for argument in FACTOR_KINDS
+            for name, value in dict(given.get(argument) or ()).items()
+        }
+        for name, table in (given.get("building") or {}).items():
             for kind, value in table.items():
-                place: Place = ("building", name, kind)
-                if kind not in kinds:
-                    faults.add(place, unknown("key", kind, kinds))
-                elif (kinds[kind], name) in found:
-                    faults.add(place, f"is given as {kinds[kind]}, too; leave one of them out")
+                if kind in kinds:
+                    found[kinds[kind], name] = ("building", name, kind), value
                 else:
-                    found[kinds[kind], name] = place, value
+                    faults.add(("building", name, kind), unknown("key", kind, kinds))
         if self.scene is None:
             return {}
         names = [building.name for building in self.scene.buildings]
@@ -426,35 +416,23 @@ class _Reader:
             return None
         if self.listing:
             raise InputError("a design and listed cases exclude each other; give one of them")
-        by_name = {axis.dimension: name for name, axis in AXES.items() if not axis.by_building} | {RECORD: "records"}
-        valid = (*by_name, *FACTOR_KINDS, "building")
+        table = DesignTable.model_validate(value)
+        inputs = {name: drawn for name, drawn in dict(table.inputs).items() if drawn is not None}
+        if not inputs:
+            raise InputError("no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
+        items: dict[tuple[str, Any], tuple[Place, Any]] = {
+            (name, None): ((axis.dimension,), inputs[axis.dimension])
+            for name, axis in AXES.items()
+            if axis.dimension in inputs
+        }
         with Faults() as faults:
-            table = valid_part(DesignTable, value, faults)
-            inputs = table.get("inputs")
-            if table and inputs == {}:
-                faults.add((), "no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
-            inputs = inputs if isinstance(inputs, dict) else {}
             with_place = Faults()
-            items: dict[tuple[str, Any], tuple[Place, Any]] = {}
-            for name, item in inputs.items():
-                if name in by_name:
-                    items[by_name[name], None] = (name,), item
-                elif name not in valid:
-                    with_place.add((str(name),), unknown("input", name, valid))
             items |= self._by_building(inputs, with_place)
-            drawn: dict[tuple[str, str | None], Distribution | None] = {}
-            for argument, (place, item) in items.items():
-                if argument[0] == "records":
-                    drawn[argument] = None
-                    if item != {"distribution": "any"}:
-                        text = f'records have no distribution but {{ distribution = "any" }}, not {shown(item)}'
-                        with_place.add(place, text)
-                elif isinstance(item, dict):
-                    drawn[argument] = with_place.attempt(place, read_distribution, item)
-                else:
-                    with_place.add(place, f"must be a table of a distribution, not {shown(item)}")
             faults.found += [(("inputs", *place), text) for place, text in with_place.found]
-        design = Design(table["kind"], table["samples"], table["seed"], named_inputs(drawn))
+        drawn = {argument: distribution for argument, (_, distribution) in items.items()}
+        if RECORD in inputs:
+            drawn["records", None] = None
+        design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
         if len(design) > MAX_AXIS:
             raise InputError(f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep")
         with Faults() as faults:
@@ -545,17 +523,6 @@ class _Reader:
 
     # --- listed cases ---
 
-    def _case_gap(self, value: Any) -> float | tuple[float, ...]:
-        values = None if is_number(value) else listed(value)
-        if values is None:
-            return _GAP_OR_GAPS(value)
-        if self.scene is not None and len(values) != len(self.scene.gaps):
-            raise InputError(
-                f"{len(values)} gaps for {len(self.scene.gaps)} pairs ({', '.join(self.scene.pair_names)})"
-            )
-        with Faults() as faults:
-            return tuple(faults.attempt((i,), AXES["gaps"].check, item) for i, item in enumerate(values))
-
     def _case(self, item: Any, known: dict[str, Law]) -> Case:
         """Check one listed case and fill in what it leaves to the scene."""
         item = vars(item) if isinstance(item, Case) else item
@@ -565,8 +532,9 @@ class _Reader:
             law = faults.attempt(("law",), self._law, item["law"], known) if values and "law" in item else None
             if law is not None:
                 known[law.key] = law
-            if "gap" in values and values["gap"] is not None:
-                values["gap"] = faults.attempt(("gap",), self._case_gap, values["gap"])
+            if isinstance(gaps := values.get("gap"), tuple) and self.scene and len(gaps) != len(self.scene.gaps):
+                pairs = ", ".join(self.scene.pair_names)
+                faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
             if law is not None and values["restitution"] is not None:
                 faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
             for column in COLUMNS if values else ():
@@ -722,6 +690,57 @@ class _Reader:
             for gap, thickness, owner, remedy in narrow:
                 text = f"a gap of {gap:g} m has no room for the {thickness:g} m of {owner}"
                 self.faults.add(place, f"{text}; give a wider gap, or {remedy}")
+
+
+def _named(
+    record: str, *, name: str | None = None, scale: float = 1.0, pga: float | None = None, folders: Any = None
+) -> Record:
+    """Find a record by name, and scale or rename it."""
+    found = find_record(record, folders)
+    if pga is not None and scale != 1.0:
+        raise SweepError("scale and pga exclude each other; give one of them")
+    found = found.scaled(scale) if pga is None else found.scaled_to(pga)
+    return found if name is None else found.renamed(name)
+
+
+#: Kinds of record tables, by the key that tells them, with what makes the record.
+RECORD_TABLES: dict[str, Callable[..., Record]] = {
+    "path": read_record,
+    "record": _named,
+    "synthetic": synthetic_record,
+    "pulse": pulse_record,
+    "near_fault": near_fault_record,
+}
+#: Keys of records that exist: the spectral acceleration that they are scaled to, and its period.
+SPECTRAL = ("sa", "sa_period")
+
+
+def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
+    """Make the record that a table describes."""
+    kinds = [kind for kind in RECORD_TABLES if isinstance(value, dict) and kind in value]
+    if len(kinds) != 1:
+        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(value)} won't do"
+        raise InputError(f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}")
+    (kind,) = kinds
+    table, make = dict(value), RECORD_TABLES[kind]
+    if kind == "path" and isinstance(table["path"], str):
+        table["path"] = folder / expanded(table["path"])
+    more = {"folders": folders} if kind == "record" else {}
+    spectral = SPECTRAL if kind in ("path", "record") else ()
+    sa, period = (table.pop(name, None) if spectral else None for name in SPECTRAL)
+    if sa is period is None:
+        return called(make, table, kind, spectral, **more)
+    if sa is None or period is None:
+        raise SweepError(
+            "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        )
+    for name in ("pga", "scale"):
+        if name in table:
+            raise SweepError(f"sa and {name} exclude each other; give one of them")
+    from pounding_sweep.engine.spectrum import scaled_to_sa
+
+    record = called(make, table, kind, SPECTRAL, **more)
+    return called(scaled_to_sa, {"sa": sa, "period": period}, record=record)
 
 
 #: Arguments that are read together with others.

@@ -12,12 +12,20 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    GetPydanticSchema,
+    PlainValidator,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
 
-from pounding_sweep.base.errors import InputError, SceneError, unknown
-from pounding_sweep.model.faults import Number, Table, key, number
+from pounding_sweep.base.errors import InputError, SceneError, shown, unknown
+from pounding_sweep.model.faults import Number, Table, key, number, one_of
 from pounding_sweep.model.laws import Law
-from pounding_sweep.spec.axes import AXES, AxisValues, Case, plain_name
+from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
 
 #: Share of a distribution that must lie between its ends.
 _LEAST_WITHIN = 1e-6
@@ -133,6 +141,50 @@ _EDGE = 2.0**-53
 SAMPLE, BLOCK = "design_sample", "design_block"
 #: The input that no distribution is given for: each record is as likely.
 RECORD = "record"
+
+
+def _read_drawn(value: Any) -> Any:
+    """Return the distribution of a table; a fault stands where the table does."""
+    if not isinstance(value, dict):
+        raise InputError(f"must be a table of a distribution, not {shown(value)}")
+    return read_distribution(value)
+
+
+def _read_any_record(value: Any) -> str:
+    if value != {"distribution": "any"}:
+        raise InputError(f'records have no distribution but {{ distribution = "any" }}, not {shown(value)}')
+    return RECORD
+
+
+_DRAWN: Any = Annotated[Any, PlainValidator(_read_drawn)]
+_INPUTS: dict[str, Any] = {
+    RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None),
+    **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by_building},
+    **dict.fromkeys(FACTOR_KINDS, (dict[str, _DRAWN], key("a table by name of the building", None))),
+    "building": (dict[str, dict[str, _DRAWN]], key("tables building.NAME of distributions", None)),
+}
+#: [design.inputs]: distributions by the dimension of an axis, or of axes by building by its argument and the building.
+Inputs = create_model("Inputs", __base__=Table, **_INPUTS)
+
+
+def _balanced(samples: int, info: ValidationInfo) -> int:
+    kind, below = info.data.get("kind"), 1 << (samples.bit_length() - 1)
+    if samples != below and kind in POWERS:
+        raise InputError(
+            f"{kind} points are balanced at powers of 2 only, and {samples} is none; give {below} or {2 * below}"
+        )
+    return samples
+
+
+class DesignTable(Table):
+    """[design]: inputs that are drawn."""
+
+    kind: Annotated[Any, one_of("kind of design", KINDS)] = key(f"one of {', '.join(KINDS)}")
+    samples: Annotated[int, AfterValidator(_balanced)] = Field(ge=1, description="a whole number of points, at least 1")
+    seed: int = Field(0, ge=0, description="a whole number, at least 0")
+    inputs: Annotated[Table, GetPydanticSchema(lambda _, handler: handler(Inputs))] = key(
+        "tables [design.inputs] of distributions by the name of an axis"
+    )
 
 
 @dataclass(frozen=True)

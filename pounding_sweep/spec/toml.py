@@ -21,8 +21,8 @@ from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.build import read_sweep
+from pounding_sweep.spec.design import DesignTable
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
-from pounding_sweep.spec.tables import DesignTable
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
