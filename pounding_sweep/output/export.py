@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +20,13 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
-from pounding_sweep.base.files import expanded, failure, replacing, sync, sync_folder
+from pounding_sweep.base.files import expanded, failure, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.identity import places_of, plain, scenario_keys
-from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, reading, slabs
+from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
@@ -81,23 +80,6 @@ def sets_of_dimensions(cube: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
     return tables
 
 
-def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
-    """Whether the requested variables have histories; a table then has a row for each moment."""
-    return any(TIME in cube[name].dims for name in list(names) or cube.data_vars if name in cube.data_vars)
-
-
-def with_histories(histories: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
-    """Return the requested variables of one scenario, or all that have histories."""
-    requested = names or [str(name) for name, array in histories.data_vars.items() if TIME in array.dims]
-    peaks = [name for name in requested if name in histories.data_vars and TIME not in histories[name].dims]
-    if peaks:
-        raise InputError(
-            f"{', '.join(peaks)} {'has' if len(peaks) == 1 else 'have'} no history, and others have; export what "
-            "has one and what has none apart, by --var"
-        )
-    return scenarios_of(histories, requested)
-
-
 @dataclass(frozen=True)
 class Column:
     """One column of a table."""
@@ -105,21 +87,9 @@ class Column:
     name: str
     dtype: np.dtype[Any]  # text: object; whole numbers may be missing, too
     attributes: dict[str, str]  # ``units``, ``long_name`` and ``comment``, as far as the cube has them
-
-
-def column_of(array: xr.DataArray, name: str = "") -> Column:
-    """Return the column of a variable or coordinate."""
-    about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
-    if "unit_text" in about:
-        about["units"] = about.pop("unit_text")
-    for key in ("flag_values", "flag_meanings"):
-        if key in array.attrs:
-            about[key] = " ".join(map(str, np.ravel(array.attrs[key]).tolist()))
-    dtype = array.dtype
-    if dtype.kind == "f":  # a whole number that may be missing is read as a float
-        stored = np.dtype(array.encoding.get("dtype", dtype))
-        dtype = stored if stored.kind == "i" else dtype
-    return Column(name or str(array.name), dtype if dtype.kind in "iuf" else np.dtype(object), about)
+    variable: str  # whose values it has
+    at: Mapping[str, int]  # where in that they are, by dimension
+    kinds: Sequence[int]  # of rows that have it
 
 
 class Table:
@@ -127,28 +97,34 @@ class Table:
 
     def __init__(self, cube: xr.Dataset, kinds: Sequence[tuple[str, ...]]) -> None:
         self.cube, self._kinds = cube, kinds
-        self._outer = outer_dims(cube.dims)
-        self._sizes = [cube.sizes[dim] for dim in self._outer]
+        self.outer = outer_dims(cube.dims)
+        self._sizes = [cube.sizes[dim] for dim in self.outer]
         self.columns: list[Column] = []
-        #: of each column: kinds of rows that have it, its variable, and where in that it is, by dimension
-        self._sources: list[tuple[list[int], str, dict[str, int]]] = []
         self._dims = [[dim for dim in kind if dim in cube.dims] for kind in kinds]
         places = zip(self._dims, kinds, strict=True)
         self._existing = [np.flatnonzero(_exists(cube, dims, kind)) for dims, kind in places]
         self.n_rows = math.prod(self._sizes) * sum(map(len, self._existing))
+        #: returns a part of the cube with what is to be computed of it
+        self.complete: Callable[[xr.Dataset], xr.Dataset] = lambda part: part
 
     def add(self, name: str, label: str = "", at: Mapping[str, int] | None = None) -> None:
         """Add a column, of one place of a variable or coordinate, or of all where these have rows."""
         array = self.cube[name]
         inner = (name,) if name in INNER_DIMS else _inner_dims(array)
-        mine = [i for i, kind in enumerate(self._kinds) if at is not None or set(inner) <= set(kind)]
-        if mine:
-            self.columns.append(column_of(array, label))
-            self._sources.append((mine, name, dict(at or {})))
-
-    def complete(self, part: xr.Dataset) -> xr.Dataset:
-        """Return a part of the cube with what is to be computed of it."""
-        return part
+        kinds = [i for i, kind in enumerate(self._kinds) if at is not None or set(inner) <= set(kind)]
+        if not kinds:
+            return
+        about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
+        if "unit_text" in about:
+            about["units"] = about.pop("unit_text")
+        for key in ("flag_values", "flag_meanings"):
+            if key in array.attrs:
+                about[key] = " ".join(map(str, np.ravel(array.attrs[key]).tolist()))
+        # a whole number that may be missing is read as a float
+        stored = np.dtype(array.encoding.get("dtype", array.dtype))
+        dtype = stored if array.dtype.kind == "f" and stored.kind == "i" else array.dtype
+        dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
+        self.columns.append(Column(label or name, dtype, about, name, at or {}, kinds))
 
     def parts(self) -> Iterator[pd.DataFrame]:
         """Make the table part by part."""
@@ -156,8 +132,7 @@ class Table:
 
         cells = max(1, len(self.columns) * sum(map(len, self._existing)))
         for slab in slabs(self._sizes, block_shape(self._sizes, max(1, CELLS_AT_A_TIME // cells))):
-            with reading(file_of(self.cube)):
-                part = self.complete(self.cube.isel(dict(zip(self._outer, slab, strict=True))).load())
+            part = self.complete(self.cube.isel(dict(zip(self.outer, slab, strict=True))).load())
             frames = [self._rows(part, kind) for kind in range(len(self._kinds))]
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
             for column in self.columns:
@@ -169,24 +144,18 @@ class Table:
         """Return the rows of one kind, numbered by scenario."""
         import pandas as pd
 
-        sizes = {dim: part.sizes[dim] for dim in (*self._outer, *self._dims[kind])}
-        n = math.prod(part.sizes[dim] for dim in self._outer)
+        sizes = {dim: part.sizes[dim] for dim in (*self.outer, *self._dims[kind])}
+        n = math.prod(part.sizes[dim] for dim in self.outer)
         values = {}
-        for column, (kinds, name, at) in zip(self.columns, self._sources, strict=True):
-            if kind in kinds:
-                variable = part.variables[name].isel(at)
+        for column in self.columns:
+            if kind in column.kinds:
+                variable = part.variables[column.variable].isel(column.at)
                 if is_text := variable.dtype.kind not in "iuf":
                     texts, codes = np.unique(variable.values, return_inverse=True)
                     variable = xr.Variable(variable.dims, codes.reshape(variable.shape))
                 cells = variable.set_dims(sizes).values.reshape(n, -1)[:, self._existing[kind]].ravel()
                 values[column.name] = pd.Categorical.from_codes(cells, texts.astype(object)) if is_text else cells
         return pd.DataFrame(values, index=np.repeat(np.arange(n), len(self._existing[kind])))
-
-
-def file_of(cube: xr.Dataset) -> str:
-    """Name the file that a cube is read from."""
-    files = (variable.encoding.get("source") for variable in cube.variables.values())
-    return str(next(filter(None, files), "in memory"))
 
 
 def _exists(cube: xr.Dataset, dims: Sequence[str], kind: Sequence[str]) -> np.ndarray:
@@ -215,52 +184,44 @@ def long_table(cube: xr.Dataset) -> Table:
     return table
 
 
-class WideTable(Table):
-    """A table with one row for all places of a scenario, or of a moment: each place has a column."""
-
-    def __init__(self, cube: xr.Dataset) -> None:
-        super().__init__(cube, [()])
-        coordinates = [str(name) for name in cube.coords if name not in (*PROSE, *INNER_DIMS)]
-        axes = [name for name in self._outer if name in coordinates]
-        for name in dict.fromkeys([*axes, *coordinates]):
-            if set(self._outer) & set(cube[name].dims) or not cube[name].dims:
-                self._spread(name)
-        for name in map(str, cube.data_vars):
-            self._spread(name)
-
-    def _spread(self, name: str) -> None:
-        """Add a column for each existing place of a variable or coordinate."""
-        array = self.cube[name]
+def wide_table(cube: xr.Dataset) -> Table:
+    """Return the table with one row for each scenario, or moment: each existing place in it has a column."""
+    table = Table(cube, [()])
+    coordinates = [str(name) for name in cube.coords if name not in (*PROSE, *INNER_DIMS)]
+    axes = [name for name in table.outer if name in coordinates]
+    of_scenarios = [n for n in coordinates if set(table.outer) & set(cube[n].dims) or not cube[n].dims]
+    for name in dict.fromkeys([*axes, *of_scenarios, *map(str, cube.data_vars)]):
+        array = cube[name]
         inner = [dim for dim in INNER_DIMS if dim in array.dims]
-        existing = _exists(self.cube, inner, inner)
-        for place in product(*(range(array.sizes[dim]) for dim in inner)):
+        for place in np.argwhere(_exists(cube, inner, inner)).tolist():
             at = dict(zip(inner, place, strict=True))
-            labels = [name, *(str(self.cube[dim].values[i]) for dim, i in at.items())]
-            twin = self.cube.coords.get(plain_name("_".join(labels), ()))
+            label = "_".join([name, *(str(cube[dim].values[i]) for dim, i in at.items())])
+            twin = cube.coords.get(plain_name(label, ()))
             if inner and twin is not None and np.array_equal(twin.values, array.isel(at).values):
                 continue  # an input of a design that is told for all buildings, too
-            if existing[place]:
-                self.add(name, plain_name("_".join(labels), [column.name for column in self.columns]), at)
+            table.add(name, plain_name(label, [column.name for column in table.columns]), at)
+    return table
 
 
-class ScenarioTable(WideTable):
-    """One row for each scenario of a cube: inputs, measures of its ground motion, outputs, measured errors."""
-
-    def __init__(self, cube: xr.Dataset, names: Sequence[str] = ()) -> None:
-        if has_histories(cube):
-            raise InputError("this is one scenario with its histories; give a cube of a sweep")
-        chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
-        super().__init__(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)))
-        self._audit = _AuditErrors(cube) if has_audit(cube) else None
-        for i, output in enumerate(cube["output"].values.tolist() if self._audit else ()):
+def scenario_table(cube: xr.Dataset, names: Sequence[str] = ()) -> Table:
+    """Return the table of scenarios: inputs, measures of their ground motion, outputs, measured errors."""
+    if has_histories(cube):
+        raise InputError("this is one scenario with its histories; give a cube of a sweep")
+    chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
+    table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)))
+    if has_audit(cube):
+        table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
+        for i, output in enumerate(cube["output"].values.tolist()):
             if not names or output in names:
-                about = {"units": "1", "long_name": f"relative error of {output}, measured at half the step"}
-                self.columns.append(Column(f"audited_error_{output}", np.dtype(float), about))
-                self._sources.append(([0], _AuditErrors.NAME, {"output": i}))
+                name, text = f"audited_error_{output}", f"relative error of {output}, measured at half the step"
+                about = {"units": "1", "long_name": text}
+                table.columns.append(Column(name, np.dtype(float), about, "audited_error", {"output": i}, [0]))
+    return table
 
-    def complete(self, part: xr.Dataset) -> xr.Dataset:
-        """Add the errors of those scenarios that the audit ran again."""
-        return part if self._audit is None else part.assign({_AuditErrors.NAME: self._audit.of(part)})
+
+def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
+    """Whether the requested variables have histories; a table then has a row for each moment."""
+    return any(TIME in cube[name].dims for name in list(names) or cube.data_vars if name in cube.data_vars)
 
 
 def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
@@ -283,71 +244,55 @@ def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
     return measures
 
 
-class _AuditErrors:
-    """Errors that the audit of a cube measured, by what the scenarios are."""
+def _audited_errors(part: xr.Dataset, cube: xr.Dataset) -> xr.Variable:
+    """Return the errors of scenarios by output, as the audit of their cube measured them; missing without."""
+    outer = {dim: part.sizes[dim] for dim in outer_dims(part.dims)}
+    known = _known_by(part, json.loads(cube.attrs["sweep"]))
+    names = [name for name in known if f"audit_{name}" in cube.coords]
+    here = {}
+    for name in names:
+        variable = known[name].variable
+        inner = {dim: size for dim, size in variable.sizes.items() if dim not in outer}
+        here[name] = variable.set_dims(outer | inner).values.reshape(math.prod(outer.values()), -1)
+    keys = scenario_keys({name: cube[f"audit_{name}"].transpose("audit", ...).values for name in names})
+    order = np.argsort(keys)
+    place = places_of(scenario_keys(here), keys[order])
+    errors = cube["audit_error"].transpose("audit", "output").values[order][place]
+    errors[place < 0] = np.nan
+    return xr.Variable((*outer, "output"), errors.reshape(*outer.values(), -1))
 
-    NAME = "audited_error"
-    #: what the audited scenarios are known by
-    KNOWN_BY = (
-        *("law", "record", "scale", "stiffness", "restitution", "gap"),
-        *("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"),
-    )
 
-    def __init__(self, cube: xr.Dataset) -> None:
-        self._sweep = json.loads(cube.attrs["sweep"])
-        audited = {
-            name: cube[f"audit_{name}"].transpose("audit", ...).values
-            for name in self.KNOWN_BY
-            if f"audit_{name}" in cube.coords
-        }
-        self._names, keys = list(audited), scenario_keys(audited)
-        order = np.argsort(keys)
-        self._keys, self._errors = keys[order], cube["audit_error"].transpose("audit", "output").values[order]
-
-    def of(self, part: xr.Dataset) -> xr.Variable:
-        """Return the errors of scenarios by output; missing if the audit did not run them."""
-        sizes = {dim: part.sizes[dim] for dim in outer_dims(part.dims)}
-        known = {}
-        for name, values in self._known(part).items():
-            if name in self._names:
-                variable = values.variable
-                inner = {dim: size for dim, size in variable.sizes.items() if dim not in sizes}
-                known[name] = variable.set_dims(sizes | inner).values.reshape(math.prod(sizes.values()), -1)
-        place = places_of(scenario_keys({name: known[name] for name in self._names}), self._keys)
-        errors = np.where(place[:, None] < 0, np.nan, self._errors[place])
-        return xr.Variable((*sizes, "output"), errors.reshape(*sizes.values(), -1))
-
-    def _known(self, part: xr.Dataset) -> dict[str, xr.DataArray]:
-        """Return what the scenarios of a part are known by, as an audit names it."""
-        law = part["law"]
-        takes = [get_law(key).takes_restitution for key in np.ravel(law.values).astype(str)]
-        stiffness = part["contact_stiffness"] if "contact_stiffness" in part.coords else part["stiffness"]
-        known: dict[str, xr.DataArray] = {
-            "law": law,
-            "record": part["record"],
-            "scale": part["scale"],
-            "stiffness": stiffness.fillna(0.0),
-            "restitution": xr.where(law.copy(data=np.reshape(takes, law.shape)), part["restitution"], 1.0),
-            "gap": part["pair_gap"],
-        }
-        axes = property_axes(axes_of(self._sweep)) if self._sweep["cases"] is None else ()
-        for kind in ("period_factor", "mass_factor", "strength_factor", "hardening"):
-            default = np.nan if kind == "hardening" else 1.0
-            values = part[kind] if kind in part.coords else xr.full_like(part["building"], default, dtype=float)
-            for axis in axes:
-                if axis.kind == kind:
-                    values = xr.where(part["building"] == axis.building, part[axis.dimension], values)
-            known[kind] = values
-        # missing where it is the building's own
-        buildings = [item for item in self._sweep["scene"]["row"] if "masses" in item]
-        scene_values = [building.uniform_hardening for building in scene_of(self._sweep["scene"]).buildings]
-        hardening = xr.DataArray(scene_values, dims="building")
-        known["hardening"] = known["hardening"].where(known["hardening"] != hardening)
-        known["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
-        ratios = {json.dumps(item["damping_ratio"]) for item in buildings}
-        if len(ratios) == 1:
-            known["damping_ratio"] = known["damping_ratio"].where(known["damping_ratio"] != json.loads(ratios.pop()))
-        return known
+def _known_by(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataArray]:
+    """Return what the scenarios of a part are known by, as an audit names it."""
+    law = part["law"]
+    takes = [get_law(key).takes_restitution for key in np.ravel(law.values).astype(str)]
+    stiffness = part["contact_stiffness"] if "contact_stiffness" in part.coords else part["stiffness"]
+    known: dict[str, xr.DataArray] = {
+        "law": law,
+        "record": part["record"],
+        "scale": part["scale"],
+        "stiffness": stiffness.fillna(0.0),
+        "restitution": xr.where(law.copy(data=np.reshape(takes, law.shape)), part["restitution"], 1.0),
+        "gap": part["pair_gap"],
+    }
+    axes = property_axes(axes_of(sweep)) if sweep["cases"] is None else ()
+    for kind in ("period_factor", "mass_factor", "strength_factor", "hardening"):
+        default = np.nan if kind == "hardening" else 1.0
+        values = part[kind] if kind in part.coords else xr.full_like(part["building"], default, dtype=float)
+        for axis in axes:
+            if axis.kind == kind:
+                values = xr.where(part["building"] == axis.building, part[axis.dimension], values)
+        known[kind] = values
+    # missing where it is the building's own
+    buildings = [item for item in sweep["scene"]["row"] if "masses" in item]
+    scene_values = [building.uniform_hardening for building in scene_of(sweep["scene"]).buildings]
+    hardening = xr.DataArray(scene_values, dims="building")
+    known["hardening"] = known["hardening"].where(known["hardening"] != hardening)
+    known["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
+    ratios = {json.dumps(item["damping_ratio"]) for item in buildings}
+    if len(ratios) == 1:
+        known["damping_ratio"] = known["damping_ratio"].where(known["damping_ratio"] != json.loads(ratios.pop()))
+    return known
 
 
 #: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.
@@ -397,7 +342,7 @@ def export_cube(
     axes and what else tells scenarios apart, every output at every place (``impact_force_max_left_middle_3``), status,
     ``ground_pga``, ``ground_pgv``, ``ground_arias_intensity``, ``ground_significant_duration`` and ``ground_duration``
     of its record as scaled, and ``audited_error_<output>`` where the audit ran it again. Of one scenario with its
-    histories the table has a row for each moment; what has no history is exported alone.
+    histories the table has a row for each moment, by default without what has no history.
 
     Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In Zarr all is
     as in the cube, without its audit.
@@ -421,14 +366,23 @@ def export_cube(
     if table and ending == ".zarr":
         raise InputError(f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table")
     if needs:
-        _need(needs, ending)
-    target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite, netcdf=False)
+        try:
+            import_module(needs)
+        except ImportError:
+            raise InputError(
+                f"{ending} needs the package {needs}, which is not installed; "
+                "install it with: pip install 'pounding-sweep[export]'"
+            ) from None
+    if ending == ".zarr" and expanded(path).exists():
+        raise OutputError(f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path")
+    target = check_output(path, overwrite, netcdf=False)
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
         write(cube, target, scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table))
-    except OutputError:  # what is read, and what is said already
-        raise
+    except RuntimeError as error:  # of the netCDF library
+        files = (variable.encoding.get("source") for variable in cube.variables.values())
+        raise unreadable("values of cube", next(filter(None, files), "in memory"), error) from error
     except OSError as error:
         raise WriteError(f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced") from error
     return target
@@ -466,9 +420,10 @@ def export_tables(
 def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str], by_scenario: bool) -> Table:
     """Return the table of a cube, or of one scenario with its histories; its size is said if it is large."""
     if by_scenario:
-        table: Table = ScenarioTable(cube, names)
+        table = scenario_table(cube, names)
     elif has_histories(cube, names):
-        table = WideTable(with_histories(cube, names))
+        of_time = [str(name) for name, array in cube.data_vars.items() if TIME in array.dims]
+        table = wide_table(scenarios_of(cube, names or of_time))
     else:
         chosen = scenarios_of(cube, names)
         sets = sets_of_dimensions(chosen)
@@ -492,49 +447,21 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
     return table
 
 
-def _need(module: str, ending: str) -> None:
-    try:
-        import_module(module)
-    except ImportError:
-        raise InputError(
-            f"{ending} needs the package {module}, which is not installed; "
-            "install it with: pip install 'pounding-sweep[export]'"
-        ) from None
-
-
-def _new_folder(path: str | os.PathLike[str]) -> Path:
-    target = expanded(path)
-    if target.exists() or target.is_symlink():
-        raise OutputError(f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path")
-    return check_output(target, netcdf=False)
-
-
 def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
     import pandas as pd
 
-    names = [column.name for column in table.columns]
     about = {
         "table": path.name,
         "rows": table.n_rows,
         "columns": {column.name: column.attributes for column in table.columns},
         "cube": {str(key): plain(value) for key, value in cube.attrs.items()},
     }
-    description = path.with_name(f"{path.name}.json")
-    written = False
-    try:
-        with replacing(description) as text:
-            text.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-            with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-                pd.DataFrame(columns=names).to_csv(file, index=False)
-                for part in table.parts():
-                    part.to_csv(file, index=False, header=False)
-            written = True
-    except OSError as error:
-        if written:  # two names can't change at once
-            raise WriteError(
-                f"{str(path)!r} is complete, but {failure(f'writing {str(description)!r}', error)}, with --overwrite"
-            ) from error
-        raise
+    with replacing(path.with_name(f"{path.name}.json")) as description, replacing(path) as temporary:
+        description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            pd.DataFrame(columns=[column.name for column in table.columns]).to_csv(file, index=False)
+            for part in table.parts():
+                part.to_csv(file, index=False, header=False)
 
 
 def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
@@ -565,24 +492,11 @@ def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
         if array.dtype.kind not in "OSUT":
             stored = encoding_of(str(name), array.dtype, array.encoding)
             encoding[name] = {key: value for key, value in stored.items() if value is not None}
-    try:
-        with replacing(path) as unfinished:
-            # format 2: the later one has no agreed way to store text
-            blocks = chosen.drop_encoding().chunk(block)
-            writing = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
-            writing.compute(scheduler="synchronous")  # as little in memory as can be
-            _sync(unfinished)
-    except RuntimeError:  # of the netCDF library: zarr's are of the system
-        with reading(file_of(cube)):
-            raise
-
-
-def _sync(folder: Path) -> None:
-    """Put all files below a folder on disk, and their names."""
-    for within, _, names in os.walk(folder):
-        for name in names:
-            sync(Path(within, name))
-        sync_folder(Path(within))
+    with replacing(path) as unfinished:
+        # format 2: the later one has no agreed way to store text
+        blocks = chosen.drop_encoding().chunk(block)
+        writing = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
+        writing.compute(scheduler="synchronous")  # as little in memory as can be
 
 
 #: Ending -> package that it needs, and what writes it.
