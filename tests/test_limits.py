@@ -390,18 +390,6 @@ def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
         )
 
 
-def test_names_that_a_run_can_not_use(tmp_path):
-    """Refused before anything runs."""
-    sweep = Sweep(scene=row(), records=motions(), **AXES)
-    with pytest.raises(OutputError, match="has a name too long for the files next to it in a run; give a shorter path"):
-        sweep.run(tmp_path / f"{'x' * 247}.nc")
-    with pytest.raises(OutputError, match=r"not usable \(no UTF-8\); give another path"):
-        sweep.run(tmp_path / os.fsdecode(b"\xff.nc"))
-    assert list(tmp_path.iterdir()) == []
-    sweep.run(tmp_path / f"{'x' * 246}.nc").close()  # with .parts the longest name there may be
-    assert len(list(tmp_path.iterdir())) == 2
-
-
 def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch):
     out = tmp_path / "out.nc"
     sweep = Sweep(scene=row(), records=motions(), **AXES)

@@ -55,13 +55,9 @@ def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
 
 def slab_shape(sizes: Sequence[int], block: Sequence[int], most: int) -> tuple[int, ...]:
     """Return the shape of a slab of about `most` elements that is made of whole blocks, at least one."""
-    shape = list(block)
-    for axis in reversed(range(len(sizes))):
-        blocks = max(1, most // math.prod(shape))  # that fit along this dimension
-        shape[axis] = min(sizes[axis], blocks * block[axis])
-        if shape[axis] < sizes[axis]:
-            break
-    return tuple(shape)
+    counts = [math.ceil(size / own) for size, own in zip(sizes, block, strict=True)]
+    numbers = block_shape(counts, max(1, most // math.prod(block)))
+    return tuple(min(size, own * n) for size, own, n in zip(sizes, block, numbers, strict=True))
 
 
 def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
@@ -144,12 +140,11 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     """Return the file that `path` stands for, links followed, so that a link stays one, and its mode if it exists."""
     try:
         target = absolute(path)
-        str(target).encode()  # the netCDF library opens no other names
         return target, target.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return target, None
     except (OSError, ValueError, RuntimeError) as error:
-        reason = "no UTF-8" if isinstance(error, UnicodeError) else getattr(error, "strerror", None) or error
+        reason = getattr(error, "strerror", None) or error
         raise OutputError(f"path {os.fspath(path)!r} is not usable ({reason}); give another path") from None
 
 
@@ -169,8 +164,6 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcd
         fault = "is not a regular file; give the path of a file to be written"
     elif mode is not None and not overwrite:
         fault = "exists; give another path, or overwrite it (overwrite=True, on the command line --overwrite)"
-    elif _is_too_long(target):
-        fault = "has a name too long for the files next to it in a run; give a shorter path"
     elif not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
         fault = f"is in the folder {str(folder)!r}, which {what}; make it first or give another path"
@@ -188,25 +181,10 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcd
     return target
 
 
-def _is_too_long(target: Path) -> bool:
-    """Whether a chunk, in the folder next to a cube, would have a name or a path that is too long."""
-    try:
-        os.stat(f"{target}.parts/{'x' * 64}")
-    except OSError as error:
-        return error.errno == errno.ENAMETOOLONG
-    return False
-
-
-def free_space(folder: Path) -> int | None:
-    """Return the bytes that are free on the disk of `folder`; None if its file system does not say."""
-    usage = shutil.disk_usage(folder)
-    return usage.free if usage.total else None
-
-
 def check_space(folder: Path, needed: int, what: str) -> None:
     """Raise `OutputError` if the disk of `folder` has less than `needed` bytes free for `what`."""
-    free = free_space(folder)
-    if free is not None and needed > free:
+    free = shutil.disk_usage(folder).free
+    if needed > free:
         raise OutputError(
             f"{what} needs about {bytes_text(needed)} of disk, {bytes_text(free)} are free in "
             f"{str(folder)!r}; free some space, give a path on another disk, or take fewer values on an axis"
@@ -230,17 +208,7 @@ def _access_fault(path: Path, remedy: str = "copy the cube to another drive") ->
 
 
 def unreadable(what: str, path: str | os.PathLike[str], error: Exception) -> OutputError:
-    """Return the error that a cube, or `what` of it, could not be read: it is damaged only if the file is accessible.
-
-    Parameters
-    ----------
-    what : str
-        What could not be read, such as ``"cube"``.
-    path : path-like
-        The file.
-    error : Exception
-        What the library raised.
-    """
+    """Return the error that a cube, or `what` of it, can't be read: it is damaged only if the file is accessible."""
     fault = _access_fault(Path(path))
     if fault is None and isinstance(error, OSError) and (error.errno or 0) > 0:
         fault = f"{error.strerror or error}; check the permissions of the file, and its drive"

@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import resource
+import shutil
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -108,13 +109,11 @@ def processor() -> dict[str, Any]:
 
 
 def _output(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.output.netcdf import free_space
-
     folder = Path.cwd()
     writable = os.access(folder, os.W_OK)
     if not writable:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-    return {"folder": str(folder), "writable": writable, "free_bytes": free_space(folder)}
+    return {"folder": str(folder), "writable": writable, "free_bytes": shutil.disk_usage(folder).free}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:
