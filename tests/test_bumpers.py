@@ -84,7 +84,7 @@ def test_a_law_is_damped_on_one_side_and_has_a_thickness():
     given = {"key": "mine", "exponent": 2.0, "damper": "c*d**2", "damping": "elastic"}
     with pytest.raises(LawError, match="can't act on approach only and on rebound only"):
         Law(**given, approach_only=True, rebound_only=True)
-    with pytest.raises(LawError, match=r"its thickness is -0\.1 m"):
+    with pytest.raises(LawError, match=r"thickness: -0.1 won't do"):
         Law(**given, thickness=-0.1)
     assert Law(**given, rebound_only=True).relation == "rebound"
 
@@ -405,7 +405,5 @@ def test_what_does_not_go_with_bumpers_is_refused():
     with pytest.raises(SweepError, match="law 'hysteretic' follows its own past by located events"):
         row_sweep(scene=memory, locate=False)
     deep = replace(memory.bumpers[0], restitution=0.1)
-    with pytest.raises(
-        SweepError, match=r"scene.bumpers\[0\]: bumper of pair 'a-b': restitution 0.1 can't be realised"
-    ):
+    with pytest.raises(SweepError, match=r"scene.bumpers\[0\]: restitution 0.1 can't be realised"):
         row_sweep(scene=replace(memory, bumpers=[deep]), restitution_basis="realised")

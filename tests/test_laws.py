@@ -14,7 +14,7 @@ from pounding_sweep.model.laws import LAWS
 
 
 def value(text, d, k=3.0e6, c=2.0e3):
-    return eval(text, {"math": math, "max": max}, {"k": k, "c": c, "d": d, "r": math.sqrt(max(d, 0.0))})
+    return eval(text, {"sqrt": math.sqrt, "max": max}, {"k": k, "c": c, "d": d, "r": math.sqrt(max(d, 0.0))})
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS.values() if law.has_contact], ids=lambda law: law.key)

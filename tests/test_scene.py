@@ -422,7 +422,7 @@ TAKING_E = [law for law in LAWS.values() if law.takes_restitution]
 
 
 def evaluate(expression, d, k=2.0e6, c=3.0e3):
-    names = {"d": d, "r": math.sqrt(d), "k": k, "c": c, "math": math, "max": max, "__builtins__": {}}
+    names = {"d": d, "r": math.sqrt(d), "k": k, "c": c, "sqrt": math.sqrt, "max": max, "__builtins__": {}}
     return float(eval(expression, names)) if expression else 0.0
 
 

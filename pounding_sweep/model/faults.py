@@ -98,7 +98,7 @@ T = TypeVar("T")
 
 def meanings(taker: Any) -> dict[str, str]:
     """Return the first sentence that a docstring says of each parameter."""
-    section = (inspect.getdoc(taker) or "").partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    section = (inspect.getdoc(taker) or "").partition("\n----------\n")[2].partition("\n\n")[0]
     return {
         name: re.split(r"[.;:] ", " ".join(text.split()))[0].rstrip(".")
         for names, text in _PARAMETER.findall(section)
@@ -161,10 +161,10 @@ def checked(cls: type[T]) -> type[T]:
             init(self, *args, **named)
         except ValidationError as error:
             found = [_in_words(each) for each in error.errors(include_url=False)]
-            name = named.get("name", named.get("pair", args[0] if args else None))
+            name = next((named[key] for key in ("name", "pair", "key") if key in named), args[0] if args else None)
             owner = f"{cls.__name__} {shown(name)}" if isinstance(name, str) else cls.__name__
             texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
-            raise SceneError("\n".join(texts), found[0][0]) from None
+            raise getattr(cls, "ERROR", SceneError)("\n".join(texts)) from None
 
     made.__init__ = constructor
     return made

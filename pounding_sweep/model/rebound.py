@@ -38,7 +38,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -50,9 +49,6 @@ RESTITUTION_BASES = ("published", "realised")
 #: of the hardest relation is 2e12 there: no step resolves a harder contact.
 SMALLEST = 1e-6
 
-RelationName = Literal[
-    "", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach", "rebound", "yielding"
-]
 #: Share of its greatest penetration at which a contact that yields does so.
 YIELD_SHARE = 0.1
 

@@ -32,7 +32,7 @@ from pounding_sweep.model.faults import (
     one_or_several,
     optional,
 )
-from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, hertz_stiffness, law_of, names_file, rubber_bumper
+from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, hertz_stiffness, names_file, rubber_bumper
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -633,7 +633,7 @@ class LinkedFloors:
 def _read_law(given: Any, info: ValidationInfo) -> Any:
     """Return the law of a bumper by its key or file, from the folder `base` of the context, or as JSON holds it."""
     if isinstance(given, Mapping):
-        return law_of(given)
+        return Law(**given)
     if given == RUBBER:
         return given
     if isinstance(given, str) and given not in LAWS and not names_file(given):

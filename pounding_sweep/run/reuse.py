@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, shown
-from pounding_sweep.model.laws import law_of
+from pounding_sweep.model.laws import Law
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.identity import (
     AXIS_KEYS,
@@ -88,7 +88,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given |= {"records_left_out": tuple(told["records_left_out"]), "design": None}  # of the cases, not of all of them
     laws = told.get(OWN_LAWS, {}).values()
-    given["own_laws"] = tuple(law_of({key: value for key, value in law.items() if key != "sha256"}) for law in laws)
+    given["own_laws"] = tuple(Law(**{key: value for key, value in law.items() if key != "sha256"}) for law in laws)
     given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     found = replace(spec, **given)
     check_axes(path, cube, recorded_axes(cube, told))
