@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.base.errors import RunError
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import CubeParts
@@ -179,23 +180,27 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
     share = cost / sweep_cost(plan, rows)
     own = outcome.results.gather(where)
-    pair = _run(plan, dispatcher, outputs, where, own)
-    if pair is None:
+    undecided = np.zeros(len(where), bool)
+    try:
+        fine, moved = _run(plan, dispatcher, outputs, where, own)
+        error, sensitivity = (_errors(outputs, values, fine) for values in (own, moved))
+        again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
+        if len(again):
+            some = {name: values[again] for name, values in own.items()}
+            (settled,) = _run(plan, dispatcher, outputs, where[again], some, accuracy=CONVERGED * tolerance)
+            error[again] = _errors(outputs, some, settled)
+            undecided[again] = settled["status"] != Status.OK
+    except RunError as failure:
+        warnings.warn(
+            f"the audit has no result: {failure}. The cube has none; to have it audited again, run the sweep with "
+            "that cube as the one to extend (--extend OUT.nc --overwrite), which takes all else from it",
+            RuntimeWarning,
+            stacklevel=3,
+        )
         return None
-    fine, moved = pair
-    error, sensitivity = (_table(relative_errors(outputs, values, fine)) for values in (own, moved))
     sensitive = sensitivity.max(axis=1) > tolerance
     if "impact_count" in fine:  # impacts that are won or lost
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(where), -1).any(axis=1)
-    undecided = np.zeros(len(where), bool)
-    again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
-    if len(again):
-        some = {name: values[again] for name, values in own.items()}
-        settled = _run(plan, dispatcher, outputs, where[again], some, accuracy=CONVERGED * tolerance)
-        if settled is None:
-            return None
-        error[again] = _table(relative_errors(outputs, some, settled[0]))
-        undecided[again] = settled[0]["status"] != Status.OK
     result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
     _warn(plan, result)
     return result
@@ -208,10 +213,10 @@ def _run(
     rows: np.ndarray,
     own: dict[str, np.ndarray],
     accuracy: float | None = None,
-) -> list[dict[str, np.ndarray]] | None:
+) -> list[dict[str, np.ndarray]]:
     """Run scenarios at half the step, as they are and with all inputs changed, or in double precision to an accuracy.
 
-    Returns the results in the order of their rows; None, with a warning, if some could not be run.
+    Returns the results in the order of their rows; raises `RunError` if some could not be run.
     """
     table, begun, records = plan.unique[rows], plan.steps[rows], plan.spec.records
     steps = begun
@@ -228,57 +233,46 @@ def _run(
         most=CHUNK_BYTES // plan.bytes_per_scenario,
         seconds=lambda record, count: float(plan.scenario_seconds(record, FINER * count)),
     )
-    measured: list[tuple[np.ndarray, np.ndarray]] = []
-    failures: list[str] = []
 
     def task_of(chunk: Chunk) -> ChunkTask:
+        record, scenarios = records[chunk.record], table[chunk.rows]
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=int(begun[chunk.rows[0]]))
-        kernel = halved(ended(kernel, records[chunk.record], chunk.steps), records[chunk.record])
-        scenarios = table[chunk.rows]
+        kernel = halved(ended(kernel, record, chunk.steps), record)
         if accuracy is None:
             scenarios = joined([scenarios, changed(scenarios)])
         else:
             kernel = kernel.in_double
         kernel = replace(kernel, accuracy=accuracy)
-        variants = plan.variants[scenarios.variant]
-        return ChunkTask(kernel, records[chunk.record], scenarios, variants, tuple(outputs))
+        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], tuple(outputs))
 
+    order, tables = [], []
     for chunk, result in dispatcher.run(chunks, task_of):
         if isinstance(result, str):
-            failures.append(result)
-        else:
-            measured.append((chunk.rows, result.reshape(-1, len(chunk.rows))))
-    if failures:
-        warnings.warn(
-            f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
-            "that cube as the one to extend (--extend OUT.nc --overwrite), which takes all else from it",
-            RuntimeWarning,
-            stacklevel=4,
-        )
-        return None
-    which, tables = (np.concatenate(part, axis=-1) for part in zip(*measured, strict=True))
-    return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(which)]]
-
-
-def _table(errors: dict[str, np.ndarray]) -> np.ndarray:
-    """One column per output."""
-    return np.stack(list(errors.values()), axis=1)
+            raise RunError(result)
+        order.append(chunk.rows)
+        tables.append(result.reshape(-1, len(chunk.rows)))
+    whole = np.concatenate(tables, axis=1)[:, np.argsort(np.concatenate(order))]
+    return [{name: part[name] for name in part.dtype.names or ()} for part in whole]
 
 
 def _warn(plan: Plan, found: Audit) -> None:
-    exceeding = found.exceeding
-    if not exceeding.any():
-        return
-    worst = np.where(exceeding[:, None], found.error, 0.0).max(axis=0)
-    output = int(np.argmax(worst))
-    asked = f"the {found.tolerance:g} asked for" if plan.spec.accuracy is not None else f"{found.tolerance:.0%}"
-    remedy = "ask for a smaller accuracy" if plan.spec.accuracy is not None else "use a smaller dt"
-    warnings.warn(
-        f"the audit of {len(found.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is beyond "
-        f"{asked}, the worst {worst[output]:.2g} in {found.outputs[output]}; {remedy} (see audit_error in the cube)",
-        RuntimeWarning,
-        stacklevel=4,
-    )
+    if (exceeding := found.exceeding).any():
+        worst = found.error[exceeding].max(axis=0)
+        asked, remedy = f"{found.tolerance:.0%}", "use a smaller dt"
+        if plan.spec.accuracy is not None:
+            asked, remedy = f"the {found.tolerance:g} asked for", "ask for a smaller accuracy"
+        warnings.warn(
+            f"the audit of {len(found.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is "
+            f"beyond {asked}, the worst {worst.max():.2g} in {found.outputs[int(worst.argmax())]}; {remedy} (see "
+            "audit_error in the cube)",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+
+
+def _errors(outputs: Sequence[str], values: dict[str, np.ndarray], fine: dict[str, np.ndarray]) -> np.ndarray:
+    """Relative errors, one column per output."""
+    return np.stack(list(relative_errors(outputs, values, fine).values()), axis=1)
 
 
 def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
