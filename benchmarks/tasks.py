@@ -15,8 +15,7 @@ import numpy as np
 from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
 from pounding_sweep.plan.scenarios import ChunkTask
-from pounding_sweep.run.cluster import _run_there
-from pounding_sweep.run.execute import Dispatcher
+from pounding_sweep.run.execute import Dispatcher, run_chunk
 
 #: Scenarios of the chunks by which the time of one is found.
 PROBE = 1024
@@ -67,7 +66,7 @@ def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], ChunkTask]) -> l
         raise RuntimeError(failures[0])
     spans: dict[str, list[tuple[float, float]]] = {}
     for task in client.get_task_stream(start=begun):
-        if task["key"].startswith(_run_there.__name__):
+        if task["key"].startswith(run_chunk.__name__):
             spans.setdefault(task["worker"], []).extend(
                 (span["start"], span["stop"]) for span in task["startstops"] if span["action"] == "compute"
             )

@@ -164,7 +164,6 @@ def test_processes(reference):
         ("threads", math.nan, "workers = nan must be a whole number, at least 1"),
         ("threads", "2", "workers = '2' must be a whole number, at least 1"),
         (None, None, "unknown scheduler None; valid: "),
-        ("tcp://127.0.0.1", None, "the address 'tcp://127.0.0.1' has no port; give one such as tcp://HOST:8786"),
     ],
 )
 def test_a_scheduler_that_is_none(tmp_path, scheduler, workers, says):

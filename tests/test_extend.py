@@ -272,7 +272,7 @@ def test_one_motion_under_two_names(ran, tmp_path):
 )
 def test_another_study_is_refused(whole_file, changes, says):
     with pytest.raises(InputError, match=says):
-        EarlierCube(whole_file, sweep(**changes).plan(), sweeping.package_digest())
+        EarlierCube(whole_file, sweep(**changes).plan())
 
 
 @pytest.fixture(scope="module")
@@ -678,7 +678,7 @@ def test_a_cube_that_says_of_another_scheme_for_its_accuracy_is_refused(tmp_path
             InputError,
             match=rf"for the accuracy it ran by {other['method']} in {other['precision']}, the new sweep takes another",
         ):
-            EarlierCube(old, job.plan(), sweeping.package_digest())
+            EarlierCube(old, job.plan())
 
 
 def test_one_motion_under_two_names_with_an_accuracy(tmp_path):
@@ -688,7 +688,7 @@ def test_one_motion_under_two_names_with_an_accuracy(tmp_path):
     old["status"][:] = int(Status.OK)
     old["steps_per_contact"][:] = 1.0
     plan = sweep(**few, gaps=[*WHOLE["gaps"], 0.03]).plan()
-    earlier = EarlierCube(write_cube(old, tmp_path / "old.nc"), plan, sweeping.package_digest())
+    earlier = EarlierCube(write_cube(old, tmp_path / "old.nc"), plan)
     known = [
         (plan.spec.records[chunk.record].name, gap)
         for chunk, _ in earlier.chunks(np.arange(len(plan.unique)))

@@ -151,9 +151,9 @@ def test_rows_of_one_and_of_three():
         ({"method": "euler"}, "rk4"),
         ({"dt": 0.0}, "dt"),
         ({"dt": float("nan")}, "dt"),
-        ({"initial_velocity": [0.1]}, "one per building"),
-        ({"initial_velocity": [[0.1, 0.2, 0.3], 0.0]}, "2 finite numbers"),
-        ({"initial_velocity": [[0.1, float("nan")], 0.0]}, "2 finite numbers"),
+        ({"initial_velocity": [0.1]}, "give one entry per building"),
+        ({"initial_velocity": [[0.1, 0.2, 0.3], 0.0]}, "one for each of its storeys, bottom first (2 of"),
+        ({"initial_velocity": [[0.1, float("nan")], 0.0]}, "one for each of its storeys, bottom first (2 of"),
     ],
 )
 def test_bad_arguments_are_named(options, says):

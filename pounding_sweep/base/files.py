@@ -97,11 +97,10 @@ def remove_leftovers(folder: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
-    """Give a temporary name, in `folder` if it is on the same disk; when the block ends well, make that `path`."""
+    """Give a temporary name, in a `folder` on the same disk if need be; when the block ends well, make that `path`."""
     with ExitStack() as contexts:
-        if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
+        if folder is None:
             remove_leftovers(path.parent)
-            folder = None
             while folder is None or not folder.exists():  # else somebody took it for a leftover before it was locked
                 folder = path.parent / _temporary_name()
                 folder.mkdir()

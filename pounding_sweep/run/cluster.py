@@ -12,7 +12,7 @@ from typing import Any
 
 import dask
 import numpy as np
-from distributed import Client, LocalCluster, WorkerPlugin, as_completed, get_worker
+from distributed import Client, LocalCluster, WorkerPlugin, as_completed
 from distributed.comm import get_address_host
 
 from pounding_sweep.base.errors import ClusterError
@@ -20,8 +20,6 @@ from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.identity import fingerprint
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.execute import Item
-
-Run = Callable[..., "np.ndarray | str"]
 
 #: Chunks in flight per thread of a worker: one runs, one waits next to it, one is on its way back.
 IN_FLIGHT = 3
@@ -90,21 +88,10 @@ def _ready(shape: KernelSpec) -> bool:
     return not there
 
 
-class _UnfitError(Exception):
-    """The worker at an address is not the one that was asked: it has other versions."""
-
-
-def _run_there(versions: str, run: Run, task: ChunkTask) -> np.ndarray | str:
-    """Run a chunk in a worker, if it still has the versions that it said."""
-    if fingerprint() != versions:
-        raise _UnfitError(get_worker().address)
-    return run(*task)
-
-
 class ClusterWorkers:
     """The workers of a cluster that have the versions of this process; dask shares chunks out among them."""
 
-    def __init__(self, client: Client, run: Run, note: Callable[[str], None]) -> None:
+    def __init__(self, client: Client, run: Callable[..., np.ndarray | str], note: Callable[[str], None]) -> None:
         self.client, self._run, self._note = client, run, note
         self._versions: dict[str, Any] = {}  # of each worker, the task that tells what it has installed
         self._fit: dict[str, int] = {}  # threads of the workers that can take part
@@ -138,7 +125,7 @@ class ClusterWorkers:
         """Run a task for each item; see `Dispatcher.run`."""
 
         def submit(item: Item) -> Any:
-            return self._submit(list(self._fit), _run_there, fingerprint(), self._run, task_of(item))
+            return self._submit(list(self._fit), self._run, *task_of(item))
 
         failed = []
         for item, result in self._complete(items, submit):
@@ -179,9 +166,6 @@ class ClusterWorkers:
                 result = answer[1] if future.status != "finished" and isinstance(answer, tuple) else answer
                 if future.cancelled():
                     raise self._gone(result)
-                if isinstance(result, _UnfitError):  # it is asked again
-                    self._fit.pop(result.args[0], None)
-                    self._versions.pop(result.args[0], None)
                 yield item, result
 
     def _submit(self, workers: Sequence[str], function: Callable[..., Any], *arguments: Any, priority: int = 0) -> Any:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import linecache
 import os
-import re
 import sys
 import time
 import traceback
@@ -90,18 +89,14 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     RunError
         Processes are asked for by a script without ``if __name__ == "__main__":``.
     """
-    if isinstance(scheduler, str) and (scheduler in SCHEDULERS or "://" in scheduler):
-        if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
-            raise InputError(
-                f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
-            )
-    elif not hasattr(scheduler, "scheduler_info"):
+    is_known = scheduler in SCHEDULERS or (isinstance(scheduler, str) and "://" in scheduler)
+    if not is_known and not hasattr(scheduler, "scheduler_info"):
         raise InputError(unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"]))
     if scheduler == "processes":
         check_main_guard()
     if workers is None:
         return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
-    if not isinstance(workers, int | np.integer) or workers < 1:
+    if not isinstance(workers, int) or workers < 1:
         raise InputError(f"workers = {workers!r} must be a whole number, at least 1")
     return int(workers)
 

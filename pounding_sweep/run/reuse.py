@@ -24,6 +24,7 @@ from pounding_sweep.output.identity import (
     library_versions,
     motion_of,
     other_values,
+    package_digest,
     places_of,
     plain,
     recorded_axes,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 KEY_BLOCK = 2**18
 
 
-def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest: str) -> None:
+def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
     if not {"sweep", SOURCE_ATTRIBUTE} <= cube.attrs.keys() or "status" not in cube.data_vars:
         why = "does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
@@ -63,7 +64,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source_digest
     ]
     makers = [
         ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
-        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source_digest),
+        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), package_digest()),
         *(
             (name, plain(cube.attrs.get(library_attribute(name))), version)
             for name, version in library_versions().items()
@@ -116,12 +117,12 @@ def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, dict[str
 class EarlierCube:
     """Results of an earlier cube, by what the scenarios are."""
 
-    def __init__(self, path: str | os.PathLike[str], plan: Plan, source_digest: str) -> None:
+    def __init__(self, path: str | os.PathLike[str], plan: Plan) -> None:
         self.path = os.fspath(path)
         self._plan = plan
         self._old: Plan | None = None
         with open_cube(path) as cube:
-            check_same_study(self.path, cube, plan.spec, source_digest)
+            check_same_study(self.path, cube, plan.spec)
             self.sha256 = str(cube.attrs["sweep_sha256"])
             self.origin = source(self.path, cube.attrs)
             whole = described_sweep(self.path, cube, plan.spec)

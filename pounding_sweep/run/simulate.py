@@ -226,21 +226,19 @@ def peaks_shown(one: xr.Dataset) -> float:
 
 def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
     """Return the velocity (m/s) of each floor, of one number or one for each floor of every building."""
-    buildings = scene.buildings
-    if len(given) != len(buildings):
+    storeys = {building.name: building.n_storeys for building in scene.buildings}
+    try:
+        parts = [np.broadcast_to(np.asarray(v, float), n) for v, n in zip(given, storeys.values(), strict=True)]
+    except (TypeError, ValueError):
+        parts = [np.full(1, np.nan)]
+    floors = np.concatenate(parts)
+    if not np.isfinite(floors).all():
+        wanted = ", ".join(f"{n} of {name!r}" for name, n in storeys.items())
         raise InputError(
-            f"initial_velocity has {len(given)} entries for {len(buildings)} buildings; give one per building (m/s)"
+            f"initial_velocity is {given!r}; give one entry per building (m/s): a finite number, or one for each of "
+            f"its storeys, bottom first ({wanted})"
         )
-    result: list[float] = []
-    for building, values in zip(buildings, given, strict=True):
-        floors = np.asarray(values, dtype=float)
-        if floors.shape not in ((), (building.n_storeys,)) or not np.isfinite(floors).all():
-            raise InputError(
-                f"initial_velocity of building {building.name!r} is {values!r}; "
-                f"give {building.n_storeys} finite numbers (m/s), bottom first"
-            )
-        result += np.broadcast_to(floors, building.n_storeys).tolist()
-    return tuple(result)
+    return tuple(floors.tolist())
 
 
 #: Histories in the order of the Dataset: what there is one of each for, unit, and what it is.

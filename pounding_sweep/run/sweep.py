@@ -230,7 +230,7 @@ class Sweep:
         more: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
         earlier = None
         if extend is not None:
-            earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE])
+            earlier = EarlierCube(extend, plan)
         store = log = None
         with ExitStack() as contexts:
             if target is None:
@@ -284,17 +284,12 @@ class Sweep:
 
 
 def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
-    """Raise `OutputError` where the cube or its chunks, which may be on another disk, find no room."""
+    """Raise `OutputError` where the cube and its chunks find no room."""
     from pounding_sweep.output.netcdf import check_space
 
-    cube, chunks = plan.n_asked * plan.bytes_per_scenario, plan.n_unique * plan.bytes_per_scenario
-    chunks -= sum(store.path(key).stat().st_size for key in store.completed())
-    what = f"the cube of {plan.n_asked:,} scenarios"
-    if target.parent.stat().st_dev == store.folder.stat().st_dev:
-        check_space(target.parent, cube + chunks, f"{what}, with its chunks,")
-    else:
-        check_space(target.parent, cube, what)
-        check_space(store.folder, chunks, f"the folder of chunks of {plan.n_asked:,} scenarios")
+    needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
+    needed -= sum(store.path(key).stat().st_size for key in store.completed())
+    check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
 
 
 def _check_results(outcome: Outcome, target: Path) -> None:
