@@ -67,6 +67,8 @@ class Plan:
     ----------
     spec : SweepSpec
         The sweep.
+    laws : tuple of Law
+        Laws by the index that `unique` uses; the last is no pounding.
     unique : Scenarios
         Scenarios that differ in something that matters.
     variants : Variants
@@ -83,6 +85,10 @@ class Plan:
         Steps per record interval of each row.
     uncoupled_steps : ndarray of int, shape (records, variants)
         Steps per record interval of the runs without pounding.
+    uncoupled_runs : Scenarios
+        Distinct runs without pounding of all rows of `unique`.
+    uncoupled_of : ndarray of int
+        Row of `uncoupled_runs` for each row of `unique`.
     choice : str
         What was chosen for the accuracy asked for; "" where the sweep gives scheme and step.
     choice_numbers : dict, optional
@@ -90,6 +96,7 @@ class Plan:
     """
 
     spec: SweepSpec
+    laws: tuple[Law, ...]
     unique: Scenarios
     variants: Variants
     inverse: np.ndarray
@@ -98,13 +105,10 @@ class Plan:
     numerics: Numerics
     steps: np.ndarray
     uncoupled_steps: np.ndarray
+    uncoupled_runs: Scenarios
+    uncoupled_of: np.ndarray
     choice: str = ""
     choice_numbers: Mapping[str, Any] | None = None
-
-    @cached_property
-    def laws(self) -> tuple[Law, ...]:
-        """Laws by the index that `unique` uses; the last is no pounding."""
-        return _laws(self.spec)
 
     @cached_property
     def digest(self) -> str:
@@ -187,23 +191,8 @@ class Plan:
         own = self.laws[law]
         if not own.has_contact or own.damper:
             return None
-        both = [item for item in self.laws if item.damper and item.elastic == own.elastic]
-        simple = [item for item in both if not (item.approach_only or item.rebound_only or item.tension)]
-        return simple[0] if simple else None
-
-    @cached_property
-    def _uncoupled(self) -> tuple[Scenarios, np.ndarray]:
-        return uncoupled_runs_of(self.unique, len(self.laws) - 1)
-
-    @property
-    def uncoupled_runs(self) -> Scenarios:
-        """Distinct runs without pounding of all rows of `unique`."""
-        return self._uncoupled[0]
-
-    @property
-    def uncoupled_of(self) -> np.ndarray:
-        """Row of `uncoupled_runs` for each row of `unique`, shape (unique,)."""
-        return self._uncoupled[1]
+        both = (item for item in self.laws if item.damper and item.elastic == own.elastic)
+        return next((item for item in both if not (item.approach_only or item.rebound_only or item.tension)), None)
 
     @cached_property
     def uncoupled_to_run(self) -> np.ndarray:
@@ -323,13 +312,9 @@ class Plan:
         return html_table(self.rows(), caption=self.spec.title)
 
 
-def _laws(spec: SweepSpec) -> tuple[Law, ...]:
-    return (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
-
-
 def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     """Reduce a sweep to its unique scenarios."""
-    laws = _laws(spec)
+    laws = (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
     unique, variants, inverse = unique_scenarios(spec, laws)
     table, repeats = but_for_gaps(unique)  # no step depends on gaps
     choice: tuple[Any, ...] = ()
@@ -356,8 +341,9 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         alike = len(column) > 0 and bool((column == column[0]).all())
         return np.broadcast_to(column[0], len(unique)) if alike else np.repeat(column, repeats)
 
-    columns = repeated(refused), repeated(limit), numerics, repeated(steps)
-    return Plan(spec, unique, variants, inverse, *columns, uncoupled, *choice)
+    columns = repeated(refused), repeated(limit), numerics, repeated(steps), uncoupled
+    runs = uncoupled_runs_of(unique, len(laws) - 1)
+    return Plan(spec, laws, unique, variants, inverse, *columns, *runs, *choice)
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
