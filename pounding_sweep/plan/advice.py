@@ -13,7 +13,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -128,7 +128,7 @@ def shortest_contact(
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
 #: Method and precision.
-SchemeAndFormat = tuple[str, str]
+SchemeAndFormat = tuple[str, ...]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
@@ -168,9 +168,9 @@ class Curve:
 class Measured:
     """What was measured: errors and costs."""
 
-    curves: dict[tuple[str, str, str, str], Curve]  # (method, precision, law, class of outputs) -> `Curve`
+    curves: dict[tuple[str, ...], Curve]  # (method, precision, law, class of outputs) -> `Curve`
     #: (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom
-    cost: dict[tuple[str, str], float]
+    cost: dict[SchemeAndFormat, float]
     about: dict[str, Any]  # where the numbers come from: quantile, version, date, machine
 
 
@@ -198,16 +198,13 @@ def measured_schemes() -> tuple[str, ...]:
 
 def read_measured(data: dict[str, Any]) -> Measured:
     """Return what ``measured.json`` holds."""
-    curves = {}
-    for scheme, laws in data["errors"].items():
-        method, precision = scheme.split("/")
-        for law, classes in laws.items():
-            for kind, points in classes.items():
-                curves[method, precision, law, kind] = Curve(*zip(*map(tuple, points), strict=True))
-    cost = {}
-    for scheme, value in data["cost"].items():
-        method, precision = scheme.split("/")
-        cost[method, precision] = float(value)
+    curves = {
+        (*scheme.split("/"), law, kind): Curve(*zip(*points, strict=True))
+        for scheme, laws in data["errors"].items()
+        for law, classes in laws.items()
+        for kind, points in classes.items()
+    }
+    cost = {tuple(scheme.split("/")): float(value) for scheme, value in data["cost"].items()}
     return Measured(curves, cost, data["about"])
 
 
@@ -222,24 +219,15 @@ def whole_steps(wanted: np.ndarray) -> np.ndarray:
     return np.asarray(_STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))])
 
 
-def advise(
-    spec: SweepSpec,
-    laws: Sequence[Law],
-    table: Scenarios,
-    repeats: np.ndarray,
-    variants: Variants,
-    initial_speed: float,
-) -> Advice:
+def advise(demand: Demand) -> Advice:
     """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
 
-    `laws` are those that `table` counts, the last without contact; each row of it stands for `repeats` scenarios.
-    `initial_speed` (m/s) is the largest of approach at the start. Raises `SweepError` if a law was not measured, or no
-    scheme reached the accuracy.
+    Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
     """
+    spec, laws, table = demand.spec, demand.laws, demand.table
     assert spec.accuracy is not None
     measured = load_measured()
-    demand = _Demand(spec, laws, table, repeats, variants, initial_speed)
-    schemes = [
+    schemes: list[SchemeAndFormat] = [
         (method, precision)
         for method, precision in measured.cost
         if spec.method in (None, method)
@@ -352,37 +340,37 @@ def _refinement(method: str, need: dict[str, float]) -> float:
     return max(need.values()) if SCHEMES[method].flies_exactly else 1.0
 
 
-class _Demand:
+@dataclass(frozen=True)
+class Demand:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
-    # `repeats` says how many scenarios each row of the table stands for
+    spec: SweepSpec
+    laws: Sequence[Law]  # those that the table counts, the last without contact
+    table: Scenarios
+    repeats: np.ndarray  # how many scenarios each row of the table stands for
+    variants: Variants
+    initial_speed: float  # largest speed of approach at the start (m/s)
 
-    def __init__(
-        self,
-        spec: SweepSpec,
-        laws: Sequence[Law],
-        table: Scenarios,
-        repeats: np.ndarray,
-        variants: Variants,
-        initial_speed: float,
-    ) -> None:
-        self.spec, self.laws, self.table, self.repeats, self.variants = spec, laws, table, repeats, variants
-        self.contact = np.full(len(table), np.inf)
-        self.mode = math.pi / highest_frequency(variants)
+    @cached_property
+    def mode(self) -> np.ndarray:
+        """Half the period of the buildings' highest mode of each variant (s)."""
+        return math.pi / highest_frequency(self.variants)
+
+    @cached_property
+    def contact(self) -> np.ndarray:
+        """Shortest contact of each scenario (s)."""
+        spec, variants, result = self.spec, self.variants, np.full(len(self.table), np.inf)
         # only forces that are not linear make contacts of a duration that depends on the speed
-        linear = all(law.exponent in (None, 1.0) for law in (*laws, *(bumper.law for bumper in spec.scene.bumpers)))
+        every = (*self.laws, *(bumper.law for bumper in spec.scene.bumpers))
+        linear = all(law.exponent in (None, 1.0) for law in every)
         still = np.zeros((len(variants), len(spec.scene.pair_names)))
         speeds = np.stack([still if linear else approach_speeds(variants, record) for record in spec.records])
-        for i, rows in table.by_law():
-            part = table[rows]
-            self.contact[rows] = shortest_contact(
-                variants[part.variant],
-                laws[i],
-                part.stiffness,
-                part.restitution,
-                np.abs(part.scale)[:, None] * speeds[part.record, part.variant] + initial_speed,
-                spec.restitution_basis,
-            )
+        for i, rows in self.table.by_law():
+            part = self.table[rows]
+            speed = np.abs(part.scale)[:, None] * speeds[part.record, part.variant] + self.initial_speed
+            contact = part.stiffness, part.restitution, speed, spec.restitution_basis
+            result[rows] = shortest_contact(variants[part.variant], self.laws[i], *contact)
+        return result
 
     def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""

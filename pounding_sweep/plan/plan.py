@@ -327,9 +327,9 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
         steps = of_record[table.record]
     else:
-        from pounding_sweep.plan.advice import advise
+        from pounding_sweep.plan.advice import Demand, advise
 
-        advice = advise(spec, laws, table, repeats, variants, initial_speed)
+        advice = advise(Demand(spec, laws, table, repeats, variants, initial_speed))
         numerics, steps, uncoupled = advice.numerics, advice.steps, advice.uncoupled
         choice = advice.sentence, advice.numbers
     limit = stable_steps(spec, laws, table, variants, numerics.method)
