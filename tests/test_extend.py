@@ -26,7 +26,6 @@ from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Outcome, Results
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan import plan as planning
-from pounding_sweep.plan import scenarios as cutting
 from pounding_sweep.records import Record
 from pounding_sweep.resume import MANIFEST, identity_of
 from pounding_sweep.run import audit as auditing
@@ -128,7 +127,6 @@ def same(found, expected):
 )
 def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
     monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
-    monkeypatch.setattr(cutting, "SHARE", 1.0)
     monkeypatch.setattr("pounding_sweep.run.reuse.SLAB_BYTES", 2000)  # read in several parts
     less = LESS if axis == "all" else {axis: LESS[axis]}
     with sweep(**less).run(tmp_path / "old.nc", workers=1):
@@ -404,7 +402,6 @@ def test_listed_cases(tmp_path_factory, old, new, chunk_seconds):
     folder = tmp_path_factory.mktemp("cases")
     with pytest.MonkeyPatch.context() as patch, listed_runs() as ran:
         patch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
-        patch.setattr(cutting, "SHARE", 1.0)
         listed(old).run(folder / "old.nc", workers=1).close()
         before = set(ran)
         ran.clear()
@@ -592,7 +589,6 @@ def two_cubes(tmp_path_factory):
 def earlier(two_cubes, tmp_path, monkeypatch):
     """Copies of both, and chunks of few scenarios."""
     monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-5)
-    monkeypatch.setattr(cutting, "SHARE", 1.0)
     return tuple(Path(shutil.copy(path, tmp_path)) for path in two_cubes)
 
 

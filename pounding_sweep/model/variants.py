@@ -236,20 +236,18 @@ class Variants:
         start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
         based = [b for b in group if self.scene.buildings[b].foundation]
         n, first = stop - start + 2 * len(based), 2 * sum(b < group[0] for b in self.scene.foundations)
-        bases = slice(first, first + 2 * len(based))
-        masses = self.masses[:, start:stop]
-        stiff, damped = np.zeros((len(masses), n, n)), np.zeros((len(masses), n, n))
+        floors, bases = slice(start, stop), slice(first, first + 2 * len(based))
+        drifts, deformations = np.zeros((2, stop - start, n))
         for b in group:
-            own = self.scene.buildings[b]
-            floors = slice(self.scene.offsets[b], self.scene.offsets[b + 1])
-            at = list(range(floors.start - start, floors.stop - start))
-            at += [stop - start + 2 * based.index(b) + side for side in (0, 1)] if b in based else []
-            here = (slice(None), np.array(at)[:, None], at)
-            k = (own.drifts.T * self.stiffnesses[:, None, floors]) @ own.drifts
-            alpha, beta = (factor[:, None, None] for factor in self.rayleigh(b))
-            stiff[here] = k
-            damped[here] = beta * k + (own.drifts.T * self.dashpots[:, None, floors]) @ own.drifts
-            damped[here] += alpha * ((own.deformations.T * self.masses[:, None, floors]) @ own.deformations)
+            own, rows = self.scene.buildings[b], np.arange(*self.scene.offsets[b : b + 2]) - start
+            base = stop - start + 2 * based.index(b) + np.arange(2) if b in based else ()
+            at = rows[:, None], [*rows, *base]
+            drifts[at], deformations[at] = own.drifts, own.deformations
+        alpha, beta = (factor[:, self._owner[floors]] for factor in self.rayleigh_factors)
+        masses, stiffnesses = self.masses[:, floors], self.stiffnesses[:, floors]
+        stiff = (drifts.T * stiffnesses[:, None]) @ drifts
+        damped = (drifts.T * (beta * stiffnesses + self.dashpots[:, floors])[:, None]) @ drifts
+        damped += (deformations.T * (alpha * masses)[:, None]) @ deformations
         for link in self.scene.linked_floors:
             if start <= link.left < stop:
                 across = (np.arange(start, start + n) == link.left) - 1.0 * (np.arange(start, start + n) == link.right)

@@ -45,7 +45,7 @@ from pounding_sweep.spec.spec import SweepSpec, digest
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
-CHUNK_SECONDS = 1.0
+CHUNK_SECONDS = 0.25
 #: Largest size (bytes) of the results of one chunk.
 CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.

@@ -23,10 +23,6 @@ from pounding_sweep.spec.spec import SweepSpec
 
 #: Rows of a law that are worked out at once.
 BLOCK = 2**15
-#: Share of what is left that one chunk takes, near the end of a sweep.
-SHARE = 1.0 / 16.0
-#: Smallest chunk over the largest, where there are scenarios for it.
-SMALLEST = 1.0 / 4.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +70,7 @@ class Requested:
     law: np.ndarray
     record: np.ndarray
     values: dict[str, np.ndarray]  # scale, stiffness, restitution, and gap, with one more dimension for pairs
-    ranks: dict[str, np.ndarray]  # places of these and of the variants when sorted, gaps last; int
+    ranks: dict[str, np.ndarray]  # places of these when sorted, gaps last; int
     variant: np.ndarray
     variants: Variants  # building properties
 
@@ -91,7 +87,9 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
         "stiffness": touching & ~np.array([scene.padded or item.exponent is None for item in laws])[law],
         "restitution": touching & np.array([not scene.padded and item.takes_restitution for item in laws])[law],
     }
-    ranks = {name: np.where(matters.get(name, True), column, 0) for name, column in requested.ranks.items()}
+    variants = np.argsort(np.lexsort(np.column_stack(requested.variants.columns).T[::-1]))[requested.variant]
+    ranks = {"variant": variants, **requested.ranks}
+    ranks = {name: np.where(matters.get(name, True), column, 0) for name, column in ranks.items()}
     # the column with most values innermost; sorted() is stable, so that gaps are innermost among equals
     inner = sorted(((column, int(column.max()) + 1) for column in ranks.values()), key=lambda item: item[1])
     codes = _combine([(requested.record, len(spec.records)), (law, len(laws)), *inner])
@@ -141,29 +139,28 @@ def _product(spec: SweepSpec) -> Requested:
     contact = [[stiffness.value(v, scene=spec.scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
     factors = np.array([[spec.scale(scale, v, record) for v in scales] for record in spec.records])
     gaps = np.array([spec.scene.gaps] if spec.gaps is None else np.array(spec.gaps)[:, None], float)
-    variants, axes = _product_variants(spec.scene, spec.property_axes), spec.property_axes
-    grids = np.meshgrid(*(_ranks(axis.values) for axis in axes), indexing="ij")
-    inner = sorted(((grid, len(axis.values)) for grid, axis in zip(grids, axes, strict=True)), key=lambda own: own[1])
+    variants = _product_variants(spec.scene, spec.property_axes)
+    variant = np.arange(len(variants) > 1, len(variants), dtype=np.int32)
     ranks = {
         "scale": _ranks(scales),
         "stiffness": _ranks(stiffnesses),
         "restitution": _ranks(spec.restitutions),
-        "variant": _combine(inner).reshape(-1),
         "gap": np.zeros(1, np.int64) if spec.gaps is None else _ranks(spec.gaps),
     }
-    counts = {"law": len(spec.laws), "record": len(spec.records)} | {name: len(own) for name, own in ranks.items()}
+    law, record = np.arange(len(spec.laws)), np.arange(len(spec.records), dtype=np.int32)
+    lengths = {name: len(own) for name, own in (ranks | {"law": law, "record": record, "variant": variant}).items()}
     return Requested(
-        shape=tuple(counts[dim] for dim in dims),
-        law=along("law", values=np.arange(len(spec.laws))),
-        record=along("record", values=np.arange(len(spec.records), dtype=np.int32)),
+        shape=tuple(lengths[dim] for dim in dims),
+        law=along("law", values=law),
+        record=along("record", values=record),
         values={
-            "scale": along("record", "scale", values=factors[:1] if (factors == factors[0]).all() else factors),
+            "scale": along("record", "scale", values=factors),
             "stiffness": along("law", "stiffness", values=contact),
             "restitution": along("restitution", values=np.array(spec.restitutions, float)),
-            "gap": along("gap", values=gaps[:, :1] if (gaps == gaps[:, :1]).all() else gaps),
+            "gap": along("gap", values=gaps),
         },
         ranks={name: along(name, values=own) for name, own in ranks.items()},
-        variant=along("variant", values=np.arange(len(variants) > 1, len(variants), dtype=np.int32)),
+        variant=along("variant", values=variant),
         variants=variants,
     )
 
@@ -179,13 +176,12 @@ def _listed(spec: SweepSpec) -> Requested:
         "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
         "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
     }
-    columns = {**values, "variant": variant}
     return Requested(
         shape=(len(cases),),
         law=np.array([spec.laws.index(case.law) for case in cases]),
         record=np.array([0 if case.record is None else places[case.record] for case in cases], np.int32),
         values=values | {"gap": gaps},
-        ranks={name: np.unique(own, return_inverse=True)[1] for name, own in columns.items()}
+        ranks={name: np.unique(own, return_inverse=True)[1] for name, own in values.items()}
         | {"gap": np.unique(gaps, axis=0, return_inverse=True)[1].reshape(-1)},
         variant=variant,
         variants=variants,
@@ -258,7 +254,7 @@ def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np
 
 def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:
     """Codes of a column, rising with its values, and how many there are."""
-    if len(column) and not column.strides[0]:  # one value, repeated
+    if len(column) and (column == column[0]).all():
         return np.zeros(len(column), np.int64), 1
     found, inverse = np.unique(column, return_inverse=True)
     return inverse.reshape(-1), len(found)
@@ -361,29 +357,18 @@ def cut(
     seconds: Callable[[int, int], float],
 ) -> list[Chunk]:
     """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
-    differing = [column for column in (flights, steps, table.law, table.record) if column.strides[0]]
-    differing = [column for column in differing if len(rows) and (column[rows] != column[rows[0]]).any()]
-    order = rows[np.lexsort([column[rows] for column in differing])] if differing else rows
-    ends = np.zeros(max(0, len(order) - 1), bool)
-    for column in differing:
-        values = column[order]
-        ends |= values[1:] != values[:-1]
-    parts = np.split(order, np.flatnonzero(ends) + 1) if len(order) else []
+    codes = _combine([_factors(column[rows]) for column in (table.record, table.law, steps, flights)])
+    order = np.argsort(codes, kind="stable")
     found = []
-    for part in parts:
+    for part in np.split(rows[order], np.flatnonzero(np.diff(codes[order])) + 1) if len(rows) else ():
         record, law, count = (int(values[part[0]]) for values in (table.record, table.law, steps))
         found.append((max(seconds(record, count), 1e-12), record, law, count, part))
     found.sort(key=lambda kind: -kind[0])
-    left = sum(each * len(part) for each, *_, part in found)
-    result: list[Chunk] = []
+    result = []
     for each, record, law, count, part in found:
-        first = 0
-        while first < len(part):
-            wanted = min(longest, max(SMALLEST * longest, SHARE * left))
-            mine = part[first : first + LANES * max(1, int(min(wanted / each, most) / LANES))]
-            result.append(Chunk(chunk_key(f"{name}:{record}:{law}:{count}:", mine), law, record, mine, count))
-            first += len(mine)
-            left -= each * len(mine)
+        size = LANES * max(1, int(min(longest / each, most) / LANES))
+        for own in np.split(part, range(size, len(part), size)):
+            result.append(Chunk(chunk_key(f"{name}:{record}:{law}:{count}:", own), law, record, own, count))
     return result
 
 
