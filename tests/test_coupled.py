@@ -13,6 +13,7 @@ from kernels_used import LEANING_YIELDS, LINKED
 from kinds import DASHED, TIED, TOWER, YIELDING_LINKED
 from scenes import EVERY, pair
 from scipy.linalg import expm
+from test_flight import view_of
 from test_links import exact, matrices
 
 import pounding_sweep as ps
@@ -145,7 +146,7 @@ def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
     flight.base.now = layout.base(0, 3)
     flight.put_decays(None, decays, HEAD + 3)
     n, count = scene.n_dof, len(layout.watched)
-    view = {name: layout.view(table, name, 3) for name in (*layout.shared, *layout.fixed)}
+    view = {name: view_of(layout, table, name, 3) for name in (*layout.shared, *layout.fixed)}
     rng = np.random.default_rng(seed)
     x = rng.standard_normal(2 * n) * 10.0 ** rng.uniform(-2, 2, 2 * n) / energy_scales(scene)
     by = [view[name].reshape(n, -1)[:, :n] for name in ("modal", "modal_qv", "modal_pu", "modal_pv")]

@@ -30,6 +30,13 @@ from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import reducers_for
 
 
+def view_of(layout, tables, name, points, row=0):
+    """Numbers of a name in the tables of a row of buildings, an array."""
+    table = tables if name in layout.shared else tables[layout.base(row, points) :]
+    many = {**layout.shared, **layout.fixed}.get(name) or points * layout.timed[name]
+    return table[layout.place(name, points) :][:many]
+
+
 def kernel_of(scene, outputs=EVERY, law="kelvin_voigt", **numerics):
     return RowKernel(scene, get_law(law), Numerics("exact", 1e-3, **numerics), reducers_for(list(outputs)))
 
@@ -60,7 +67,6 @@ def filled(scene, ground, h):
     fixed, decays = fixed_tables(layout, variants_of(scene), ground, h, "float64")
     table = flight_tables(layout, len(ground), fixed)
     flight = Flight(group, table, len(ground))
-    flight.find_places()
     with np.errstate(all="ignore"):
         Tables(flight, decays, None, MARGIN["float64"]).fill(1)
     return layout, table
@@ -97,8 +103,8 @@ def test_modes_decay_as_the_matrix_exponential_says(storeys, ratio, log_turn, fa
     layout, tables = tables_of(variants, np.zeros(5), h, ("displacement_max",))
     n = len(masses)
     for i, other in enumerate(scenes_of(variants)):
-        advance = layout.view(tables, "advance", 5, i).reshape(layout.lanes + 1, 4, -1)[..., :n]
-        floors, modal = (layout.view(tables, name, 5).reshape(n, -1)[:, :n] for name in ("floors", "modal"))
+        advance = view_of(layout, tables, "advance", 5, i).reshape(layout.lanes + 1, 4, -1)[..., :n]
+        floors, modal = (view_of(layout, tables, name, 5).reshape(n, -1)[:, :n] for name in ("floors", "modal"))
         w = float(other.buildings[0].frequencies[-1])
         for k, steps in ((1, 1), (3, 3), (layout.lanes, WIDE)):
             want = by_exponential(other.buildings[0], h * steps)
@@ -116,7 +122,7 @@ def test_critical_damping_is_no_special_case():
         spring = Building("a", [1.0], [w**2], damping_ratio=0.5)
         variants = Variants(Scene([spring]), np.ones((1, 1)), np.ones((1, 1)), np.array([ratio]))
         layout, tables = tables_of(variants, np.zeros(3), h)
-        found = layout.view(tables, "advance", 3).reshape(layout.lanes + 1, 4, -1)[1, :, 0].reshape(2, 2)
+        found = view_of(layout, tables, "advance", 3).reshape(layout.lanes + 1, 4, -1)[1, :, 0].reshape(2, 2)
         free = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * ratio * w]]) * h)
         np.testing.assert_allclose(found, free, rtol=1e-12)
 
@@ -133,24 +139,24 @@ def test_motions_without_pounding_are_those_of_the_modes():
         np.concatenate(part, axis=1)
         for part in zip(*(modal_exact(b, fine, record.dt / 32)[:2] for b in alone), strict=True)
     )
-    floors = layout.view(table, "floors", points).reshape(layout.modes, -1)[:, : layout.modes].T
-    q = layout.view(table, "q", points).reshape(points, -1)[:, : layout.modes]
+    floors = view_of(layout, table, "floors", points).reshape(layout.modes, -1)[:, : layout.modes].T
+    q = view_of(layout, table, "q", points).reshape(points, -1)[:, : layout.modes]
     np.testing.assert_allclose(q @ floors.T, u[::32], rtol=0, atol=1e-10 * np.abs(u).max())
     still = [i for i, each in enumerate(layout.watched) if each.kind != ACCELERATION]
     x = u @ np.array([layout.watched[i].weights for i in still]).T
     size = 3e-4 * np.abs(x).max(axis=0)
     for name, length, best in (("most", 7, np.max), ("widest", WIDE, np.max), ("least", 7, np.min)):
-        found = layout.view(table, name, points).reshape(points, -1)[:, still]
+        found = view_of(layout, table, name, points).reshape(points, -1)[:, still]
         want = np.array([best(x[32 * t : 32 * (t + length) + 1], axis=0) for t in range(points)])
         assert (np.abs(found - want) <= size).all(), name
     rates = v @ np.array([layout.watched[i].weights for i in still]).T * record.dt
-    bulge, missed = (layout.view(table, name, points)[still] for name in ("bulge0", "missed0"))
+    bulge, missed = (view_of(layout, table, name, points)[still] for name in ("bulge0", "missed0"))
     slack, share = 1e-9 * np.abs(x).max(axis=0), np.linspace(0.0, 1.0, 33)[:, None]
     for t in range(points - 1):  # beyond chords, and beyond hulls of cubics
         part, ends = x[32 * t : 32 * t + 33], rates[[32 * t, 32 * t + 32]]
         assert (np.abs(part - part[0] - (part[-1] - part[0]) * share) <= bulge + slack).all()
         assert (out_of_hull(part, ends) <= missed + slack).all()
-    peaks = layout.view(table, "peak", points).reshape(points, -1)[:, still]
+    peaks = view_of(layout, table, "peak", points).reshape(points, -1)[:, still]
     want = np.array([x[: 32 * t + 1].max(axis=0) for t in range(points)])
     assert (np.abs(peaks - want) <= size).all()
 
@@ -174,7 +180,6 @@ def test_blocks_bound_what_is_watched_in_them(alike):
     tables = flight_tables(layout, stops, fixed)
     flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, points)
     flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants), Ledger(None).cell)
-    flight.find_places()
     with np.errstate(all="ignore"):
         blocks.fill()
     assert (blocks.stride, blocks.length, blocks.blocks) == (3, 27, stops)
@@ -193,9 +198,10 @@ def test_blocks_bound_what_is_watched_in_them(alike):
             forces.append(-np.linalg.solve(mass, damping @ v[:, own].T + stiffness @ u[:, own].T).T)
         x = np.where(shaken, np.concatenate(forces, axis=1) @ weights.T, u @ weights.T)
         bounds = {
-            name: layout.view(tables, name, stops, i).reshape(stops, -1)[:, : len(shaken)] for name in ("most", "least")
+            name: view_of(layout, tables, name, stops, i).reshape(stops, -1)[:, : len(shaken)]
+            for name in ("most", "least")
         }
-        swell = layout.view(tables, "bulge0", stops, i)[: len(shaken)] / blocks.per_square
+        swell = view_of(layout, tables, "bulge0", stops, i)[: len(shaken)] / blocks.per_square
         for block in range(stops):
             here = x[4 * block * blocks.length : 4 * (block + 1) * blocks.length + 1]
             room = 2.0 * swell + 1e-9 * np.abs(x).max(axis=0)
@@ -204,7 +210,7 @@ def test_blocks_bound_what_is_watched_in_them(alike):
             assert (bounds["most"][block] <= here.max(axis=0) + room).all()
             assert (bounds["least"][block] >= here.min(axis=0) - room).all()
         flight.base.now = layout.base(i, stops)
-        floors = layout.view(tables, "floors", stops).reshape(layout.modes, -1)[:, : layout.modes]
+        floors = view_of(layout, tables, "floors", stops).reshape(layout.modes, -1)[:, : layout.modes]
         for block in (stops - 1, 0):
             blocks.know(block)
             many = min(blocks.length, points - 1 - block * blocks.length) + 1
@@ -233,7 +239,7 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     layout, table = tables_of(variants, np.zeros(3), h)
     n, count = layout.modes, len(layout.watched)
     assert {each.kind for each in layout.watched} == {TOUCH, TURN, ACCELERATION}
-    view = {name: layout.view(table, name, 3) for name in (*layout.shared, *layout.fixed)}
+    view = {name: view_of(layout, table, name, 3) for name in (*layout.shared, *layout.fixed)}
     shape = view["shape"].reshape(count, n)
     bound, bulge, missed = (
         sum(view[name].reshape(n, -1)[:, :count] * (view[factor][:n, None] if factor else 1.0) for name, factor in each)

@@ -23,7 +23,7 @@ from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import hysteresis
-from pounding_sweep.kernel.flight_yielding import find_sets
+from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.export import export_cube
@@ -111,7 +111,7 @@ def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
     group.state.array[group.state.first["u"] :][:n] = u
     k, r = (np.array([group.prop(name, i) for i in range(n)])[:, None] for name in ("k", "hardening"))
     group.state.array[group.state.first["ct"] :][:n] = -(1.0 - r) * k * slip
-    find_sets(SimpleNamespace(group=group))
+    Flight.find_sets(SimpleNamespace(group=group))
     c = group.state.array[group.state.first["set"] :][:n]
     for b, floors in enumerate(group.building_floors):
         x, still = [u[i] for i in floors], [np.zeros(8)] * len(floors)

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
-from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
-from pounding_sweep.kernel.flight_energies import nodes
+from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout, nodes
 from pounding_sweep.kernel.modal_steps import step
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import CoupledModes, Variants, coupled_modes
@@ -141,7 +140,8 @@ def fixed_tables(
 def _put(layout: Layout, name: str, tables: np.ndarray, values: np.ndarray) -> None:
     """Put values into a table of a name, padded to its width; shape (rows of buildings, ..., columns)."""
     width = layout.fixed.get(name) or layout.shared[name]
-    where = tables[:, layout.first[name] : layout.first[name] + width]
+    _, first = layout.places[name]
+    where = tables[:, first : first + width]
     where.reshape(*values.shape[:-1], -1)[..., : values.shape[-1]] = values
 
 

@@ -192,7 +192,6 @@ def make_flights(
     if spec.blocks:
         flight.blocks = Blocks(*own, rows, ledger.cell)
     fill = flight.blocks.fill if spec.blocks else partial(Tables(*own).fill, rows)
-    flight.find_places()
     inputs, results = (
         Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
         for slots, name in ((input_slots(spec), "inputs"), (output_slots(spec), "results"))

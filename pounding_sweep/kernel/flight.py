@@ -16,18 +16,31 @@ at successive points of a grid.
 
 Where dashpots or links couple the modes, u follows from q and q', and so do velocities: what is
 watched is then the sum of x_m q_m and of y_m q_m', with sqrt(x_m**2 + (omega y_m)**2) in place of |x_m|.
+Energies are then sums of powers over Gauss points of each step of the grid: the state at any instant of
+it follows from its start and the ground at both ends without error. What the ground puts in and what
+links take are integrated; what of it is not held any more is the loss in damping.
+
+Where storeys may yield and all are elastic, their shears are k (d - (1 - r) p), and p stands still. With
+y = u - c, where the set c of a floor sums (1 - r) p over the storeys below it,
+
+    M y'' + C y' + K y = -M ag,
+
+the equation of the elastic row: y flies, and what is watched in u is watched in y with the value that it
+has at c added. A storey begins to yield where its drift reaches p + dy, or p - dy: like a touch, on either
+side. Once it yields, the row is stepped until all storeys are elastic again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import flight_energies, flight_yielding, hysteresis
+from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -57,6 +70,7 @@ from pounding_sweep.kernel.lanes import (
     size,
     sqrt,
     store,
+    sum_lanes,
     transposed,
     when,
     where,
@@ -66,7 +80,7 @@ from pounding_sweep.kernel.lanes import (
 from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extremes
 from pounding_sweep.kernel.row import kinetic, strain
-from pounding_sweep.kernel.spec import LANES, property_slots
+from pounding_sweep.kernel.spec import LANES, KernelSpec, property_slots
 
 #: Steps of the grid in a wide window.
 WIDE = 60
@@ -77,13 +91,19 @@ SPAN = 32
 HEAD = 4
 #: Numbers of a mode's state.
 STATE = 2
+#: Gauss points in a step, in both number formats: the fastest mode turns by up to 2.8 rad, its powers by twice that.
+NODES = {"float64": 8, "float32": 6}
+#: Numbers by which the state at one follows: q by q, by its rate, by the ground at both ends; q' by the same.
+NODE_STATE = 8
 #: Sums of which one is added up.
 CHAINS = 3
 #: Rounds of code that are written one after another instead of in a loop.
 STRAIGHT = 48
 #: What may happen to a watched quantity.
 TOUCH, TURN, ACCELERATION, ONSET = 0, 1, 2, 3
-#: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
+#: Rows of modes, of three rates of them, and of what the ground adds to the last two ("": nothing); the same of their
+#: accelerations.
+MOVED = ("y", "rate", "second", "third", "", "rise")
 SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
 #: Rows of coupled modes that a row's rates, times the step, are in; what the ground adds to the last two.
 RATES = {"y": "rate", "rate": "second", "second": "third", "third": "fourth", "rise": "lift", "": "rise"}
@@ -141,6 +161,36 @@ def watched(group: Group) -> list[Watched]:
     return found
 
 
+@dataclass(frozen=True)
+class Power:
+    """A linear function of the floors' motion that is a factor of a power."""
+
+    #: of a building, in masses of its first floor; of a link, its stretch and the velocities of its floors; one of
+    #: {"momentum", "stretch", "left", "right"}
+    kind: str
+    number: int  # of the building or the link
+    modes: tuple[int, int]  # first mode that it has a part in, and their number
+
+
+def powers(spec: KernelSpec) -> list[Power]:
+    """Return what the powers of a row are made of that are asked for."""
+    asked = spec.reducers & {"energy", "links"}
+
+    def part(floor: int) -> tuple[int, int]:
+        return next(each for each in spec.flocks if each[0] <= floor < sum(each))
+
+    found = [Power("momentum", b, part(spec.home(b))) for b in range(spec.n_buildings)] if "energy" in asked else []
+    for j, (left, _) in enumerate(spec.links if asked else ()):
+        found += [Power(kind, j, part(left)) for kind in ("stretch", "left", "right")]
+    return found
+
+
+def nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points of a step, in shares of it, and their weights."""
+    at, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 + 0.5 * at, 0.5 * weights
+
+
 def instants(precision: str) -> int:
     """How many instants of a scenario are looked at at once: as many on every processor, for the same results."""
     return LANES // 2 if precision == "float64" else LANES
@@ -157,6 +207,8 @@ class Layout:
         spec, lanes = group.spec, instants(group.spec.precision)
         self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
         self.modes = n = spec.n_dof
+        #: How many watched quantities, the first of all, end a flight where they reach something.
+        self.touches = sum(each.kind in (TOUCH, ONSET) for each in self.watched)
 
         def padded(count: int) -> int:
             return -(-count // lanes) * lanes
@@ -187,14 +239,13 @@ class Layout:
                     for each, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
                 )
         #: Motions whose powers are added up between the points of the grid, where modes are coupled.
-        self.powers: list[flight_energies.Power] = []
+        self.powers: list[Power] = []
         if self.coupled:
             self.fixed |= {f"{name}_rate": self.fixed[name] for name in ("shape", "across") if name in self.fixed}
             self.fixed |= dict.fromkeys((*TO_FLOORS, *TO_MODES), n * m)
-            self.powers = flight_energies.powers(spec)
-            self.fixed |= {"powers": 2 * n * len(self.powers)} if self.powers else {}
-            self.nodes = flight_energies.count_nodes(spec)
-            self.fixed |= {"nodes": flight_energies.STATE * n * self.nodes} if self.powers else {}
+            self.powers, self.nodes = powers(spec), NODES[spec.precision]
+            if self.powers:
+                self.fixed |= {"powers": 2 * n * len(self.powers), "nodes": NODE_STATE * n * self.nodes}
             self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
         #: How many numbers are known before a kernel runs.
         self.given = sum(map(padded, self.fixed.values()))
@@ -215,15 +266,21 @@ class Layout:
             self.decays, self.strides = list(MOVES), ["w", "c", *MOVES, "square", "slowness", "heft", "new"]
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
-        self.first: dict[str, int] = {}
-        ends = []
-        for block in (self.shared, self.fixed, self.timed, self.series):
-            at = 0
-            for name, count in block.items():  # of which vectors lie where memory is read as such
-                self.first[name], at = at, at + (count if block is self.series else padded(count))
-            ends.append(at)
-        #: Where the tables of the first row of buildings begin.
-        self.start, *self.sizes = ends
+        #: Of each name, how many numbers for each point lie before its own, and how many others.
+        self.places: dict[str, tuple[int, int]] = {}
+        for block in (self.shared, self.fixed):  # of which vectors lie where memory is read as such
+            others = 0
+            for name, count in block.items():
+                self.places[name], others = (0, others), others + padded(count)
+            if block is self.shared:
+                #: Where the tables of the first row of buildings begin.
+                self.start = others
+        each_point = 0
+        for name, count in self.timed.items():
+            self.places[name], each_point = (each_point, others), each_point + padded(count)
+        for name, count in self.series.items():
+            self.places[name], each_point, others = (each_point, others), each_point + count, others + lanes * count
+        self._numbers = each_point, others
 
     @staticmethod
     def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
@@ -235,9 +292,8 @@ class Layout:
 
     def size(self, points: Any) -> Any:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
-        fixed, timed, series = self.sizes
-        many = (points + self.lanes) * series + (self.lanes - 1)
-        return many // self.lanes * self.lanes + points * timed + fixed
+        each_point, others = self._numbers
+        return (points * each_point + (others + self.lanes - 1)) // self.lanes * self.lanes
 
     def base(self, row: Any, points: Any) -> Any:
         """Where the tables of a row of buildings begin."""
@@ -245,23 +301,8 @@ class Layout:
 
     def place(self, name: str, points: Any) -> Any:
         """Where the numbers of a name begin, from where those of the row of buildings do."""
-        fixed, timed, _ = self.sizes
-        at = self.first[name]
-        if name in self.fixed:
-            return at
-        if name in self.timed:
-            return points * at + fixed
-        return points * timed + (points + self.lanes) * at + fixed
-
-    def view(self, tables: Any, name: str, points: int, row: int = 0) -> Any:
-        """Numbers of a name in the tables of a row of buildings, an array."""
-        if name in self.shared:
-            return tables[self.first[name] : self.first[name] + self.shared[name]]
-        table, at = tables[self.base(row, points) :], self.place(name, points)
-        if name in self.fixed:
-            return table[at : at + self.fixed[name]]
-        many = points * self.timed[name] if name in self.timed else (points + self.lanes) * self.series[name]
-        return table[at : at + many]
+        each_point, others = self.places[name]
+        return points * each_point + others if each_point else others
 
 
 class Flight:
@@ -286,25 +327,17 @@ class Flight:
         self.rated, self.weighed = (Cell(flag(self.trace, False)) for _ in range(2))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
-        self._places: dict[str, Any] = {}
-        #: Whether storeys may yield: what flies is the motion about what they are set to.
-        self.yields = bool(group.spec.yielding)
+        self._mode_parts, self._watched_parts = (
+            range(wide // self.lanes) for wide in (layout.wide_modes, layout.wide_watched)
+        )
 
     # tables --------------------------------------------------------------------------------------------------------
 
-    def find_places(self) -> None:
-        """Find where all numbers lie, before any loop or branch."""
-        points = self.points if self.blocks is None else self.blocks.blocks
-        names = (*self.layout.timed, *self.layout.series)
-        self._places = {name: Cell(self.layout.place(name, points)) for name in names}
-
     def place_of(self, name: str) -> Any:
         """Where the numbers of a name begin."""
-        if name in self.layout.shared:
-            return self.layout.first[name]
-        if name in self.layout.fixed:
-            return self.base.now + self.layout.place(name, self.points)
-        return self.base.now + self._places[name].now
+        stops = self.points if self.blocks is None else self.blocks.blocks
+        place = self.layout.place(name, stops)
+        return place if name in self.layout.shared else self.base.now + place
 
     def _vector(self, at: Any) -> Any:
         return load(self.trace, self.tables, at, self.lanes)
@@ -360,103 +393,224 @@ class Flight:
         """Count to n: in one straight line where that is short."""
         yield from range(n) if n * times <= STRAIGHT else count_to(n, self.trace)
 
-    @property
-    def _mode_parts(self) -> range:
-        return range(self.layout.wide_modes // self.lanes)
-
-    @property
-    def _watched_parts(self) -> range:
-        return range(self.layout.wide_watched // self.lanes)
-
     # from and to lanes ---------------------------------------------------------------------------------------------
 
     def leave(self, lane: Any, t: Any) -> None:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
-        s, w = self.group.state, self.rows
-        if self.yields:
-            flight_yielding.find_sets(self)
-            flight_yielding.shift(self, lane)
-        coupled = self.layout.coupled
+        s = self.group.state
+        if self.layout.yields:
+            self.find_sets()
+            self._shift(lane)
 
         def moved(i: Any) -> Any:
             x = s.lane(s.first["u"] + i, lane)
-            return x - s.lane(s.first["set"] + i, lane) if self.yields else x
+            return x - s.lane(s.first["set"] + i, lane) if self.layout.yields else x
 
         def moves(i: Any) -> Any:
             return s.lane(s.first["v"] + i, lane)
 
-        tables = TO_MODES if coupled else ("modal", "", "", "modal")
-        for k, name in enumerate(("q", "p")):
-            for part, total in enumerate(self._mix(tables[2 * k], moved, tables[2 * k + 1], moves)):
-                w[name, part] = total - self.scale.now * self._still(name, t, part)
+        tables = TO_MODES if self.layout.coupled else ("modal", "", "", "modal")
+        for name, by in (("q", tables[:2]), ("p", tables[2:])):
+            for part, total in enumerate(self._mix(zip(by, (moved, moves), strict=True))):
+                self.rows[name, part] = total - self.scale.now * self._still(name, t, part)
         self._account(lane, t, 1.0)
 
     def enter(self, lane: Any, t: Any) -> None:
         """Put a scenario into its lane at point t."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
-        s, w, n = self.group.state, self.rows, self.layout.modes
-        scale, coupled = self.times.full(self.scale.now), self.layout.coupled
-        tables = TO_FLOORS if coupled else ("floors", "", "", "floors")
-        for name in ("q", "p") if coupled else ():
+        s, w, scale = self.group.state, self.rows, self.times.full(self.scale.now)
+        tables = TO_FLOORS if self.layout.coupled else ("floors", "", "", "floors")
+        for name in "qp":
             for part in self._mode_parts:
                 w[f"whole_{name}", part] = fma(scale, self._still(name, t, part), w[name, part])
-        for k, (name, motion) in enumerate((("q", "u"), ("p", "v"))):
-            for part in self._mode_parts if not coupled else ():
-                w["amplitude", part] = fma(scale, self._still(name, t, part), w[name, part])
-            rows = ("whole_q", "whole_p") if coupled else ("amplitude", "amplitude")
-            readers = [partial(w.number, row) for row in rows]
-            for part, total in enumerate(self._mix(tables[2 * k], readers[0], tables[2 * k + 1], readers[1])):
+        whole = [partial(w.number, f"whole_{name}") for name in "qp"]
+        for motion, by in (("u", tables[:2]), ("v", tables[2:])):
+            for part, total in enumerate(self._mix(zip(by, whole, strict=True))):
                 w["floor", part] = total
-            for i in self.each(n):
+            for i in self.each(self.layout.modes):
                 x = w.number("floor", i)
-                if motion == "u" and self.yields:
+                if motion == "u" and self.layout.yields:
                     x = x + s.lane(s.first["set"] + i, lane)
                 s.put_lane(s.first[motion] + i, lane, x)
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
         self._account(lane, t, -1.0)
 
-    def _mix(self, first: str, x: Callable[[Any], Any], second: str, y: Callable[[Any], Any]) -> list[Any]:
-        """Sum up what two functions read, weighted by rows of two tables ("": of none)."""
-        wide, mine = self.layout.wide_modes, [each for each in ((first, x), (second, y)) if each[0]]
-        places = [self.place_of(name) for name, _ in mine]
+    def _mix(self, readers: Iterable[tuple[str, Callable[[Any], Any]]]) -> list[Any]:
+        """Sum up what functions read, weighted by rows of tables ("": of none)."""
+        mine = [(self.place_of(name), read) for name, read in readers if name]
         sums = [Cell(self.times.full(0.0)) for _ in self._mode_parts]
         for i in self.each(self.layout.modes, len(sums) * len(mine)):
-            for at, (_, read) in zip(places, mine, strict=True):
+            for at, read in mine:
                 value = read(i)
                 for part, total in enumerate(sums):
-                    coefficient = self._vector(at + (i * wide + part * self.lanes))
+                    coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, value, total.now)
         return [total.now for total in sums]
 
+    # energies ------------------------------------------------------------------------------------------------------
+
     def _account(self, lane: Any, t: Any, sign: float) -> None:
         """Energies of a flight that begins (1) or ends (-1) at point t: input, and what of it is not held any more."""
-        group, s, w = self.group, self.group.state, self.rows
-        if self.layout.coupled:
-            flight_energies.account(self, lane, sign)
-        if "energy" not in group.asked or self.layout.coupled:
+        group, w, coupled = self.group, self.rows, self.layout.coupled
+        if "energy" not in group.asked:
             return
-        given, late = self.place_of("given") + t * self.layout.timed["given"], {}
-        for name in ("adjoint_q", "adjoint_p"):
-            late[name] = self.place_of(name) + t * self.layout.timed[name]
-        scale = self.scale.now
-        for b, floors in group.each_building():
+        given, *late = (
+            0 if coupled else self.place_of(name) + t * self.layout.timed[name]
+            for name in ("given", "adjoint_q", "adjoint_p")
+        )
+        for b, floors in enumerate(group.building_floors) if coupled else group.each_building():
             held = lane_of(kinetic(group, floors) + strain(group, floors), lane)
             gained = one(self.trace, 0.0)
-            for m in floors:
+            for m in () if coupled else floors:
                 q, p = w.number("q", m), w.number("p", m)
-                more = self.number(late["adjoint_q"] + m) * q + self.number(late["adjoint_p"] + m) * p
-                gained = gained + scale * (more - scale * self.number(given + m))
-            gained = gained * lane_of(group.full(group.prop("m", floors[0])), lane)
-            change = sign * gained
-            e_in, e_damp = s.first["e_in"] + b, s.first["e_damp"] + b
-            s.put_lane(e_in, lane, s.lane(e_in, lane) + change)
-            alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))
-            undamped = (alpha == 0.0) & (beta == 0.0)
-            for _ in when(not_(undamped)):  # else what is missing is rounding
-                s.put_lane(e_damp, lane, s.lane(e_damp, lane) + change + sign * held)
+                more = self.number(late[0] + m) * q + self.number(late[1] + m) * p
+                gained = gained + self.scale.now * (more - self.scale.now * self.number(given + m))
+            if not coupled:
+                gained = sign * (gained * lane_of(group.full(group.prop("m", floors[0])), lane))
+                self._add("e_in", b, lane, gained)
+            for _ in self._damped(b, lane):
+                if not coupled:
+                    self._add("e_damp", b, lane, gained)
+                self._add("e_damp", b, lane, sign * held)
+
+    def _add(self, name: str, i: Any, lane: Any, x: Any) -> None:
+        s = self.group.state
+        s.put_lane(s.first[name] + i, lane, s.lane(s.first[name] + i, lane) + x)
+
+    def _damped(self, b: Any, lane: Any) -> Iterator[None]:
+        """Go on where a building has damping: else what is missing of its energy is rounding."""
+        group = self.group
+        if any(group.spec.building_of[i] == b for i in group.spec.dashpots):
+            yield
+            return
+        alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))
+        yield from when(not_((alpha == 0.0) & (beta == 0.0)))
+
+    def _gather(self, lane: Any, t: Any, steps: Any) -> None:
+        """Add the powers over so many steps from point t on, which lie in the lanes."""
+        group, w, layout, zero = self.group, self.rows, self.layout, self.times.full(0.0)
+        s, spec, count = group.state, group.spec, layout.nodes
+        at, weights = nodes(count)
+        table = Lookup(self.trace, [*map(float, at), *map(float, weights)])
+        for m in self.each(layout.modes, 4):
+            w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
+        early = self.scale.now * self.ground(t)
+        late = after(early)
+        gained, given, lost = (
+            [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
+        )
+        for k in count_to(count, self.trace):
+            share, weight = table[k], table[k + count]
+            for m in self.each(layout.modes, 8):
+                place = self.place_of("nodes") + ((m * count + k) * NODE_STATE)
+                c = [self.number(place + i) for i in range(NODE_STATE)]
+                q, rate = w["y", m], w["rate", m]
+                for name, first in (("node_q", 0), ("node_p", 4)):
+                    free = fma(c[first], q, c[first + 1] * rate)
+                    w[name, m] = fma(c[first + 2], early, fma(c[first + 3], late, free))
+            values = [self._power(i, power.modes) for i, power in enumerate(layout.powers)]
+            ground = fma(share, late - early, early)
+            for i, power in enumerate(layout.powers):
+                if power.kind == "momentum":
+                    cell = gained[power.number]
+                    cell.now = fma(-weight * ground, values[i], cell.now)
+                if power.kind != "stretch":
+                    continue
+                j, (stretch, left, right) = power.number, values[i : i + 3]
+                damping, rate = group.prop("link_c", j), left - right
+                spring = group.prop("link_k", j) * stretch
+                if layout.yields:  # what flies is the motion about the set
+                    one_set, other = (s.lane(s.first["set"] + floor, lane) for floor in spec.links[j])
+                    spring = spring + group.prop("link_k", j) * (one_set - other)
+                pull = weight * fma(damping, rate, spring)
+                lost[j].now = fma(weight * damping * rate, rate, lost[j].now)
+                for floor, v, sign in zip(spec.links[j], (left, right), (1.0, -1.0), strict=True):
+                    cell = given[spec.building_of[floor]]
+                    cell.now = fma(sign * pull, v, cell.now)
+        h, mine = self.number(self.place_of("step")), self._numbers_of(0) < real(steps)
+
+        def total(cell: Cell) -> Any:
+            return h * sum_lanes(where(mine, cell.now, 0.0))
+
+        for b in range(spec.n_buildings):
+            taken = total(given[b])
+            if "links" in group.asked:
+                self._add("e_link", b, lane, taken)
+            if "energy" in group.asked:
+                put_in = total(gained[b]) * lane_of(group.full(group.prop("m", spec.home(b))), lane)
+                self._add("e_in", b, lane, put_in)
+                for _ in self._damped(b, lane):
+                    self._add("e_damp", b, lane, put_in - taken)
+        for j, cell in enumerate(lost if "links" in group.asked else ()):
+            self._add("link_lost", j, lane, total(cell))
+
+    def _power(self, i: int, modes: tuple[int, int]) -> Any:
+        """Return the factor of a power at a node."""
+        n, (low, many) = self.layout.modes, modes
+        at, total = self.place_of("powers") + (2 * n * i + low), Cell(self.times.full(0.0))
+        for m in self.each(many, 2):
+            total.now = fma(self.number(at + m), self.rows["node_q", low + m], total.now)
+            total.now = fma(self.number(at + (m + n)), self.rows["node_p", low + m], total.now)
+        return total.now
+
+    # storeys that yield --------------------------------------------------------------------------------------------
+
+    def find_sets(self) -> None:
+        """Find the displacements at which the row would rest, as its storeys have yielded."""
+        group = self.group
+        s, n = group.state, group.spec.n_dof
+        if group.spec.links:  # which hold back, too
+            at = self.place_of("sets")
+            for i in self.each(n):
+                rest = Cell(group.full(0.0))
+                for j in self.each(n):
+                    drift = (1.0 - group.prop("hardening", j)) * s["slip", j]
+                    rest.now = fma(self.number(at + (i * n + j)), drift, rest.now)
+                s["set", i] = rest.now
+            return
+        for _, floors in group.each_building():
+            total = None
+            for i in floors:
+                drift = (1.0 - group.prop("hardening", i)) * s["slip", i]
+                total = drift if total is None else total + drift
+                s["set", i] = total
+
+    def _shift(self, lane: Any) -> None:
+        """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
+        s, w, layout = self.group.state, self.rows, self.layout
+        sums = [Cell(self.times.full(0.0)) for _ in self._watched_parts]
+        for to_modes, to_watched in (("modal", "across"), ("modal_pu", "across_rate"))[: 1 + layout.coupled]:
+            # of rates times the step
+            unit = self.number(self.place_of("step")) if to_watched == "across_rate" else 1.0
+            for part, total in enumerate(self._mix([(to_modes, lambda i: s.lane(s.first["set"] + i, lane))])):
+                w["amplitude", part] = unit * total
+            at = self.place_of(to_watched)
+            for m in self.each(layout.modes, len(sums)):
+                q = w.number("amplitude", m)
+                for part, cell in enumerate(sums):
+                    cell.now = fma(self._vector(at + (m * layout.wide_watched + part * self.lanes)), q, cell.now)
+        for part, cell in enumerate(sums):
+            shaken = self._vector(self.place_of("shaken") + part * self.lanes) > 0.5
+            w["shift", part] = where(shaken, 0.0, cell.now)
+
+    def _storey_stiffness(self, i: Any) -> Any:
+        """Stiffness of a storey, of the shear that it bears."""
+        k = self.group.prop("k", i)
+        return k + self.group.prop("geometric", i) if self.group.spec.p_delta else k
+
+    def _storey_limits(self, i: Any, lane: Any, kind: int) -> tuple[Any, Any]:
+        """Drifts at which a storey begins to yield, to either side, or at which its shear is the largest so far."""
+        group = self.group
+        s = group.state
+        if kind == ONSET:
+            middle, reach = s["slip", i], group.prop("yield_drift", i)
+        else:
+            k = self._storey_stiffness(i)
+            middle, reach = hysteresis.hardened(group, i)[1] / k * s["slip", i], s["shear", i] / k
+        return lane_of(middle - reach, lane), lane_of(middle + reach, lane)
 
     # flight --------------------------------------------------------------------------------------------------------
 
@@ -464,40 +618,39 @@ class Flight:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
-        self.hits.now = flag(self.trace, False)
-        self.going.now = flag(self.trace, True)
-        leaps = note is None and self.group.spec.windows and not self.layout.powers
-        for _ in when(self.at.now < 1) if leaps else ():
+        self.hits.now, self.going.now = (flag(self.trace, x) for x in (False, True))
+        windows, blocks = self.group.spec.windows, self.blocks
+        leaps = note is None and windows and not self.layout.powers
+        for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
             self._bounds()
             for _ in when(self._undisturbed()):
-                self._begin()
-        if self.blocks is not None:
-            for _ in when(self.at.now < 1):
-                self._bounds()
-                for _ in when(self._undisturbed()):
-                    self._survey()
+                self._begin() if leaps else self._survey()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
             room = self.last - t
             far = flag(self.trace, False)
-            if self.blocks is not None:
-                block = self.blocks.of(t)
-                room = lesser(room, (block + 1) * self.blocks.length - t)
+            if blocks is not None:
+                block = blocks.of(t)
+                room = lesser(room, (block + 1) * blocks.length - t)
                 far = not_(self._near(block, "most", "least"))
+                for _ in when(far):
+                    self._pass_block(room)
             elif leaps:
                 self._pass_windows()
                 far = self.at.now > t
-            for _ in when(far) if self.blocks is not None else ():
-                self._pass_block(room)
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
                 self.steps.now = room
-                for _ in self._asking_at(t):
-                    self._look(t, room)
+                if blocks is not None:
+                    blocks.know(blocks.of(t))
+                for part in () if windows or blocks is not None else self._watched_parts:
+                    self.rows["asks", part] = self.times.full(1.0)
+                for _ in when(self._near(t, "most", "least")) if windows else range(1):
+                    self._look(t)
                 steps = self.steps.now
                 if self.layout.powers:
-                    flight_energies.gather(self, lane, t, steps)
+                    self._gather(lane, t, steps)
                 self._advance(steps)
                 self.at.now = t + steps
                 self.hits.now = steps < room
@@ -509,14 +662,29 @@ class Flight:
         self._keep_peaks(lane)
 
     @cached_property
-    def _row_numbers(self) -> tuple[Lookup, Lookup]:
-        found = self.layout.watched
-        most, least = [each.most for each in found] or [0], [each.least for each in found] or [0]
-        return Lookup(self.trace, most), Lookup(self.trace, least)
+    def _lookups(self) -> list[Lookup]:
+        """Rows of the state of each watched quantity's most and least value, and its storey."""
+        watched = self.layout.watched
+        columns = (
+            zip(*((each.most, each.least, each.storey) for each in watched), strict=True) if watched else [[0]] * 3
+        )
+        return [Lookup(self.trace, list(column)) for column in columns]
+
+    @cached_property
+    def _runs(self) -> list[tuple[int, int, Watched]]:
+        """Runs of watched quantities that are alike: first, end, and one of them."""
+        watched = self.layout.watched
+
+        def alike(q: int) -> tuple[int, bool, bool, bool]:
+            each = watched[q]
+            return each.kind, each.least >= 0, each.sized, each.storey >= 0
+
+        runs = (list(run) for _, run in groupby(range(len(watched)), alike))
+        return [(run[0], run[-1] + 1, watched[run[0]]) for run in runs]
 
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
-        s, w, far = self.group.state, self.rows, self.group.limit.far
+        s, w, far, (most, least, storeys) = self.group.state, self.rows, self.group.limit.far, self._lookups
         many = self.layout.wide_watched
         highs, lows = [far] * many, [-far] * many
         # numbers that are put in one by one are waited for where vectors are read
@@ -528,46 +696,35 @@ class Flight:
         for part in self._watched_parts:
             mine = slice(part * self.lanes, (part + 1) * self.lanes)
             w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
-        for low, high, least, sized, storeys in self._alike:
-            if storeys:
-                onsets = self.layout.watched[low].kind == ONSET
-                take = flight_yielding.take_onsets if onsets else flight_yielding.take_shears
-                take(self, lane, low, high)
-            for q in () if storeys or short else self._run(low, high):
-                x = s.lane(self._row_numbers[0][q], lane)
+        for low, high, alike in self._runs:
+            for q in self._run(low, high, 12) if alike.storey >= 0 else ():
+                down, up = self._storey_limits(storeys[q], lane, alike.kind)
+                w.put_number("high", q, up)
+                w.put_number("low", q, down)
+            for q in () if alike.storey >= 0 or short else self._run(low, high):
+                x = s.lane(most[q], lane)
                 w.put_number("high", q, x)
-                if sized:
-                    w.put_number("low", q, -x)
-                elif least:
-                    w.put_number("low", q, s.lane(self._row_numbers[1][q], lane))
+                if alike.sized or alike.least >= 0:
+                    w.put_number("low", q, -x if alike.sized else s.lane(least[q], lane))
 
-    @cached_property
-    def _alike(self) -> list[tuple[int, int, bool, bool, bool]]:
-        """Runs of watched quantities that are alike: first, end, if they have a least value, are sized, of storeys."""
-        found: list[tuple[int, int, bool, bool, bool]] = []
-        for q, each in enumerate(self.layout.watched):
-            kind = (each.least >= 0, each.sized, each.storey >= 0)
-            if found and found[-1][2:] == kind:
-                found[-1] = (found[-1][0], q + 1, *kind)
-            else:
-                found.append((q, q + 1, *kind))
-        return found
-
-    def _run(self, low: int, high: int) -> Iterator[Any]:
-        for q in self.each(high - low):
+    def _run(self, low: int, high: int, times: int = 1) -> Iterator[Any]:
+        for q in self.each(high - low, times):
             yield q + low
 
     def _keep_peaks(self, lane: Any) -> None:
-        s, w = self.group.state, self.rows
-        touches = self._touches
-        for low, high, least, _, storeys in self._alike:
-            if storeys and low >= touches:
-                flight_yielding.keep_shears(self, lane, low, high)
+        group, s, w, (most, least, storeys) = self.group, self.group.state, self.rows, self._lookups
+        for low, high, alike in self._runs:
+            if alike.kind in (TOUCH, ONSET):
                 continue
-            for q in self._run(max(low, touches), high):
-                s.put_lane(self._row_numbers[0][q], lane, w.number("high", q))
-                if least:
-                    s.put_lane(self._row_numbers[1][q], lane, w.number("low", q))
+            for q in self._run(low, high, 12) if alike.storey >= 0 else ():  # by shears of drifts that went farther
+                down, up = self._storey_limits(storeys[q], lane, alike.kind)
+                more = maximum(w.number("high", q) - up, down - w.number("low", q))
+                k = group.full(self._storey_stiffness(storeys[q]))
+                self._add("shear", storeys[q], lane, lane_of(k, lane) * more)
+            for q in self._run(low, high) if alike.storey < 0 else ():
+                s.put_lane(most[q], lane, w.number("high", q))
+                if alike.least >= 0:
+                    s.put_lane(least[q], lane, w.number("low", q))
 
     def _bounds(self) -> None:
         """Amplitudes of the modes, and the most that they add to what is watched."""
@@ -602,11 +759,6 @@ class Flight:
             first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
-    @property
-    def _touches(self) -> int:
-        """How many watched quantities, the first of all, end a flight where they reach something."""
-        return sum(each.kind in (TOUCH, ONSET) for each in self.layout.watched)
-
     def _undisturbed(self) -> Any:
         """Whether nothing but the record moves the row."""
         w, most = self.rows, Cell(self.times.full(0.0))
@@ -616,82 +768,66 @@ class Flight:
 
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
-        w, touches = self.rows, self._touches
         low, high = Cell(whole(self.trace, 0)), Cell(self.last)
-        parts = range(-(-touches // self.lanes))
-
-        def touched(t: Any) -> Any:
-            met = self.times.lanes_where(False)
-            for part in parts:
-                number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-                most, least = self._extremes(t, "peak", "trough", part)
-                reached = most >= w["high", part]
-                if self.yields:
-                    reached = reached | (least <= w["low", part])
-                met = met | (reached & (number < float(touches)))
-            return any_lane(met)
-
-        for _ in when(touched(self.last)):
+        for _ in when(self._met(self._extremes(self.last, "peak", "trough"))):
             for _ in while_any(lambda: high.now - low.now > 1, self.trace):
                 middle = (low.now + high.now) // 2
-                for _ in when(touched(middle)):
+                met = self._met(self._extremes(middle, "peak", "trough"))
+                for _ in when(met):
                     high.now = middle
-                for _ in when(not_(touched(middle))):
+                for _ in when(not_(met)):
                     low.now = middle
             self.hits.now = flag(self.trace, True)
             self.going.now = flag(self.trace, False)
         for _ in when(not_(self.hits.now)):
             low.now = self.last
         self.at.now = low.now
-        for part in self._watched_parts:
-            most, least = self._extremes(self.at.now, "peak", "trough", part)
+        for part, (most, least) in enumerate(self._extremes(self.at.now, "peak", "trough")):
             self._take_peaks(part, most, least)
+
+    def _met(self, extremes: Sequence[tuple[Any, Any]]) -> Any:
+        """Whether floors may touch, or storeys yield, by extremes of the motion without pounding, part by part."""
+        met, touches = self.times.lanes_where(False), self.layout.touches
+        for part, (above, below) in enumerate(extremes[: -(-touches // self.lanes)]):
+            reached = above >= self.rows["high", part]
+            if self.layout.yields:
+                reached = reached | (below <= self.rows["low", part])
+            met = met | (reached & (self._numbers_of(part) < float(touches)))
+        return any_lane(met)
 
     def _take_peaks(self, part: int, most: Any, least: Any) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
         w, sized = self.rows, self._vector(self.place_of("sized") + part * self.lanes) > 0.5
-        number, largest = self._numbers(part), maximum(most, -least)
-        moves, high, low = ~(number < float(self._touches)), w["high", part], w["low", part]
+        moves, largest = ~(self._numbers_of(part) < float(self.layout.touches)), maximum(most, -least)
+        high, low = w["high", part], w["low", part]
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
         w["low", part] = where(moves, minimum(low, where(sized, -largest, least)), low)
 
-    def _numbers(self, part: int) -> Any:
-        """Numbers of what is watched in a part."""
+    def _numbers_of(self, part: int) -> Any:
+        """Numbers of what is watched in a part, or of the lanes' instants."""
         return lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
 
-    def _extremes(self, t: Any, most: str, least: str, part: int) -> tuple[Any, Any]:
-        """Extremes at point t of the motion without pounding, of the table of a unit scale."""
-        scale = self.scale.now
-        above, below = self._then(most, t, part), self._then(least, t, part)
-        up = scale >= 0.0
-        return scale * where(up, above, below), scale * where(up, below, above)
+    def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
+        """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
+        scale, found = self.scale.now, []
+        for part in self._watched_parts:
+            above, below = self._then(most, t, part), self._then(least, t, part)
+            up = scale >= 0.0
+            found.append((scale * where(up, above, below), scale * where(up, below, above)))
+        return found
 
     def _near(self, t: Any, most: str, least: str) -> Any:
         """Whether a gap or a peak may be reached in a window from point t on; which of them, in ``asks``."""
         w, found = self.rows, Cell(self.times.lanes_where(False))
-        for part in self._watched_parts:
-            above, below = self._extremes(t, most, least, part)
-            reach = w["reach", part]
-            if self.yields:
-                above, below = above + w["shift", part], below + w["shift", part]
-            asks = (above + reach >= w["high", part]) | (below - reach <= w["low", part])
+        for part, (above, below) in enumerate(self._extremes(t, most, least)):
+            reach, high, low = w["reach", part], w["high", part], w["low", part]
+            shift = w["shift", part] if self.layout.yields else None
+            up, down = (above, below) if shift is None else (above + shift, below + shift)
+            asks = (up + reach >= high) | (down - reach <= low)
             if most == "most":
                 w["asks", part] = where(asks, 1.0, self.times.full(0.0))
             found.now = found.now | asks
         return any_lane(found.now)
-
-    def _asking_at(self, t: Any) -> Iterator[Any]:
-        """Go on where something may be reached in a window from point t on; of a block that is known by now."""
-        if self.blocks is not None:
-            self.blocks.know(self.blocks.of(t))
-            yield
-            return
-        if self.group.spec.windows:
-            yield from when(self._near(t, "most", "least"))
-            return
-        for part in self._watched_parts:
-            self.rows["asks", part] = self.times.full(1.0)
-        yield
 
     def _pass_windows(self) -> None:
         """Pass wide windows as long as the bounds that modes have now rule them out."""
@@ -727,16 +863,13 @@ class Flight:
 
     def _survey(self) -> None:
         """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
-        w, far, touches = self.rows, self.group.limit.far, self._touches
+        w, far = self.rows, self.group.limit.far
         for part in self._watched_parts:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
         for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
-            extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
-            met = self.times.lanes_where(False)
-            for part in range(-(-touches // self.lanes)):
-                met = met | ((extremes[part][0] >= w["high", part]) & (self._numbers(part) < float(touches)))
-            free.now = not_(any_lane(met))
+            extremes = self._extremes(block.now, "most", "least")
+            free.now = not_(self._met(extremes))
             for _ in when(free.now):
                 for part, (above, below) in enumerate(extremes):
                     w["crest", part] = maximum(w["crest", part], above)
@@ -749,32 +882,33 @@ class Flight:
 
     # looking -------------------------------------------------------------------------------------------------------
 
-    def _look(self, t: Any, room: Any) -> None:
-        """Look at a window of `room` steps from point t on; ``steps`` becomes those before floors may touch."""
-        w = self.rows
+    def _look(self, t: Any) -> None:
+        """Look at a window of `steps` from point t on, which become those before floors may touch, or storeys yield."""
+        w, coupled = self.rows, self.layout.coupled
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
         self.rated.now = self.weighed.now = flag(self.trace, False)
-        if self.layout.coupled:
+        if coupled:
             self._bend(t, shakes=False)
         self._weigh(self.layout.bulges, "bulge", "bulge0")
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
-            self._stop(kind, t)
+            for q in self._reaching(kind, kind == ONSET):
+                for _ in when(not_(self.weighed.now)):
+                    self._know_rates(t)
+                    self._weigh(self.layout.misses, "missed", "missed0")
+                    self.weighed.now = flag(self.trace, True)
+                self._end_before(q, kind == ONSET)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
-            if not self.layout.coupled:
-                turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
-                for _ in when(turning):
-                    self._bend(t, ACCELERATION in kinds)
+            turning = flag(self.trace, False)
+            for _, asks in (each for kind in (TURN, ACCELERATION) for each in self._asking(kind)):
+                turning = turning | any_lane(asks)
+            for _ in when(turning) if not coupled else ():
+                self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, ("y", "rate", "second", "third"), ("", "rise"))
+                self._turn(q, MOVED)
             for q in self._asked(ACCELERATION):
-                rows = (
-                    (("y", "rate", "second", "third"), ("", "rise"))
-                    if self.layout.coupled
-                    else (SHAKEN[:4], SHAKEN[4:])
-                )
-                self._turn(q, *rows)
+                self._turn(q, MOVED if coupled else SHAKEN)
 
     def moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
@@ -818,23 +952,19 @@ class Flight:
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
-        for part, asks in self._asking_parts(kind):
+        for part, asks in self._asking(kind):
             for lane in each_lane(asks):
                 yield lane + part * self.lanes
 
-    def _asking_parts(self, kind: int) -> Iterator[tuple[int, Any]]:
-        """Go through the rows of what is watched of a kind: their number, and which may reach something."""
-        mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
-        for part in range(mine[0] // self.lanes, mine[-1] // self.lanes + 1) if mine else ():
-            number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-            yield part, (self.rows["asks", part] > 0.5) & (number <= float(mine[-1])) & (number >= float(mine[0]))
+    def _of_kind(self, kind: int) -> list[int]:
+        return [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
 
-    def _asking(self, kind: int) -> Any:
-        """Lanes of what is watched of a kind that may reach something."""
-        found = self.times.lanes_where(False)
-        for _, asks in self._asking_parts(kind):
-            found = found | asks
-        return found
+    def _asking(self, kind: int) -> Iterator[tuple[int, Any]]:
+        """Go through the rows of what is watched of a kind: their number, and which may reach something."""
+        mine = self._of_kind(kind)
+        for part in range(mine[0] // self.lanes, mine[-1] // self.lanes + 1) if mine else ():
+            number = self._numbers_of(part)
+            yield part, (self.rows["asks", part] > 0.5) & (number <= float(mine[-1])) & (number >= float(mine[0]))
 
     def _sum(self, q: Any, row: str) -> Any:
         """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
@@ -856,19 +986,9 @@ class Flight:
         same = counts[0] if len(set(counts)) == 1 else None
         return Lookup(self.trace, lows), same or Lookup(self.trace, counts)
 
-    def _stop(self, kind: int, t: Any) -> None:
-        """End the window before the first step in which a contact may touch, or a storey yield."""
-        onset = kind == ONSET
-        for q in self._reaching(kind, onset):
-            for _ in when(not_(self.weighed.now)):
-                self._know_rates(t)
-                self._weigh(self.layout.misses, "missed", "missed0")
-                self.weighed.now = flag(self.trace, True)
-            self._end_before(q, onset)
-
     def _reaching(self, kind: int, onset: bool) -> Iterator[Any]:
         """Go through what may reach its limit in the window, between its points for all that is known of these."""
-        mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
+        mine = self._of_kind(kind)
         if sum(self.layout.ranges[q][1] for q in mine) > STRAIGHT:
             for q in self._asked(kind):
                 for _ in when(self._reaches(q, onset)):
@@ -880,9 +1000,11 @@ class Flight:
 
     def _reaches(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
-        w, number = self.rows, lane_numbers(self.trace, self.lanes)
+        w = self.rows
         w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
-        return any_lane((self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (number <= real(self.steps.now)))
+        return any_lane(
+            (self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (self._numbers_of(0) <= real(self.steps.now))
+        )
 
     def _past(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
@@ -898,7 +1020,7 @@ class Flight:
         for each in (x1, x + s0, x1 - s1):
             hull = maximum(hull, self._past(each, q, onset))
         may = hull + self.rows.number("missed", q) > 0.0
-        first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
+        first = first_true(may & (self._numbers_of(0) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
 
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
@@ -915,20 +1037,20 @@ class Flight:
         high = self.rows.number("high", q)
         if onset:
             high = 0.5 * (high + self.rows.number("low", q))
-        return high - self.rows.number("shift", q) if self.yields else high
+        return high - self.rows.number("shift", q) if self.layout.yields else high
 
-    def _turn(self, q: Any, names: Sequence[str], rises: Sequence[str]) -> None:
+    def _turn(self, q: Any, names: Sequence[str]) -> None:
         """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
-        w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
+        w, far, number = self.rows, self.group.limit.far, self._numbers_of(0)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
         x, bulge = self._sum(q, names[0]), w.number("bulge", q)
-        if self.yields:
+        if self.layout.yields:
             x = x + w.number("shift", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
-            (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
+            (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
             most, least = septic_extremes(self.times, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
             up = largest_lane(where(steps, most, where(points, x, -far)))
             down = -largest_lane(where(steps, -least, where(points, -x, -far)))
@@ -947,14 +1069,16 @@ def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     factors = (factor for _, factor in (*layout.bounds, *layout.bulges, *layout.misses) if factor)
-    rows = dict.fromkeys(("q", "p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts)
+    rows = dict.fromkeys(
+        ("q", "p", "whole_q", "whole_p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts
+    )
     rows |= dict.fromkeys(
         ("high", "low", "reach", "bulge", "missed", "asks", *(("shift",) if layout.yields else ())), wide
     )
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
-    rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
+    rows |= {"reached": layout.touches}
     if layout.coupled:
-        rows |= dict.fromkeys(("fourth", "lift"), n) | dict.fromkeys(("whole_q", "whole_p"), parts)
+        rows |= dict.fromkeys(("fourth", "lift"), n)
         rows |= dict.fromkeys(("node_q", "node_p"), n) if layout.powers else {}
     elif any(each.kind == ACCELERATION for each in layout.watched):
         rows |= dict.fromkeys(SHAKEN, n)
