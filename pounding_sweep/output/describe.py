@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import shown
-from pounding_sweep.base.text import finite, printable
+from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
@@ -43,8 +43,6 @@ _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken"
 _WIDTH = 100
 #: Digits of a digest that tell it from others.
 _DIGITS = 12
-#: No line is longer, whatever a file says.
-_LONGEST_LINE = 2000
 
 
 def _number(value: Any) -> str:
@@ -58,51 +56,29 @@ def _short(value: Any, width: int = _WIDTH) -> str:
     return text if len(text) <= width else f"{text[: width - 3]}..."
 
 
-def _short_line(line: str) -> str:
-    return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 3]}..."
+def _meaning(array: xr.DataArray) -> dict[str, str]:
+    units = str(array.attrs.get("units", array.attrs.get("unit_text", "")))
+    return {"units": "" if units == "1" else units, "long_name": str(array.attrs.get("long_name", ""))}
 
 
-def _units(variable: xr.DataArray) -> str:
-    units = str(variable.attrs.get("units", variable.attrs.get("unit_text", "")))
-    return "" if units == "1" else units
+def _of_scenarios(arrays: Mapping[Any, xr.DataArray]) -> dict[str, xr.DataArray]:
+    """Return arrays by name, without those of the audit."""
+    return {str(name): array for name, array in arrays.items() if AUDIT_DIMS[0] not in array.dims}
 
 
-def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Align columns; the last one may be of any length."""
-    if not rows:
-        return []
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)] + [0]
-    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def _values(coordinate: xr.DataArray) -> str:
-    values = coordinate.values
-    if not values.size:
-        return "empty"
-    if values.dtype.kind not in "iuf" or values.size <= 8:
-        return _short(", ".join(_number(v) for v in values.tolist()))
-    return f"{_number(values.min().item())} to {_number(values.max().item())}"
-
-
-def _axes(dataset: xr.Dataset, dims: list[str]) -> list[str]:
-    rows = []
-    for dim in dims:
-        coordinate = dataset[dim]  # a dimension without coordinate counts from 0
-        units = _units(coordinate)
-        name = str(coordinate.attrs.get("long_name", ""))
-        values = f"{_values(coordinate)} {units}".rstrip()
-        rows.append((dim, str(dataset.sizes[dim]), f"{values}  ({name})" if name else values))
-    return _table(rows)
-
-
-def _coordinates(dataset: xr.Dataset) -> list[str]:
-    rows = []
-    for name in dataset.coords:
-        coordinate = dataset[name]
-        if name not in dataset.dims and AUDIT_DIMS[0] not in coordinate.dims:
-            dims = f"({', '.join(map(str, coordinate.dims))})"
-            rows.append((str(name), dims, _units(coordinate) or "-", str(coordinate.attrs.get("long_name", ""))))
-    return _table(rows)
+def _axes(dataset: xr.Dataset, *, inner: bool) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for dim, size in dataset.sizes.items():
+        if dim in AUDIT_DIMS or (dim in INNER_DIMS) != inner:
+            continue
+        axis = dataset[dim]  # a dimension without coordinate counts from 0
+        values, (units, name) = axis.values, _meaning(axis).values()
+        if values.dtype.kind not in "iuf" or size <= 8:
+            text = _short(", ".join(_number(value) for value in values.tolist()))
+        else:
+            text = f"{_number(values.min().item())} to {_number(values.max().item())}"
+        rows.append((str(dim), str(size), f"{text} {units}".rstrip() + (f"  ({name})" if name else "")))
+    return rows
 
 
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
@@ -119,65 +95,17 @@ def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
     return f"{_number(low)} to {_number(high)}" if low <= high else "no values"
 
 
-def _variables(dataset: xr.Dataset, status: xr.DataArray | None) -> list[str]:
-    rows = []
-    for name in dataset.data_vars:
-        variable = dataset[name]
-        if name != "status" and AUDIT_DIMS[0] not in variable.dims:
-            inner = " and ".join(str(dim) for dim in variable.dims if dim in INNER_DIMS)
-            told = str(variable.attrs.get("long_name", "")) + f", per {inner}" * bool(inner)
-            rows.append((str(name), _units(variable) or "-", _range(variable, status), told))
-    return _table(rows)
-
-
-def _statuses(status: xr.DataArray) -> list[str]:
-    known = {int(s): s for s in STATUS}
-    rows = []
-    for code, count in status_counts(status).items():
-        found = known.get(int(code))
-        label = found.label if found is not None else f"code {code}"
-        text = found.meaning if found is not None else "no known meaning"
-        if found is not None and found.remedy:
-            text += f": {found.remedy}"
-        rows.append((str(count), label, text))
-    return _table(rows)
-
-
-def _audit(dataset: xr.Dataset) -> list[str]:
-    """Measured errors by output."""
+def _records(records: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    table = audit_table(dataset)
-    for row in table:
-        median, largest, apart = (
-            "-" if row[name] is None else f"{row[name]:.1e}"
-            for name in ("error_median", "error_max", "error_max_undecided")
-        )
-        undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
-        rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
-    return [f"  {audit_sentence(table, dataset.attrs)}", *_table(rows)] if rows else []
+    for record in records:
+        told = {k: v for k, v in record.items() if k not in ("name", "pga") and v not in ("", None)}
+        more = [f"{k} {_number(v)[:_DIGITS] if k == 'sha256' else _number(v)}" for k, v in told.items()]
+        peak = f"PGA {_number(record['pga'])} m/s2"
+        rows.append((_short(record["name"]), peak, _short(", ".join(more), 2 * _WIDTH)))
+    return rows
 
 
-def _records(dataset: xr.Dataset) -> list[str]:
-    try:
-        entries = json.loads(dataset.attrs["records"])
-    except (KeyError, TypeError, ValueError, RecursionError):
-        entries = []
-    rows: list[tuple[str, ...]] = []
-    for entry in entries if isinstance(entries, list) else []:
-        if isinstance(entry, dict):
-            pga = entry.get("pga")
-            peak = f"PGA {_number(pga)} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
-            told = {k: v for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)}
-            more = [f"{k} {_number(v)[:_DIGITS] if k == 'sha256' else _number(v)}" for k, v in told.items()]
-            rows.append((_short(_number(entry.get("name", "?"))), peak, _short(", ".join(more), 2 * _WIDTH)))
-    if not rows and "record_pga" in dataset.coords and "record" in dataset.coords:
-        names, peaks = np.atleast_1d(dataset["record"].values), np.atleast_1d(dataset["record_pga"].values)
-        if names.shape == peaks.shape:
-            rows = [(str(n), f"PGA {_number(float(p))} m/s2", "") for n, p in zip(names, peaks, strict=True)]
-    return _table(rows)
-
-
-def _origins(attributes: Mapping[Any, Any]) -> list[str]:
+def _origins(attributes: Mapping[Any, Any]) -> list[tuple[str, ...]]:
     """List the cubes that results were taken from."""
     rows: list[tuple[str, ...]] = []
     for key, how in ORIGINS.items():
@@ -185,13 +113,23 @@ def _origins(attributes: Mapping[Any, Any]) -> list[str]:
             counts = [f"{one[name]} {text}" for name, text in _COUNTS.items() if name in one]
             if one.get("made_from"):
                 counts.append(f"made from {', '.join(one['made_from'])}")
-            made_by = [f"source {str(one[SOURCE_ATTRIBUTE])[:_DIGITS]}"] if SOURCE_ATTRIBUTE in one else []
-            made_by += [
-                f"{name} {one[library_attribute(name)]}" for name in LIBRARIES if library_attribute(name) in one
-            ]
-            cells = (one["file"], one.get("history", ""), ", ".join(counts), ", ".join(made_by))
-            rows.append((how, *map(_short, cells)))
-    return _table(rows)
+            makers = {name: one.get(library_attribute(name)) for name in LIBRARIES}
+            made_by = {"source": str(one.get(SOURCE_ATTRIBUTE, ""))[:_DIGITS], **makers}
+            made = ", ".join(f"{name} {maker}" for name, maker in made_by.items() if maker)
+            rows.append((how, *map(_short, (one["file"], one.get("history", ""), ", ".join(counts), made))))
+    return rows
+
+
+def _audit(table: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for row in table:
+        median, largest, apart = (
+            "-" if row[name] is None else f"{row[name]:.1e}"
+            for name in ("error_median", "error_max", "error_max_undecided")
+        )
+        undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
+        rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
+    return rows
 
 
 def about(dataset: xr.Dataset) -> dict[str, Any]:
@@ -221,9 +159,6 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
     >>> found["title"], found["dims"]["gap"]
     ('Row', {'size': 2, 'values': [0.01, 0.02], 'units': 'm', 'long_name': ''})
     """
-    dims = [str(dim) for dim in dataset.sizes if dim not in AUDIT_DIMS]
-    labels = {int(status): status.label for status in STATUS}
-    counts = status_counts(dataset["status"]) if "status" in dataset.data_vars else {}
     told = {str(key): _plain(value, coded=key in _CODED) for key, value in dataset.attrs.items()}
     versions = {key.removesuffix("_version"): told.pop(key) for key in list(told) if key.endswith("_version")}
     return {
@@ -231,42 +166,39 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         "history": told.pop("history", ""),
         "versions": versions,
         "dims": {
-            dim: {"size": dataset.sizes[dim], "values": _plain(dataset[dim].values), **_meaning(dataset[dim])}
-            for dim in dims
+            str(dim): {"size": size, "values": _plain(dataset[dim].values), **_meaning(dataset[dim])}
+            for dim, size in dataset.sizes.items()
+            if dim not in AUDIT_DIMS
         },
         "variables": {
-            str(name): {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
-            for name, array in dataset.data_vars.items()
-            if AUDIT_DIMS[0] not in array.dims
+            name: {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
+            for name, array in _of_scenarios(dataset.data_vars).items()
         },
         "scenarios": dataset["status"].size if "status" in dataset.data_vars else None,
-        "statuses": {labels.get(code, f"code {code}"): count for code, count in counts.items()},
+        "statuses": {row["label"]: row["count"] for row in statuses(_counts(dataset))},
         "audit": audit_table(dataset),
         "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
         "attributes": told,
     }
 
 
-def _meaning(array: xr.DataArray) -> dict[str, str]:
-    return {"units": _units(array), "long_name": str(array.attrs.get("long_name", ""))}
-
-
 def _plain(value: Any, *, coded: bool = False) -> Any:
     """Return the value of an attribute or an axis as JSON can hold it; what is coded as JSON, as what that says."""
-    value = plain(value)
-    try:
-        return _finite(json.loads(value) if coded else value)
-    except (ValueError, TypeError, RecursionError):  # a file may hold anything
-        return str(value)
+    text = value if coded else json.dumps(plain(value))
+    return json.loads(text, parse_constant=lambda _: None)  # not a finite number
 
 
-def _finite(value: Any) -> Any:
-    """Return a value of JSON without numbers that it has none of its own for, however deep they are."""
-    if isinstance(value, dict):
-        return {str(key): _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return finite(value)
+def _counts(dataset: xr.Dataset) -> Mapping[int, int]:
+    return status_counts(dataset["status"]) if "status" in dataset.data_vars else {}
+
+
+def statuses(counts: Mapping[int, int]) -> list[dict[str, Any]]:
+    """Return the number of scenarios of each status that occurs, with what it means."""
+    return [
+        {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
+        for s in STATUS
+        if s in counts
+    ]
 
 
 def describe(dataset: xr.Dataset) -> str:
@@ -287,10 +219,8 @@ def describe(dataset: xr.Dataset) -> str:
     -----
     Reads every variable once, a part at a time. Control characters of a file are escaped, and what is long is cut.
     """
-    attributes = dataset.attrs
+    attributes, audit = dataset.attrs, audit_table(dataset)
     status = dataset["status"] if "status" in dataset.data_vars else None
-    inner = [str(dim) for dim in dataset.sizes if dim in INNER_DIMS]
-    outer = [str(dim) for dim in dataset.sizes if dim not in (*INNER_DIMS, *AUDIT_DIMS)]
 
     lines = [_short(attributes.get("title", "(no title)"))]
     lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
@@ -299,35 +229,51 @@ def describe(dataset: xr.Dataset) -> str:
         changed = "" if asked is None else f" (joined or cut after a run of {asked})"
         lines.append(f"  {status.size} scenarios{changed}")
     elif asked is not None:
-        lines.append(f"  {asked} scenarios asked, {'?' if run is None else run} run")
+        lines.append(f"  {asked} scenarios asked, {run} run")
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
 
+    variables, coordinates = [], []
+    for name, variable in _of_scenarios(dataset.data_vars).items():
+        if name != "status":
+            inner = " and ".join(str(dim) for dim in variable.dims if dim in INNER_DIMS)
+            units, text = _meaning(variable).values()
+            variables.append((name, units or "-", _range(variable, status), f"{text}, per {inner}" if inner else text))
+    for name, coordinate in _of_scenarios(dataset.coords).items():
+        if name not in dataset.dims:
+            units, text = _meaning(coordinate).values()
+            coordinates.append((name, f"({', '.join(map(str, coordinate.dims))})", units or "-", text))
     versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
-    made_from = _origins(attributes)
-    elsewhere = {*_SHOWN_ELSEWHERE, *versions, *(ORIGINS if made_from else ())}
-    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in elsewhere]
+    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in {*_SHOWN_ELSEWHERE, *versions, *ORIGINS}]
     if "sweep" in attributes:
         others.append(("sweep", f"{len(str(attributes['sweep']))} characters of JSON"))
     if "sweep_sha256" in attributes:
         others.append(("sweep_sha256", str(attributes["sweep_sha256"])))
-    sections = {
-        "Row": _table([(f"{name}:", text) for name, text in overview_of(attributes)]),
-        "Scenario axes": _axes(dataset, outer),
-        "Within a scenario": _axes(dataset, inner),
-        "Further coordinates": _coordinates(dataset),
-        f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": _variables(dataset, status),
-        "Scenarios by status": _statuses(status) if status is not None else [],
-        "Audit: relative error, by the difference to half the step": _audit(dataset),
-        "Records": _records(dataset),
-        "Made from": made_from,
-        "Versions": _table([(k.removesuffix("_version"), str(v)) for k, v in versions.items()]),
-        "Attributes": _table(others),
+    errors = "Audit: relative error, by the difference to half the step"
+    sections: dict[str, Sequence[tuple[str, ...]]] = {
+        "Row": [(f"{name}:", text) for name, text in overview_of(attributes)],
+        "Scenario axes": _axes(dataset, inner=False),
+        "Within a scenario": _axes(dataset, inner=True),
+        "Further coordinates": coordinates,
+        f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
+        "Scenarios by status": [
+            (str(row["count"]), row["label"], f"{row['meaning']}: {row['remedy']}" if row["remedy"] else row["meaning"])
+            for row in statuses(_counts(dataset))
+        ],
+        errors: _audit(audit),
+        "Records": _records(json.loads(attributes.get("records", "[]"))),
+        "Made from": _origins(attributes),
+        "Versions": [(k.removesuffix("_version"), str(v)) for k, v in versions.items()],
+        "Attributes": others,
     }
-    for heading, body in sections.items():
-        if body:
-            lines += ["", heading, *body]
-    return "\n".join(printable(_short_line(line)) for line in lines)
+    for heading, rows in sections.items():
+        if rows:
+            lines += ["", heading] + ([f"  {audit_sentence(audit, attributes)}"] if heading == errors else [])
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            for row in rows:
+                cells = (cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False))
+                lines.append("  ".join(["", *cells, row[-1]]).rstrip())
+    return "\n".join(map(printable, lines))
 
 
 def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -344,11 +290,7 @@ def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
         "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
         "audit": audit,
         "audit_sentence": audit_sentence(audit, attributes),
-        "statuses": [
-            {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
-            for s in STATUS
-            if s in counts
-        ],
+        "statuses": statuses(counts),
         "summary": rows,
     }
 
