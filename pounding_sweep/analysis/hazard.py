@@ -24,22 +24,14 @@ from pounding_sweep.base.files import expanded
 from pounding_sweep.records import UNITS
 from pounding_sweep.records.reader import match_unit
 
-#: Units of velocities of a file, each with its size in m/s.
-_VELOCITIES = {"m/s": 1.0, "cm/s": 0.01}
-#: Intensities in a heading; of a spectral one perhaps with its period: "Sa(0.6 s)", "SA(T=0.6)", "PSA 0.6s".
-_MEASURES = {
-    "pga": re.compile(r"pga(?![^\W_])|peak ground acc\w*", re.IGNORECASE),
-    "pgv": re.compile(r"pgv(?![^\W_])|peak ground vel\w*", re.IGNORECASE),
-    "sa": re.compile(
-        r"(?:p?s[_ ]?a|spectral acceleration)\b\W*(?:t(?:_?1)?\s*=\s*)?"
-        r"(\d+(?:[.,]\d*)?|[.,]\d+)?\s*(?:s(?:ec)?\b)?[)\]]?",
-        re.IGNORECASE,
-    ),
-}
+#: Size of each unit of a file in m and s, and what that is.
+_UNITS = {unit: (size, "m s-2") for unit, size in UNITS.items()} | {"m/s": (1.0, "m s-1"), "cm/s": (0.01, "m s-1")}
+#: Intensity at the start of a heading; of a spectral one perhaps with its period: "Sa(0.6 s)", "SA(T1=0.6)".
+_MEASURE = re.compile(
+    r"(pga|pgv|p?sa)(?![^\W_])(?:\W*(?:t1?\s*=\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)\s*s?\s*\))?", re.IGNORECASE
+)
 #: Least dispersion that is told from none.
 _SHARP = 1e-9
-#: Points of a hazard file at most.
-_MOST_POINTS = 10_000
 #: Logarithms of capacities that are looked for are this far from those of the points at most.
 _FAR = 1e6
 
@@ -85,7 +77,7 @@ class Hazard:
             raise InputError(
                 f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
             )
-        check_points(self.intensity, self.rate, lambda place: f"point {place + 1} of the hazard")
+        check_points(self.intensity, self.rate, [f"point {i} of the hazard" for i in range(1, len(self.rate) + 1)])
 
     @classmethod
     def power_law(cls, k0: float, kappa: float) -> Hazard:
@@ -111,8 +103,7 @@ class Hazard:
         for name, value in (("k0", k0), ("kappa", kappa)):
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} of the hazard is {value!r}; it must be a number above 0")
-        words = f"{k0:g} x^-{kappa:g}"
-        return cls((1.0, math.e), (k0, k0 * math.exp(-kappa)), words, everywhere=True)
+        return cls((1.0, math.e), (k0, k0 * math.exp(-kappa)), f"{k0:g} x^-{kappa:g}", everywhere=True)
 
     def exceeded(self, intensity: np.ndarray | float) -> np.ndarray:
         """Return the annual rate at which intensities above zero are exceeded."""
@@ -182,23 +173,25 @@ class Hazard:
             return np.exp(at[along] - k * (mu - base[along]) + 0.5 * (k * beta) ** 2 + share)
 
 
-def check_points(intensity: Sequence[float], rate: Sequence[float], place: Callable[[int], str]) -> None:
-    """Raise `InputError` at the first point that is none of a hazard; `place` says where it is."""
-    for i, (x, y) in enumerate(zip(intensity, rate, strict=True)):
+def check_points(intensity: Sequence[float], rate: Sequence[float], places: Sequence[str]) -> None:
+    """Raise `InputError` at the first point that is none of a hazard."""
+    before = (0.0, math.inf)
+    for place, x, y in zip(places, intensity, rate, strict=True):
         fault = ""
-        if not (math.isfinite(x) and x > 0.0):
+        if not 0.0 < x < math.inf:
             fault = f"intensity {x!r} is no number above 0"
-        elif not (math.isfinite(y) and y > 0.0):
+        elif not 0.0 < y < math.inf:
             fault = f"annual rate {y!r} is no number above 0; leave out points that are never exceeded"
-        elif i and x <= intensity[i - 1]:
-            fault = f"intensity {x!r} follows {intensity[i - 1]!r}; sort the points by rising intensity"
-        elif i and y >= rate[i - 1]:
+        elif x <= before[0]:
+            fault = f"intensity {x!r} follows {before[0]!r}; sort the points by rising intensity"
+        elif y >= before[1]:
             fault = (
-                f"rate {y!r} follows {rate[i - 1]!r}: a stronger motion must be rarer, so that rates fall as "
+                f"rate {y!r} follows {before[1]!r}: a stronger motion must be rarer, so that rates fall as "
                 "intensities rise"
             )
         if fault:
-            raise InputError(f"{place(i)}: {fault}")
+            raise InputError(f"{place}: {fault}")
+        before = x, y
 
 
 def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazard:
@@ -226,34 +219,33 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
     target = expanded(path)
     name = Path(target).name
     try:
-        with target.open(newline="", encoding="utf-8-sig") as file:
-            lines = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+        lines = target.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(
             f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
         ) from None
-    separator = next((sign for sign in ";\t" if lines and sign in lines[0][1]), ",")
+    rows = [(f"{name}:{n}", line) for n, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
+    separator = next((sign for sign in ";\t" if rows and sign in rows[0][1]), ",")
     decimal = "." if separator == "," else ","
-    rows = [(n, [cell.strip(" \t\"'") for cell in line.strip().split(separator)]) for n, line in lines]
-    numbers = [(n, [_number(cell.replace(decimal, ".")) for cell in row]) for n, row in rows]
-    first = 1 if rows and all(number is None for number in numbers[0][1]) else 0
-    heading = rows[0][1][0] if first else ""
-    for (n, row), (_, point) in zip(rows[first : _MOST_POINTS + 1], numbers[first:], strict=False):
-        if len(point) != 2 or None in point:
-            raise InputError(
-                f"{name}:{n}: {','.join(row)[:80]!r} won't do; give two numbers, intensity and annual rate"
-            )
-    if not 2 <= len(rows) - first <= _MOST_POINTS:
-        raise InputError(f"{name}: {len(rows) - first} points; a hazard curve has 2 to {_MOST_POINTS}")
-    intensity, rate = zip(*(point for _, point in numbers[first:]), strict=True)
-    check_points(intensity, rate, lambda i: f"{name}:{rows[first + i][0]}")
+    heading, points = "", []
+    for place, line in rows:
+        cells = [cell.strip(" \t\"'") for cell in line.strip().split(separator)]
+        numbers = [_number(cell.replace(decimal, ".")) for cell in cells]
+        if place == rows[0][0] and set(numbers) == {None}:
+            heading = cells[0]
+        elif len(numbers) == 2 and None not in numbers:
+            points.append((place, *numbers))
+        else:
+            raise InputError(f"{place}: {line.strip()[:80]!r} won't do; give two numbers, intensity and annual rate")
+    if len(points) < 2:
+        raise InputError(f"{name}: {len(points)} points; a hazard curve has 2 or more")
+    places, intensity, rate = zip(*points, strict=True)
+    check_points(intensity, rate, places)
     measure, stated = _measure_and_unit(heading)
-    factor, metric = _unit(units or stated, f"{name}:{lines[0][0]}", heading)
+    factor, metric = _unit(units or stated, rows[0][0], heading)
     if measure and metric != ("m s-1" if measure == "pgv" else "m s-2"):
-        raise InputError(
-            f"{name}:{lines[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}"
-        )
+        raise InputError(f"{rows[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}")
     return Hazard(tuple(factor * x for x in intensity), rate, name, metric, measure=measure)
 
 
@@ -299,33 +291,21 @@ def _number(text: str) -> float | None:
 
 def _measure_and_unit(heading: str) -> tuple[str, str]:
     """Return the name of the intensity in a heading, and the text of its unit; "" for what it does not say."""
-    measure, rest = "", heading
-    for name, pattern in _MEASURES.items():
-        if match := pattern.match(heading):
-            measure, rest = name, heading[match.end() :]
-            if name == "sa":
-                period = match[1]
-                measure = f"sa({float(period.replace(',', '.')):g})" if period else "sa"
-                rest = rest if period else heading[len(re.split(r"[(\[]", heading)[0]) :]
-    bracket = re.findall(r"[(\[]([^()\[\]]*)[)\]]", rest)
-    tail = re.search(r"(?:\bin\s+|_|\s)([^\s_]+)$", rest) if measure else None  # "a_g" is a symbol
-    return measure, bracket[-1].strip() if bracket else tail[1] if tail and match_unit(tail[1]) else ""
+    match, measure = _MEASURE.match(heading), ""
+    if match:
+        measure = match[1].lower().replace("psa", "sa")
+        measure += f"({float(match[2].replace(',', '.')):g})" if match[2] else ""
+    brackets = re.findall(r"[(\[]([^()\[\]]*)[)\]]", heading[match.end() if match else 0 :])
+    return measure, brackets[-1].strip() if brackets else ""
 
 
 def _unit(text: str, place: str, heading: str) -> tuple[float, str]:
     """Return the size of a unit in m and s, and what that is."""
-    spelled = match_unit(text)
-    if spelled:
-        return UNITS[spelled], "m s-2"
-    if text in _VELOCITIES:
-        return _VELOCITIES[text], "m s-1"
-    valid = ", ".join([*UNITS, *_VELOCITIES])
-    if not text:
-        shown = f"{heading!r} has no unit" if heading else "there is no heading with a unit"
-        msg = (
-            f"{place}: {shown}; head the intensities with it, such as 'PGA (g)', or give it: --hazard-units g "
-            f'(units="g" of read_hazard); one of {valid}'
-        )
-    else:
-        msg = f"{place}: the unit {text!r} of the intensity is unknown; give one of {valid}"
-    raise InputError(msg)
+    unit = match_unit(text) or text
+    if unit in _UNITS:
+        return _UNITS[unit]
+    fault = f"the unit {text!r} of the intensity is unknown" if text else f"{heading!r} has no unit"
+    raise InputError(
+        f"{place}: {fault}; head the intensities with it, such as 'PGA (g)', or give it: --hazard-units g "
+        f'(units="g" of read_hazard); one of {", ".join(_UNITS)}'
+    )
