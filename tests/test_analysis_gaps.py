@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -76,14 +75,6 @@ class TestRules:
             for name in OUTPUTS[1::-1]
         )
         return max(abs(low), abs(high))
-
-    def test_buildings_in_another_order(self):
-        """As `cube.sortby("building")` leaves them, which xarray aligns by label, too."""
-        scene = Scene([Building("b", [1.0, 1.0], [9.0, 9.0]), Building("a", [2.0], [5.0])], [0.1])
-        cube = told(scene)
-        turned = cube.sortby("building").isel(storey=slice(None, None, -1))
-        assert turned.building.values.tolist() == ["a", "b"]
-        xr.testing.assert_identical(required_gap(turned), required_gap(cube))
 
     def test_all_rules_by_hand(self):
         """Two buildings of one height, all floors level: the standards' reductions apply."""
@@ -258,9 +249,6 @@ class TestMissing:
         cube = told(low_and_high(), records=["el_centro"])
         (record,) = records_of(stored_sweep(cube))
         assert record.name == "el_centro"
-        sweep = stored_sweep(cube)
-        sweep["records"][0] |= {"name": "elsewhere", "scale": 1.0}
-        assert records_of(sweep)[0].name == "elsewhere"  # renamed: known by its motion
 
     def test_what_is_missing_is_said(self):
         with pytest.raises(InputError, match="needs records"):
@@ -272,12 +260,9 @@ class TestMissing:
             required_gap(single, motions())
         carried = sweep_attribute(low_and_high(), motions(), laws="linear", stiffnesses=1e5)
         cube = hand_cube({"law": ["linear"]}, random_fill(1, "impact_count"), attributes=carried)
-        part = {key: value for key, value in stored_sweep(cube).items() if key != "period_factors"}
-        with pytest.raises(InputError, match=r"lacks period_factors: .* run the sweep again"):
-            required_gap(cube.assign_attrs(sweep=json.dumps(part)))
         with pytest.raises(
             InputError,
-            match=r"2 of the 2 records.*'one' \(none of that name or motion\).*or run the sweep with the law",
+            match=r"2 of the 2 records.*'one' \(none of that name\).*or run the sweep with the law",
         ):
             required_gap(cube)
 

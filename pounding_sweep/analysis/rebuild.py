@@ -11,10 +11,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from pounding_sweep.analysis.scenarios import (
     described,
     labelled,
     law_keys,
-    present,
     uncoupled_cases,
     without_pounding,
 )
@@ -34,7 +32,7 @@ from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
-from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records, record_measures, resolve_records
+from pounding_sweep.records import RECORD_SETS, Record, find_record, record_measures, resolve_records
 from pounding_sweep.records.catalogue import read_component, set_components
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.run.sweep import Sweep
@@ -44,8 +42,6 @@ from pounding_sweep.spec.spec import scene_of
 
 #: Records that an error names.
 _NAMED = 3
-#: What is read of a stored sweep.
-_KEYS = {"scene", "records", "cases", *(name for name, axis in AXES.items() if not axis.unsaid)}
 #: What a run without pounding must report.
 OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
 #: Step (s) of the exact scheme, whose free flight has no error: peaks are looked for inside it.
@@ -55,26 +51,19 @@ STEP = 1e-3
 def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
     """Return a cube's sweep as it is stored."""
     try:
-        sweep: dict[str, Any] = json.loads(cube.attrs["sweep"])
-        lacking = sorted(_KEYS - set(sweep))
-    except (KeyError, TypeError, ValueError):
+        return dict(json.loads(cube.attrs["sweep"]))
+    except (KeyError, ValueError):
         raise InputError(
             "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known; "
             "give a cube as 'pounding-sweep run' wrote it"
         ) from None
-    if lacking:
-        raise InputError(
-            f"the sweep that this cube carries (attribute 'sweep') lacks {', '.join(lacking)}: the cube was made by "
-            "another version of this package, or changed; run the sweep again"
-        )
-    return sweep
 
 
-def stored_scene(one: xr.Dataset) -> Scene:
+def stored_scene(histories: xr.Dataset) -> Scene:
     """Return the row of a scenario with its histories."""
     try:
-        return scene_of(json.loads(one.attrs["scene"]))
-    except (AttributeError, KeyError, TypeError, ValueError):
+        return scene_of(json.loads(histories.attrs["scene"]))
+    except (KeyError, ValueError):
         raise InputError(
             "this file does not carry its row of buildings (attribute 'scene'), from which the walls beside it would "
             "be known: it was made by another version of this package, or changed; simulate the scenario again"
@@ -83,15 +72,14 @@ def stored_scene(one: xr.Dataset) -> Scene:
 
 def records_of(
     sweep: Mapping[str, Any],
-    given: Iterable[Record] = (),
+    offered: Iterable[Record] = (),
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> list[Record]:
     """Find the records of a stored sweep again."""
-    offered = {record.sha256: record for record in given}
-    at_hand = cache(lambda: [record for _, record in list_records(folders) if isinstance(record, Record)])
+    by_digest = {record.sha256: record for record in offered}
     records, missing = [], []
     for entry in sweep["records"]:
-        record = offered.get(entry["sha256"]) or _by_name(entry, folders, at_hand)
+        record = by_digest.get(entry["sha256"]) or _by_name(entry, folders)
         if isinstance(record, Record):
             records.append(record.renamed(entry["name"]))
         else:
@@ -105,9 +93,9 @@ def records_of(
     return records
 
 
-def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[Record]]) -> Record | str:
+def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | str:
     """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
-    name, scale = entry["name"], entry["scale"]
+    name = entry["name"]
     record = remade(entry["source"], entry["n_points"])
     if record is None:
         with suppress(RecordError):
@@ -117,16 +105,11 @@ def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[
             if not key.endswith("_normalized") and name in set_components(key):
                 record = read_component(key, name)
                 break
-
-    def candidates() -> Iterator[Record]:
-        yield from [record] if record is not None else []
-        yield from (other for other in at_hand() if (other.dt, other.n_points) == (entry["dt"], entry["n_points"]))
-
-    for candidate in candidates():  # a record may have been renamed
-        for same in (candidate, candidate.scaled(scale / candidate.scale) if candidate.scale else candidate):
-            if same.sha256 == entry["sha256"]:
-                return same
-    return "the record found by that name is another motion" if record is not None else "none of that name or motion"
+    if record is None:
+        return "none of that name"
+    scaled = record.scaled(entry["scale"] / record.scale) if record.scale else record
+    same = (one for one in (record, scaled) if one.sha256 == entry["sha256"])
+    return next(same, "the record found by that name is another motion")
 
 
 #: A row, in which floors meet columns too, and its runs without pounding: `OUTPUTS` on ``record``, and on ``scale``,
@@ -148,9 +131,8 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
     row: dict[str, list[Any]] = {"building": [building.name for building in scene.buildings]}
     row |= {"pair": list(scene.pair_labels), "storey": list(range(1, scene.n_storeys + 1))}
     # a part of the row is no row
-    whole = all(dim in cube.dims and sorted(cube[dim].values.tolist()) == sorted(row[dim]) for dim in row)
-    cube = cube.sel(row) if whole else cube  # in the row's order, which a user may have changed
-    stored = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
+    stored = all(dim in cube.dims and cube[dim].values.tolist() == labels for dim, labels in row.items())
+    stored = stored and NO_POUNDING in law_keys(cube) and {*OUTPUTS} <= {*cube.data_vars}
     if sweep["cases"] is not None:
         stored = stored and min(uncoupled_cases(cube)) >= 0
     runs = cube
@@ -240,11 +222,15 @@ def intensity_of(
     intensity = scaled_to if intensity is None else intensity
     if isinstance(intensity, str) and intensity == scaled_to != "pga":
         name = f"{_SPECTRAL_NAME} at {cube.attrs['sa_period']:g} s"
-        return described(cube["sa"].broadcast_like(cube["scale"]).reset_coords(drop=True), "m s-2", name)
+        return described(cube["sa"].broadcast_like(cube["scale"]), "m s-2", name, bare=True)
     record = cube["record"]
     names = [str(name) for name in np.atleast_1d(record.values)]
     if isinstance(intensity, str) and intensity == "pga":
-        base = cube["record_pga"] if "record_pga" in cube.coords else _stored_pga(cube, names)
+        if "record_pga" in cube.coords:
+            base = cube["record_pga"]
+        else:
+            peaks = {entry["name"]: entry["pga"] for entry in json.loads(cube.attrs.get("records", "[]"))}
+            base = record.copy(data=np.reshape([peaks.get(name, np.nan) for name in names], record.shape))
         base = described(base, "m s-2", "peak ground acceleration")
     else:
         base = _measured(cube, intensity, records, folders) if isinstance(intensity, str) else intensity
@@ -255,22 +241,9 @@ def intensity_of(
             which = f"record{'s' * (len(lacking) > 1)} {', '.join(lacking)}"
             raise InputError(f"the intensity is not given for the {which} of this cube")
         base = base.sel(record=record).assign_attrs(base.attrs)
-    scale = abs(cube["scale"]) if "scale" in cube.coords else xr.DataArray(1.0)
-    units, long_name = (str(base.attrs.get(key, other)) for key, other in (("units", "1"), ("long_name", "intensity")))
-    return described((base * scale).reset_coords(drop=True), units, long_name)
-
-
-def _stored_pga(cube: xr.Dataset, names: Iterable[str]) -> xr.DataArray:
-    """Return the peak ground accelerations (m/s2) that a cube's attributes tell of its records."""
-    try:
-        peaks = {str(entry["name"]): float(entry["pga"]) for entry in json.loads(cube.attrs["records"])}
-        record = cube["record"]
-        return xr.DataArray(np.reshape([peaks[name] for name in names], record.shape), {"record": record}, record.dims)
-    except (KeyError, TypeError, ValueError):
-        raise InputError(
-            "this cube does not say the peak ground accelerations of its records (coordinate 'record_pga'); give the "
-            "intensity as a DataArray along 'record'"
-        ) from None
+    scale = abs(cube["scale"]) if "scale" in cube.coords else 1.0
+    about = {"units": "1", "long_name": "intensity"} | base.attrs
+    return described(base * scale, about["units"], about["long_name"], bare=True)
 
 
 def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = None, folders: Any = None) -> xr.Dataset:
@@ -342,26 +315,21 @@ def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
     if not spectral:
         return {}
     first = {b.name: float(b.periods[0]) for b in scene_of(stored_sweep(cube)["scene"]).buildings}
-    asked = spectral[1]
-    if asked is None:
-        return first
-    if asked in first:
-        return {asked: first[asked]}
-    try:
-        period = float(asked)
-    except ValueError:
-        period = math.nan
-    if not (math.isfinite(period) and period > 0.0):
-        raise InputError(
-            f"intensity 'sa({asked})': {asked!r} is no period above 0 s, and no building; there are {', '.join(first)}"
-        )
-    return {"": period}
+    period = spectral[1]
+    if period is None or period in first:
+        return first if period is None else {period: first[period]}
+    with suppress(ValueError):
+        if 0.0 < float(period) < math.inf:
+            return {"": float(period)}
+    raise InputError(
+        f"intensity {name!r}: {period!r} is no period above 0 s, and no building; there are {', '.join(first)}"
+    )
 
 
 def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.DataArray:
     """Return an intensity of the records at scale 1 by its name, from their motions."""
     periods = periods_of(cube, name)
-    sweep, wanted = stored_sweep(cube), {str(one) for one in np.atleast_1d(cube["record"].values)}
+    sweep, wanted = stored_sweep(cube), {str(record) for record in np.atleast_1d(cube["record"].values)}
     sweep["records"] = [entry for entry in sweep["records"] if entry["name"] in wanted]
     motions = records_of(sweep, [] if records is None else resolve_records(records, folders), folders)
     if periods:
@@ -370,9 +338,9 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
         at = ", ".join(f"{period:{'g' if key == '' else '.3g'}}" for key, period in periods.items())
         units, long_name = "m s-2", f"{_SPECTRAL_NAME} {mean}at {at} s{of}"
         logs: Any = np.log(response_spectrum(motions, list(periods.values()), DAMPING)["pseudo_acceleration"])
-        found = np.exp(logs.mean("period")).values
+        measured = np.exp(logs.mean("period")).values
     else:
         units, long_name = "m s-1", "peak ground velocity"
-        found = np.array([record_measures(motion).pgv for motion in motions])
+        measured = np.array([record_measures(motion).pgv for motion in motions])
     names = labelled("record", (motion.name for motion in motions), "ground-motion record")
-    return described(xr.DataArray(found, {"record": names}, ("record",)), units, long_name)
+    return described(names.copy(data=measured), units, long_name)
