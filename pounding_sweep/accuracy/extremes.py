@@ -21,16 +21,16 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.text import seconds_text
 from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -267,7 +267,7 @@ def _cases(scenes: Mapping[str, Scene], **more: Any) -> list[Case]:
 
 
 @cache
-def families() -> dict[str, list[Case]]:
+def all_families() -> dict[str, list[Case]]:
     """Return every family by name, in the order of the table of docs/extremes.md."""
     wall, west, between, east = beside_wall(), Wall("west"), oscillator("between", 0.4), Wall("east")
     both, some, none = {"pair": pair(), "wall": wall}, [1e-2, 1.0, 1e2], [0.0, 5e-3, OPEN_GAP]
@@ -355,7 +355,7 @@ def family_batches(keys: Iterable[str], laws: Sequence[Law]) -> list[Batch]:
         for key in keys
         for law in (first_of_exponent if key in OF_MANY_SHAPES else laws)
         if law.exponent == 1.0 or key not in LINEAR
-        for case, scene, more in families()[key]
+        for case, scene, more in all_families()[key]
     ]
 
 
@@ -369,7 +369,7 @@ def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
 
 def _draw(rng: np.random.Generator, number: int, laws: Sequence[Law]) -> Batch:
     law = laws[number % len(laws)]
-    scene = _random_pair(rng) if (number // len(laws)) % 2 == 0 else _random_beside_wall(rng)
+    scene = _random_scene(rng, ("left", "right") if (number // len(laws)) % 2 == 0 else ("left",))
     # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
     period = max(float(b.periods[0]) for b in scene.buildings)
     pga = _log(rng, 0.05, 20.0)
@@ -391,22 +391,16 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _random_damping(rng: np.random.Generator) -> float:
-    return float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))
-
-
-def _random_pair(rng: np.random.Generator) -> Scene:
-    buildings = []
-    for name in ("left", "right"):
-        plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), 2)
-        masses, stiffnesses = (rng.uniform(0.5, 2.0, (2, 2)) * [plain.masses, plain.stiffnesses]).tolist()
-        buildings.append(Building(name, masses, stiffnesses, _random_damping(rng)))
-    return Scene(buildings, [0.0])
-
-
-def _random_beside_wall(rng: np.random.Generator) -> Scene:
-    building = oscillator("left", _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), 1, _random_damping(rng))
-    return Scene([building, Wall()], [0.0])
+def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
+    """Draw two buildings of two storeys, or one of one storey beside a wall."""
+    buildings: list[Building | Wall] = []
+    for name in names:
+        plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), len(names))
+        masses, stiffnesses = plain.masses, plain.stiffnesses
+        if len(names) == 2:
+            masses, stiffnesses = (rng.uniform(0.5, 2.0, (2, 2)) * [plain.masses, plain.stiffnesses]).tolist()
+        buildings.append(Building(name, masses, stiffnesses, float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))))
+    return Scene([*buildings, Wall()][:2], [0.0])
 
 
 def _random_motion(rng: np.random.Generator, pga: float) -> Record:
@@ -513,7 +507,7 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
     sensitive = np.zeros(len(rows), bool)
     against = {name: values[rows] for name, values in reference.peaks.items()}
-    for change in (CHANGE, -CHANGE) if len(rows) else ():  # a touch that just comes goes with more gap, and the reverse
+    for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
         peaks = peaks_of(moved.run("rk4", float(np.nanmin(reference.step[rows]))))
         sensitive |= peak_error(peaks, against) > OK_CLAIM
@@ -636,10 +630,6 @@ class FamilyResult:
         self.violations += [_violation(verdict.run, row, text) for row, text in verdict.faults]
         self.seconds += verdict.run.seconds
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
-        return vars(self) | {"statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]}}
-
 
 def _violation(run: Run, row: int, text: str) -> dict[str, Any]:
     batch = run.batch
@@ -667,7 +657,7 @@ class Extremes:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        results = [result.as_dict() for result in self.results]
+        results = [vars(result) for result in self.results]
         return {"claim": OK_CLAIM, **vars(self), "results": results, "violations": len(self.faults)}
 
 
@@ -681,12 +671,8 @@ def run_extremes(
     precision: str = "float64",
     workers: int = 1,
     progress: Progress | None = None,
-    tell: Callable[[str], None] | None = None,
 ) -> Extremes:
-    """Run the stability suite, in the schemes that ``accuracy`` chooses from unless others are given.
-
-    `tell` hears beforehand how long it will take.
-    """
+    """Run the stability suite, in the schemes that ``accuracy`` chooses from unless others are given."""
     schemes = measured_schemes() if methods is None else tuple(methods)
     chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
     if not chosen:
@@ -696,35 +682,28 @@ def run_extremes(
     if scenes < 0 or seed < 0:
         raise InputError(f"scenes = {scenes} and seed = {seed} must not be negative")
     progress, start = progress or Progress(), time.perf_counter()
-    batches = _batches(families, chosen, scenes, seed)
+    valid = [*all_families(), RANDOM]
+    keys = valid if families is None else list(dict.fromkeys(families))
+    for key in keys:
+        if key not in valid:
+            raise InputError(unknown("family", key, valid))
+    batches = family_batches([key for key in keys if key != RANDOM], chosen)
+    batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
     runs = [(batch, method) for batch in batches for method in batch.schemes(schemes)]
     formats = dict.fromkeys(("float64", precision))
     shapes = list(dict.fromkeys(b.kernel(method, b.steps[0], f).shape for b, method in runs for f in formats))
-    missing, seconds = still_to_compile(shapes)
-    if tell and missing:
-        tell(f"{missing} of {len(shapes)} kernels to compile, once: about {seconds_text(seconds / workers)}")
-    progress.stage("compiling" if missing else "kernels", len(shapes))
+    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
     prepare(shapes, workers, progress.advance)
     ready = time.perf_counter()
     results: dict[tuple[str, str], FamilyResult] = {}
     progress.stage("batches", len(batches))
     for batch in batches:
         for verdict in run_judged(batch, precision, schemes):
-            key = (batch.family, verdict.run.method)
-            results.setdefault(key, FamilyResult(*key)).add(verdict)
+            place = (batch.family, verdict.run.method)
+            results.setdefault(place, FamilyResult(*place)).add(verdict)
         progress.advance(1)
     end = time.perf_counter()
     return Extremes(list(results.values()), tuple(law.key for law in chosen), scenes, seed, end - ready, ready - start)
-
-
-def _batches(keys: Iterable[str] | None, laws: Sequence[Law], scenes: int, seed: int) -> list[Batch]:
-    valid = [*families(), RANDOM]
-    keys = valid if keys is None else list(dict.fromkeys(keys))
-    for key in keys:
-        if key not in valid:
-            raise InputError(unknown("family", key, valid))
-    batches = family_batches([key for key in keys if key != RANDOM], laws)
-    return batches + (random_batches(scenes, seed, laws) if RANDOM in keys else [])
 
 
 def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[Verdict]:
@@ -742,45 +721,39 @@ def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] 
     return [judge(run, reference) for run in runs]
 
 
-#: Schemes and number formats of the map.
+#: Schemes and number formats of the map, and its restitution.
 SHOWN = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))
+RESTITUTION = 0.6
 
 
 def stability_map(
     law: str | Law = "kelvin_voigt",
     *,
-    stiffnesses: Sequence[float] | None = None,
-    steps: Sequence[float] | None = None,
-    restitution: float = 0.6,
+    stiffnesses: Sequence[float] = tuple(np.logspace(3, 12, 19)),
+    steps: Sequence[float] = tuple(np.geomspace(1e-5, 2e-2, 12)),
 ) -> xr.Dataset:
     """Run one scene at every contact stiffness and time step, and compare with converged runs."""
     chosen = get_law(law)
     if chosen.exponent is None:
         raise InputError(f"law {chosen.key!r} has no contact force to map; give one with a contact stiffness")
-    chosen.check_restitution(restitution)
-    k = np.asarray(np.logspace(3, 12, 19) if stiffnesses is None else stiffnesses, dtype=float)
-    h = np.asarray(np.geomspace(1e-5, 2e-2, 12) if steps is None else steps, dtype=float)
-    for name, values in (("stiffnesses", k), ("steps", h)):
-        if not (values.size and np.all(np.isfinite(values)) and np.all(values > 0)):
-            raise InputError(f"{name} = {values.tolist()} must be positive numbers")
-    batch = make_batch(
-        "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=k, restitution=restitution, steps=tuple(h)
-    )
-    shape = (len(SHOWN), len(k), len(h))
-    status, error, shortest = np.zeros(shape, dtype=np.int8), np.full(shape, np.nan), np.full(len(k), np.inf)
-    runs = {}
-    for s, (method, precision) in enumerate(SHOWN):
-        for j, dt in enumerate(h):
-            run = runs[s, j] = batch.run(method, dt, precision)
-            status[s, :, j] = run["status"]
-            shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(method, dt))
+    axes: dict[str, Any] = {"stiffness": stiffnesses, "restitution": RESTITUTION, "steps": tuple(steps)}
+    batch = make_batch("map", "", pair(), chosen, earthquake(dt=0.02), **axes)
+    runs = {
+        (s, j): batch.run(method, dt, precision)
+        for (s, (method, precision)), (j, dt) in product(enumerate(SHOWN), enumerate(steps))
+    }
+    status = np.zeros((len(SHOWN), len(batch), len(steps)), dtype=np.int8)
+    error, shortest = np.full(status.shape, np.nan), np.full(len(batch), np.inf)
+    for (s, j), run in runs.items():
+        status[s, :, j] = run["status"]
+        shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(SHOWN[s][0], steps[j]))
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
-    for i in range(len(k)):
+    for i in range(len(batch)):
         reference = make_reference(batch[[i]], np.ones(1, bool), shortest[[i]])
         for (s, j), run in runs.items() if reference.known[0] else ():
             if STATUS[int(status[s, i, j])].has_values:
-                force = peaks_of({name: values[[i]] for name, values in run.items()})["impact_force_max"]
-                error[s, i, j] = relative_error("impact_force_max", force, reference.peaks["impact_force_max"])[0]
+                force, expected = run["impact_force_max"][[i]], reference.peaks["impact_force_max"]
+                error[s, i, j] = relative_error("impact_force_max", force, expected)[0]
     dims = ("scheme", "stiffness", "dt")
     flags = {
         "long_name": "status of the scenario",
@@ -794,13 +767,17 @@ def stability_map(
         },
         {
             "scheme": ("scheme", [f"{method} {precision}" for method, precision in SHOWN]),
-            "stiffness": ("stiffness", k, {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}),
-            "dt": ("dt", h, {"units": "s", "long_name": "time step"}),
+            "stiffness": (
+                "stiffness",
+                list(stiffnesses),
+                {"units": chosen.stiffness_unit, "long_name": "contact stiffness"},
+            ),
+            "dt": ("dt", list(steps), {"units": "s", "long_name": "time step"}),
         },
         {
             **made_here(f"Stability map: {chosen.title}"),
             "law": chosen.key,
-            "restitution": restitution if chosen.takes_restitution else "none",
+            "restitution": RESTITUTION if chosen.takes_restitution else "none",
             "ok_claim": OK_CLAIM,
         },
     )

@@ -144,12 +144,11 @@ def extremes_command(
             check_output(map_file, overwrite)
         if plot_file is not None:
             check_output(plot_file, overwrite=True, netcdf=False)
-        n_workers, tell = check_scheduler("threads", workers), None if quiet else say
+        count = check_scheduler("threads", workers)
         with progress_display(quiet) as progress:
             suite = run_extremes(
-                scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress,
-                tell=tell,
-            )  # fmt: skip
+                scenes, seed=seed, laws=law, families=family, precision=precision, workers=count, progress=progress
+            )
         files = [str(file) for file in (map_file, plot_file) if file is not None]
         if files:
             stability = stability_map(*(law or ())[:1])
