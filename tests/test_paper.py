@@ -148,15 +148,17 @@ def test_a_cube_tells_its_reading(key):
 #: What is done to cubes, and what is said of them.
 REFUSED = [
     (lambda c: [c.assign_attrs(sweep='{"scene": {"row": []}}')], "cube 1 was run for another row of .*mate2015_as_run"),
-    (lambda c: [c, c], "cube 2 is of the reading 'as printed', as one before it"),
     (lambda c: [c.drop_vars("contact_work")], "cube 1 lacks contact_work"),
-    (lambda c: [c.drop_attrs(deep=False)], "does not say which scene"),
-    (lambda c: [c.drop_sel(law="hertz")], "lacks the laws hertz; run the sweep with laws 'mate2015'"),
-    (lambda c: [c.assign_coords(gap=[0.02])], "no gap of 0.01, the paper's"),
-    (lambda c: [c.assign_attrs(records="[]")], "no record of the cubes can be used: record 'el_centro' is not in"),
+    (lambda c: [c.drop_attrs(deep=False)], "cube 1 was run for another row"),
+    (lambda c: [c.drop_sel(law="hertz")], "lacks law hertz; make it with"),
+    (lambda c: [c.assign_coords(gap=[0.02])], "lacks gap 0.01"),
+    (
+        lambda c: [c.assign_attrs(records="[]")],
+        "no record of the cubes can be used: .*record 'el_centro' at hand is not",
+    ),
     (
         lambda c: [c.assign_attrs(records='[{"name": "el_centro", "sha256": "0"}]')],
-        "record 'el_centro' at hand is not the motion that the cube was run with",
+        "record 'el_centro' at hand is not a motion that the cubes were run with",
     ),
 ]
 
@@ -364,7 +366,7 @@ def test_energy_checks_measure_what_is_missing():
     work = by_law(0.25, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0)
     found = energy_checks(outputs(**balanced, **{**none, "contact_work": work, "energy_transfer_min": -0.125}))[:4]
     assert [check.value for check in found] == [1.0, 0.25, 0.125, 0.5]
-    assert found[0].relative == pytest.approx(0.1)
+    assert found[0].scale == 10.0
 
 
 @given(factor=st.floats(0.1, 10.0))

@@ -71,8 +71,10 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):
                 text = f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again"
                 code = BAD_INPUT
-            elif isinstance(error, OSError) and error.filename is None and _stdout_fails():
-                text = f"failed: stdout can't be written ({error.strerror}), give it another place"
+            elif isinstance(error, OSError):
+                text = f"failed: {error}"
+                if error.filename is None and _stdout_fails():
+                    text = f"failed: stdout can't be written ({error.strerror}), give it another place"
             else:  # a fault of the package, or of the machine: the traceback is for the report
                 _print("".join(traceback.format_exception(error)).rstrip("\n"))
         say(text if out is None or code == BAD_INPUT else f"{text}{_left_by(out, before)}")

@@ -14,7 +14,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
@@ -124,24 +123,14 @@ def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
 
 
 @in_style()
-def roof_displacement(histories: xr.Dataset, building: str, record: str) -> Figure:
-    """Draw the displacement of a roof against time, each model on that without pounding."""
-    here = histories["roof_displacement"].sel(building=building, record=record).dropna("time") * 1e3
-    return _by_model(here, "displacement (mm)", alone=True)
-
-
-@in_style()
-def roof_force(histories: xr.Dataset, pair: str, record: str) -> Figure:
-    """Draw the contact force between two roofs against time, model by model."""
-    here = histories["roof_force"].sel(pair=pair, record=record).dropna("time", how="all") * 1e-3
-    return _by_model(here, "force (MN)", alone=False)
-
-
-def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
-    """One row per model with contact, one column per reading; without the quiet end of the record."""
-    readings = values["reading"].values.tolist()
+def roof_histories(histories: xr.Dataset, record: str, **place: str) -> Figure:
+    """Draw the displacement of a roof (`building`), on that without pounding, or the force between two (`pair`)."""
+    # one row per model with contact, one column per reading; without the quiet end of the record
+    alone = "building" in place
+    name, factor, label = ("displacement", 1e3, "displacement (mm)") if alone else ("force", 1e-3, "force (MN)")
+    values = factor * histories[f"roof_{name}"].sel({"record": record, **place}).dropna("time", how="all")
+    readings, time = values["reading"].values.tolist(), values["time"].values
     laws = [law for law in values["law"].values.tolist() if law != "none"]
-    time, record = values["time"].values, record_title(str(values["record"].item()))
     loud = abs(values).max([dim for dim in values.dims if dim != "time"])
     last = float(time[np.flatnonzero(loud >= QUIET * loud.max())[-1]])
     figure = Figure(figsize=(2.0 + 4.2 * len(readings), 0.8 + 1.25 * len(laws)), layout="constrained")
@@ -151,7 +140,7 @@ def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
         if alone:
             ax.plot(time, one.sel(law="none"), color="0.6", linewidth=1.6, label="no pounding")
         ax.plot(time, one.sel(law=law), color=COLOURS[1], linewidth=0.9, label="with pounding")
-        above = "" if row else f"{record}, {READINGS[reading].label}\n"
+        above = "" if row else f"{record_title(record)}, {READINGS[reading].label}\n"
         ax.set_title(above + model_label(law), loc="left", fontsize=8)
         ax.set_xlim(0.0, 1.05 * last)
         if not alone:
@@ -176,23 +165,18 @@ class PaperFigure:
     draw: Callable[[Study], Figure]  # `Study` -> figure
 
 
-def _record(study: Study) -> str:
-    """Record of the histories of Figures 17 to 21: the paper's, San Fernando, or the last one at hand."""
-    return study.records[-1].name
-
-
 #: By the first of three figures in a row, for the left, middle and right building: what they show.
 _OF_BUILDINGS: dict[int, tuple[str, Callable[[str, Study], Figure]]] = {
     5: ("Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
     8: ("Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
     11: ("Structural energy", lambda b, study: structural_energy(study.histories, b)),
     14: ("5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
-    17: ("Roof displacement", lambda b, study: roof_displacement(study.histories, b, _record(study))),
+    17: ("Roof displacement", lambda b, study: roof_histories(study.histories, study.records[-1].name, building=b)),
 }
 
 
 def _force(pair: str, study: Study) -> Figure:
-    return roof_force(study.histories, pair, _record(study))
+    return roof_histories(study.histories, study.records[-1].name, pair=pair)
 
 
 PAPER_FIGURES: tuple[PaperFigure, ...] = (
@@ -204,7 +188,8 @@ PAPER_FIGURES: tuple[PaperFigure, ...] = (
     ),
     *(PaperFigure(20 + i, f"Impact force between the roofs, {p}", partial(_force, p)) for i, p in enumerate(PAIRS)),
 )
-"""Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair."""
+"""Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair.
+Histories are of the paper's record, San Fernando, or of the last one at hand."""
 
 
 def save_figures(study: Study, folder: Path, progress: Progress | None = None) -> list[Picture]:
@@ -215,13 +200,8 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
     for one in PAPER_FIGURES:
         figure = one.draw(study)
         path = folder / f"figure_{one.number:02d}.png"
-        try:
-            figure.savefig(path, dpi=DPI)
-            figure.savefig(path.with_suffix(".svg"))
-        except OSError as error:
-            raise OutputError(
-                f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
-            ) from error
+        figure.savefig(path, dpi=DPI)
+        figure.savefig(path.with_suffix(".svg"))
         pictures.append(Picture(one.number, one.title, path))
         progress.advance(1)
     return pictures

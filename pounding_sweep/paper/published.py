@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -99,6 +100,8 @@ def _read(number: int) -> xr.Dataset:
 
 #: Gap (m) and restitution of every scenario.
 GAP, RESTITUTION = 0.01, 0.6
+#: The paper's values of the axes that its scenarios don't vary.
+FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scale": 1.0}
 #: Scheme and largest time step (s); the report measures what error they leave.
 METHOD, STEP = "rk4", 5e-4
 #: Outputs that the tables, figures and conclusions are made of.
@@ -196,21 +199,19 @@ def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]
 
 def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
     """Tell which reading a cube was run for, by the scene in its attributes."""
-    try:
-        scene = json.loads(cube.attrs["sweep"])["scene"]
-    except (KeyError, ValueError):
-        raise InputError(
-            f"{name} does not say which scene it was run for; make it with 'pounding-sweep run sweeps/mate2015.toml'"
-        ) from None
+    remedy = "make it with 'pounding-sweep run sweeps/mate2015.toml'"
     lacking = [output for output in OUTPUTS if output not in cube]
+    lacking += [f"law {law}" for law in MATE2015_MODELS if law not in cube["law"].values]
+    fixed = {axis: value for axis, value in FIXED.items() if axis in cube.dims}
+    lacking += [f"{axis} {x:g}" for axis, x in fixed.items() if not np.isclose(cube[axis], x, rtol=1e-9).any()]
     if lacking:
-        raise InputError(f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml")
+        raise InputError(f"{name} lacks {', '.join(lacking)}; {remedy}")
+    scene = json.loads(cube.attrs.get("sweep", "{}")).get("scene")
     for reading in READINGS.values():
         spec = build_spec(scene=reading.preset, records="el_centro", laws="none")
         if json.loads(to_json(spec))["scene"] == scene:
             return reading
     presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
     raise InputError(
-        f"{name} was run for another row of buildings; make it with 'pounding-sweep run sweeps/mate2015.toml', as the "
-        f"report compares the presets {presets}"
+        f"{name} was run for another row of buildings; {remedy}, as the report compares the presets {presets}"
     )

@@ -24,6 +24,7 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.outputs.variables import STATUS, relative_errors
 from pounding_sweep.paper.compare import Grid, ungrouped
 from pounding_sweep.paper.published import (
+    FIXED,
     GAP,
     METHOD,
     OUTPUTS,
@@ -74,21 +75,15 @@ def step_errors(readings: Sequence[Reading], progress: Progress | None = None) -
 def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
     """Write the errors of a reading: one row per scheme, locating and step."""
     one = steps.sel(reading=reading.key)
-    labels = {int(status): status for status in STATUS}
     rows = []
     for scheme, located, step in product(one["scheme"].values, one["located"].values[::-1], one["step"].values):
         here = one.sel(scheme=scheme, located=located, step=step)
-        status = labels[int(here["status"])]
+        status = STATUS[int(here["status"])]
         texts = [error_text(error) if status.has_values else "-" for error in here["error"].values.tolist()]
         rows.append([scheme, "yes" if located else "no", f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
-    headings = (
-        "scheme",
-        "contacts located",
-        "step ms",
-        *(STEP_OUTPUTS[name] for name in one["output"].values),
-        "status",
-    )
-    return Grid(reading.label.capitalize(), ungrouped(*headings), rows)
+    outputs = (STEP_OUTPUTS[name] for name in one["output"].values)
+    headings = ungrouped("scheme", "contacts located", "step ms", *outputs, "status")
+    return Grid(reading.label.capitalize(), headings, rows)
 
 
 def largest_steps(steps: xr.Dataset) -> xr.DataArray:
@@ -155,46 +150,41 @@ def thin_out(one: xr.Dataset) -> xr.Dataset:
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
     at = one.isel(time=slice(None, None, every))
     force = one["contact_force"].isel(storey=-1).coarsen(time=every, boundary="pad", coord_func="min").max()
-    about = {
-        "roof_displacement": ("m", "roof displacement"),
-        "structural_energy": ("kN m", "kinetic + damping + strain energy of a building"),
-        "roof_force": ("kN", "largest contact force at the roofs in each interval"),
-    }
-    values = at["displacement"].isel(storey=-1), at["kinetic"] + at["damping"] + at["strain"], force
     data = {
-        name: one.assign_attrs(units=units, long_name=text)
-        for (name, (units, text)), one in zip(about.items(), values, strict=True)
+        "roof_displacement": (at["displacement"].isel(storey=-1), "m", "roof displacement"),
+        "structural_energy": (
+            at["kinetic"] + at["damping"] + at["strain"],
+            *("kN m", "kinetic + damping + strain energy of a building"),
+        ),
+        "roof_force": (force, "kN", "largest contact force at the roofs in each interval"),
     }
-    return xr.Dataset(data).reset_coords(drop=True)
+    made = {name: values.assign_attrs(units=units, long_name=text) for name, (values, units, text) in data.items()}
+    return xr.Dataset(made).reset_coords(drop=True)
 
 
 def paper_histories(
     reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Run Models I to VII of one reading under all records: their histories, and the spectra of their roofs."""
-    parts: tuple[list[list[xr.Dataset]], list[list[xr.Dataset]]] = ([], [])
+    rows: list[list[tuple[xr.Dataset, xr.Dataset]]] = []
     for law in MATE2015_MODELS:
-        ran: list[tuple[xr.Dataset, xr.Dataset]] = []
+        rows.append([])
         for record in records:
             one = scenario(reading, record, law)
             roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING).isel(storey=0).reset_coords(drop=True)
-            ran.append((thin_out(one), roofs))
+            rows[-1].append((thin_out(one), roofs))
             advance(1)
-        for part, row in zip(parts, zip(*ran, strict=True), strict=True):
-            part.append(list(row))
     labels = {
         "law": ("law", list(MATE2015_MODELS), {"long_name": "contact law"}),
         "record": ("record", [record.name for record in records], {"long_name": "ground-motion record"}),
     }
     histories, spectra = (
-        xr.combine_nested(part, ["law", "record"], join="outer", combine_attrs="override").assign_coords(labels)
-        for part in parts
+        xr.combine_nested(
+            [[pair[part] for pair in row] for row in rows], ["law", "record"], join="outer", combine_attrs="override"
+        ).assign_coords(labels)
+        for part in (0, 1)
     )
-    return histories.assign_attrs(reading=reading.key), spectra.assign_attrs(reading=reading.key)
-
-
-#: The paper's values of the axes that its scenarios don't vary.
-_FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scale": 1.0}
+    return histories, spectra
 
 
 @dataclass(frozen=True)
@@ -218,9 +208,17 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     """Run or take up both readings, and everything else that the report shows."""
     progress = progress or Progress()
     records, missing = paper_records(folders)
-    by_reading = _by_reading(cubes)
+    given = {reading_of(cube, f"cube {number}").key: cube for number, cube in enumerate(cubes, start=1)}
+    by_reading = {key: given[key] for key in READINGS if key in given}
     if by_reading:
-        records, missing = _at_hand(list(by_reading.values()), records, missing)
+        used = [{one["name"]: one["sha256"] for one in json.loads(c.attrs["records"])} for c in by_reading.values()]
+        for record in records:
+            if any(names.get(record.name) != record.sha256 for names in used):
+                missing[record.name] = (
+                    f"record {record.name!r} at hand is not a motion that the cubes were run with (another file, or "
+                    "another scale); run the sweep again with it"
+                )
+        records = [record for record in records if record.name not in missing]
         if not records:
             raise InputError(f"no record of the cubes can be used: {'; '.join(missing.values())}")
     else:
@@ -244,57 +242,11 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     return Study(cube, tuple(records), missing, motions, histories, spectra, error, steps, hertz_fit(records))
 
 
-def _by_reading(cubes: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Return the cubes by reading, in the order of `READINGS`."""
-    by_reading: dict[str, xr.Dataset] = {}
-    for number, cube in enumerate(cubes, start=1):
-        key = reading_of(cube, f"cube {number}").key
-        if key in by_reading:
-            raise InputError(
-                f"cube {number} is of the reading {READINGS[key].label!r}, as one before it; give one of each reading"
-            )
-        by_reading[key] = cube
-    return {key: by_reading[key] for key in READINGS if key in by_reading}
-
-
-def _at_hand(
-    cubes: Sequence[xr.Dataset], records: Sequence[Record], missing: Mapping[str, str]
-) -> tuple[list[Record], dict[str, str]]:
-    """Keep the records that every cube was run with, the very same motion; say why the others are left out."""
-    usable, why = [], dict(missing)
-    used = [{one["name"]: one["sha256"] for one in json.loads(cube.attrs["records"])} for cube in cubes]
-    for record in records:
-        if any(record.name not in names for names in used):
-            why[record.name] = f"record {record.name!r} is not in the cube; run its sweep with it"
-        elif any(names[record.name] != record.sha256 for names in used):
-            why[record.name] = (
-                f"record {record.name!r} at hand is not the motion that the cube was run with (another file, or "
-                "another scale); run the sweep again with it"
-            )
-        else:
-            usable.append(record)
-    return usable, {key: why[key] for key in RECORDS if key in why}
-
-
 def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
     """Take the paper's scenarios out of a cube: its fixed gap, restitution and factors, its laws and records."""
-    for axis, value in _FIXED.items():
-        if axis not in cube.dims:
-            continue
-        at = np.flatnonzero(np.isclose(cube[axis].values, value, rtol=1e-9))
-        if not len(at):
-            raise InputError(
-                f"the cube has no {axis} of {value:g}, the paper's; its values are {cube[axis].values.tolist()}. "
-                "Make it with 'pounding-sweep run sweeps/mate2015.toml'"
-            )
-        cube = cube.isel({axis: int(at[0])}, drop=True)
-    for axis, names in (("law", MATE2015_MODELS), ("record", RECORDS)):
-        present = [name for name in names if name in cube[axis].values]
-        if axis == "law" and len(present) < len(names):
-            lacking = ", ".join(sorted(set(names) - set(present)))
-            raise InputError(f"the cube lacks the laws {lacking}; run the sweep with laws 'mate2015'")
-        cube = cube.sel({axis: present})
-    return cube[[*OUTPUTS, "status"]].reset_coords(drop=True).load()
+    cube = cube.sel({axis: value for axis, value in FIXED.items() if axis in cube.dims}, method="nearest", drop=True)
+    records = [name for name in RECORDS if name in cube["record"].values]
+    return cube[[*OUTPUTS, "status"]].sel(law=list(MATE2015_MODELS), record=records).reset_coords(drop=True).load()
 
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
