@@ -397,7 +397,7 @@ def test_what_does_not_go_with_bumpers_is_refused():
     mine = ps.Law(key="mine", exponent=1.0, damper="c", damping="viscous", number=lambda e: 1.0 - e)
     with pytest.raises(SceneError, match="gives its damping number as a function"):
         ps.Bumper("a-b", mine, 1e5, 0.5)
-    with pytest.raises(SweepError, match="law 'stereomechanical' has no force, and does not go beside bumpers"):
+    with pytest.raises(SweepError, match="law 'stereomechanical' has no force, as bumpers have"):
         row_sweep(laws="stereomechanical", restitutions=0.5)
     with pytest.raises(SweepError, match=r"cases\[0\].law: law 'stereomechanical' has no force"):
         row_sweep(laws=None, gaps=None, cases=[{"law": "stereomechanical", "restitution": 0.5}])

@@ -770,8 +770,14 @@ def find_law(given: Any, base: Path | None = None) -> Law:
     """Return a law of the registry by its key, one of a file (from the folder `base`) by FILE:NAME, or one given."""
     if isinstance(given, str) and names_file(given):
         return _checked(_load(given, base))
-    law = get_law(given)
-    return law if LAWS.get(law.key) is law else _checked(law)
+    if isinstance(given, Law):
+        return _checked(given)
+    try:
+        return LAWS[given]
+    except (KeyError, TypeError):
+        groups = " and ".join(LAW_GROUPS)
+        own = f"or a law of your own as FILE.py:NAME; a sweep may name the groups {groups}, too"
+        raise LawError(f"{unknown('contact law', given, LAWS)}, {own}") from None
 
 
 def _checked(law: Law) -> Law:

@@ -13,7 +13,7 @@ import math
 import os
 import textwrap
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,8 +48,7 @@ from pounding_sweep.model.faults import (
     spell,
     valid_part,
 )
-from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, names_file
-from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
@@ -79,8 +78,6 @@ from pounding_sweep.spec.spec import (
 
 #: After so many faults in a list the rest of it is not looked at.
 _MOST_FAULTS = 20
-#: Axes of at most so many values are checked value by value even in a sweep that is too large.
-CHECKED_AXIS = 10_000
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
 #: Default parameters of Newmark's method.
@@ -99,35 +96,34 @@ def _check_outputs(value: Any) -> tuple[str, ...]:
     groups = {"default": DEFAULT_OUTPUTS, "all": tuple(VARIABLES)}
     if value is None or (isinstance(value, str) and value in groups):
         return tuple(check_outputs(groups[value or "default"]))
-    items = listed(value, (str,))
-    if not items:
-        what = f"must be a name or a list of names, not {shown(value)}" if items is None else "is empty"
-        raise InputError(f"{what}; give variables, 'default' or 'all'")
-    found = read_each(items, lambda name: check_outputs([name])[0], single=isinstance(value, str))
-    return tuple(check_outputs(found))
+    words = "variables, 'default' or 'all'"
+    return tuple(check_outputs(read_each(value, lambda name: check_outputs([name])[0], words, (str,))))
 
 
 def read_each(
-    items: Iterable[Any],
+    value: Any,
     read: Callable[[Any], Any],
-    key: Callable[[Any], Any] = lambda item: item,
+    what: str,
+    single: tuple[type, ...] = (),
     *,
+    key: Callable[[Any], Any] = lambda item: item,
     found: dict[Any, tuple[int, Any]] | None = None,
     remedy: str = "give it once",
-    single: bool = False,
 ) -> dict[Any, tuple[int, Any]]:
-    """Read each item of a list, which makes one thing or a list of them; no two have the same key.
+    """Read a `single` item or each of a list of them, which makes one thing or several; no two have the same key.
 
     Returns them by it, with the index of their item. A fault has its index; after many the rest is not looked at.
     """
     found = {} if found is None else found
+    items = listed(value, single)
+    if not items:
+        raise InputError(f"must be one or several of {what}, not {shown(value)}")
     with Faults() as faults:
         for index, item in enumerate(items):
             if len(faults.found) >= _MOST_FAULTS:
-                text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
-                faults.add((), text)
+                faults.add((), f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault")
                 break
-            place: Place = () if single else (index,)
+            place: Place = () if isinstance(value, single) else (index,)
             result = faults.attempt(place, read, item)
             for each in result if isinstance(result, list) else () if result is None else (result,):
                 name = key(each)
@@ -202,18 +198,6 @@ def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
     return (None if faults.found else spec), faults.found
 
 
-def _law_faults(scene: Scene, law: Law) -> Iterator[str]:
-    """Tell of velocity jumps beside bumpers, and of a law that is not linear in d where floors strike columns."""
-    if law.impulsive and scene.bumpers:
-        yield f"law {law.key!r} has no force, and does not go beside bumpers that have; give another law, or no bumpers"
-    if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
-        usable = ", ".join(key for key, law in LAWS.items() if law.exponent == 1.0)
-        yield (
-            f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
-            f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
-        )
-
-
 def _no_axis(value: Any) -> None:
     if value is not None:
         raise InputError("listed cases take the place of laws and axes; leave it out, or leave out the cases")
@@ -274,29 +258,18 @@ class _Reader:
     # --- scene, records, laws ---
 
     def _scene(self, value: Any) -> Scene:
-        if isinstance(value, dict):
-            return TypeAdapter(Scene).validate_python(value, context={"base": self.given["base"]})
-        if isinstance(value, str):
-            return get_preset(value)
-        if not isinstance(value, Scene):
-            raise InputError(f"must be a Scene or the name of a preset, not {shown(value)}")
-        return value
+        table = {"preset": value} if isinstance(value, str) else value
+        return TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
 
     def _records(self, value: Any) -> list[Record]:
-        items = listed(value, (Record, str, os.PathLike, dict))
-        if not items:
-            raise InputError("no records: a sweep of zero scenarios; give records, names or files")
-        found = read_each(
-            enumerate(items),
-            lambda pair: self._resolve(*pair),
-            lambda record: record.name,
-            remedy="give it another name",
-        )
-        if self.left_out and not found:
+        kinds, remedy = (Record, str, os.PathLike, dict), "give it another name"
+        words = "records, names and files"
+        found = read_each(value, self._resolve, words, kinds, key=lambda record: record.name, remedy=remedy)
+        if not found:
             raise InputError(f"none is left: {', '.join(self.left_out)} missing; get at least one of them")
         return [record for _, record in found.values()]
 
-    def _resolve(self, index: int, item: Any) -> list[Record]:
+    def _resolve(self, item: Any) -> list[Record]:
         """Return the records that an item stands for: a set has several, a missing one that is left out none."""
         folders, base = self.given["folders"], self.given["base"]
         try:
@@ -307,23 +280,27 @@ class _Reader:
             if not self.given["skip_missing_records"]:
                 raise
             self.left_out.append((isinstance(item, dict) and item.get("name")) or error.record)
-            warnings.warn(f"records[{index}] is left out: {error}", UserWarning, stacklevel=2)
+            warnings.warn(f"a record is left out: {error}", UserWarning, stacklevel=2)
             return []
 
-    def _law(self, value: Any, known: Mapping[str, Law], groups: str = "") -> Law:
+    def _law(self, value: Any, known: Mapping[str, Law]) -> Law:
         """Return a law that the scene allows, and the only one of its key."""
-        text = value if isinstance(value, str) else ""
-        if text and not names_file(text) and text not in LAWS:
-            if text in known:  # of a file that was named before
-                return known[text]
-            raise InputError(f"{unknown('contact law', value, LAWS)}{groups}, or a law of your own as FILE.py:NAME")
-        law = self.files.get(text) or find_law(value, self.given["base"])
-        if text:
-            self.files[text] = law
+        if isinstance(value, str) and value in self.files:
+            law = self.files[value]
+        else:
+            law = find_law(value, self.given["base"])
+            self.files |= {value: law} if isinstance(value, str) else {}
         if known.get(law.key, law) != law:
             raise InputError(f"law {law.key!r} is another one than that of the same key before; give it another key")
-        for fault in _law_faults(self.scene, law) if self.scene is not None else ():
-            raise InputError(fault)
+        if self.scene and law.impulsive and self.scene.bumpers:
+            raise InputError(f"law {law.key!r} has no force, as bumpers have; give another law, or no bumpers")
+        struck = self.scene is not None and any(contact.struck >= 0 for contact in self.scene.contacts)
+        if struck and law.has_contact and law.exponent != 1.0:
+            usable = ", ".join(key for key, law in LAWS.items() if law.exponent == 1.0)
+            raise InputError(
+                f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
+                f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
+            )
         return law
 
     def _read_laws(self, value: Any) -> None:
@@ -331,20 +308,15 @@ class _Reader:
         if self.listing:
             _no_axis(value)
             return
-        items = listed(value, (str, Law)) if value is not None else []
-        if items is None:
-            raise InputError(f"must be a name or a list of names, not {shown(value)}")
-        if not items:
-            what = "is missing" if value is None else "is empty: a sweep of zero scenarios"
-            raise InputError(f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015")
 
         def read(item: Any) -> list[Law]:
             names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
-            return [self._law(name, {}, " (or the groups all, mate2015)") for name in names]
+            return [self._law(name, {}) for name in names]
 
         found: dict[str, tuple[int, Law]] = {}
         try:
-            read_each(items, read, lambda law: law.key, found=found, single=isinstance(value, (str, Law)))
+            words = f"{', '.join(LAWS)}, the groups all, mate2015, and laws of your own"
+            read_each(value, read, words, (str, Law), key=lambda law: law.key, found=found)
         finally:
             self.laws |= {key: law for key, (_, law) in found.items()}
 
@@ -379,10 +351,9 @@ class _Reader:
 
     def _values(self, sequence: Range | list[Any], axis: Axis) -> tuple[float, ...]:
         """Convert and check the values of one axis."""
-        evenly = isinstance(sequence, Range)
-        values = sequence.values() if isinstance(sequence, Range) else sequence
+        values: Any = sequence.values() if isinstance(sequence, Range) else sequence
         read = functools.partial(axis.check, laws=list(self.laws.values()), basis=self.basis)
-        return tuple(read_each(values, read, single=evenly, remedy="the values of an axis must differ"))
+        return tuple(read_each(values, read, axis.noun, remedy="the values of an axis must differ"))
 
     def _by_building(self, given: Mapping[str, Any], faults: Faults) -> dict[tuple[str, Any], tuple[Place, Any]]:
         """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
@@ -479,7 +450,7 @@ class _Reader:
             faults.add((), f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it")
         values: dict[str, Any] = {}
         for (name, building), sequence in sequences.items():
-            if size <= most or len(sequence) <= CHECKED_AXIS:
+            if size <= most:
                 checked = faults.attempt(items[name, building][0], self._values, sequence, AXES[name])
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
         for name, axis in AXES.items():
@@ -569,21 +540,14 @@ class _Reader:
         """Check listed cases and fill in what they leave to the scene."""
         if value is None:
             return None
-        items = None if isinstance(value, Case) else listed(value)
-        if items is None:
-            raise InputError(f"must be a list of cases, not {shown(value)}")
-        if not items:
-            raise InputError("is empty: a sweep of zero scenarios; list at least one case or give axes")
-        if len(items) > MAX_SCENARIOS:
-            raise InputError(f"{len(items)} cases are too many; give at most {MAX_SCENARIOS}")
+        items = listed(value) or []
 
-        def record_of(item: Any) -> Any:
-            return item.get("record") if isinstance(item, dict) else getattr(item, "record", None)
+        def is_left_out(item: Any) -> bool:
+            return (item.get("record") if isinstance(item, dict) else getattr(item, "record", None)) in self.left_out
 
-        remaining = [item for item in items if record_of(item) not in self.left_out]
-        if len(remaining) < len(items):
-            text = f"{len(items) - len(remaining)} of {len(items)} listed cases name records that are missing"
-            if not remaining:
+        if missing := sum(map(is_left_out, items)):
+            text = f"{missing} of {len(items)} listed cases name records that are missing"
+            if missing == len(items):
                 raise InputError(f"none is left: {text}")
             text += "; they are left out too, and the others are numbered anew"
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -591,9 +555,10 @@ class _Reader:
         known: dict[str, Law] = {}
 
         def read(item: Any) -> Any:
-            return [] if record_of(item) in self.left_out else self._case(item, known)
+            return [] if is_left_out(item) else self._case(item, known)
 
-        self.faults.attempt(("cases",), read_each, items, read, found=seen, remedy="list a scenario once")
+        remedy = "list a scenario once"
+        self.faults.attempt(("cases",), read_each, items or value, read, "listed cases", found=seen, remedy=remedy)
         self._check_parameters(
             [pair[0].dimension for case in seen for column in COLUMNS if (pair := case.axis(column))]
         )
@@ -633,9 +598,14 @@ class _Reader:
                 add(("method",), f"{method!r} {why}; give one of {able}")
             elif precision and (why := scheme.refuses(scene, precision)) is not None:
                 add(("precision",), f'method {method!r} {why}; give precision = "float64", or a method that steps')
-        if not given["locate"]:
-            for fault in self._locate_faults(automatic):
-                add(("locate",), fault)
+        located = ["accuracy"] * automatic + [f"method {method!r}"] * bool(scheme and scheme.flies_exactly)
+        bumpers, buildings = (scene.bumpers, scene.buildings) if scene else ((), ())
+        laws = (*self.laws.values(), *(bumper.law for bumper in bumpers))
+        located += [f"law {law.key!r}" for law in laws if law.impulsive or law.yields]
+        located += [f"building {item.name!r}, whose storeys yield," for item in buildings if any(item.yields)]
+        if located and not given["locate"]:
+            verb = "need" if len(located) > 1 else "needs"
+            add(("locate",), f"{', '.join(located)} {verb} located contacts; give locate = true, or leave it out")
         for name, default in _PARAMETERS.items():
             if given[name] is None:
                 given[name] = default
@@ -646,50 +616,28 @@ class _Reader:
                 add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         return {name: given[name] for name in _SETTINGS}
 
-    def _locate_faults(self, automatic: bool) -> Iterator[str]:
-        """Say what needs located contacts."""
-        if automatic:
-            yield "accuracy was measured with located contacts only; leave out locate, or leave out accuracy"
-        method = self.given["method"]
-        if method is not None and SCHEMES[method].flies_exactly:
-            yield f"method {method!r} flies exactly between located touches; give locate = true"
-        bumpers = [bumper.law for bumper in self.scene.bumpers] if self.scene else []
-        for law in (*self.laws.values(), *bumpers):
-            if law.impulsive or law.yields:
-                what = "acts at the located touch only" if law.impulsive else "follows its own past by located events"
-                yield f"law {law.key!r} {what}; give locate = true, or leave the law out"
-                break
-        for building in self.scene.buildings if self.scene else ():
-            if any(building.yields):
-                text = f"storeys of building {building.name!r} yield, which is followed by located events"
-                yield f"{text}; give locate = true, or leave out its yield_strengths"
-                break
-
     def _check_room(self, spec: SweepSpec) -> None:
         """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
         for index, bumper in enumerate(spec.scene.bumpers):
             check, basis = bumper.law.check_restitution, spec.restitution_basis
             self.faults.attempt(("scene", "bumpers", index), check, bumper.restitution, basis)
-        bumpers = [bumper for bumper in spec.scene.bumpers if bumper.thickness]
-        scene_gaps, shared = spec.scene.gaps, ("scene", "gaps") if spec.gaps is None else ("gaps",)
-        asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [
-            (("cases", i, "gap"), (case.law,), scene_gaps if case.gap is None else np.atleast_1d(case.gap).tolist())
-            for i, case in enumerate(spec.cases or ())
-        ] or [(shared, tuple(self.laws), scene_gaps if spec.gaps is None else spec.gaps)]
-        for place, keys, gaps in asked if bumpers or any(law.thickness for law in self.laws.values()) else ():
-            narrow = [
-                (min(gaps), law.thickness, f"law {law.key!r}", "a law of less thickness")
-                for law in (self.laws[key] for key in keys)
-                if min(gaps, default=math.inf) < law.thickness
-            ]
-            for bumper in bumpers:
-                pair = spec.scene.pair_names.index(bumper.pair)
-                gap = min(gaps) if gaps is spec.gaps or len(gaps) == 1 else gaps[pair]
-                if gap < bumper.thickness:
-                    narrow.append((gap, bumper.thickness, f"bumpers of {bumper.pair!r}", "a smaller thickness"))
-            for gap, thickness, owner, remedy in narrow:
-                text = f"a gap of {gap:g} m has no room for the {thickness:g} m of {owner}"
-                self.faults.add(place, f"{text}; give a wider gap, or {remedy}")
+        thick = [law.thickness for law in self.laws.values()] + [bumper.thickness for bumper in spec.scene.bumpers]
+        if not any(thick):
+            return
+        shared: Place = ("scene", "gaps") if spec.gaps is None else ("gaps",)
+        narrowest = None if spec.gaps is None else min(spec.gaps)
+        asked: list[tuple[Place, Sequence[str], Any]] = [
+            (("cases", i, "gap"), (case.law,), case.gap) for i, case in enumerate(spec.cases or ())
+        ] or [(shared, tuple(self.laws), narrowest)]
+        pairs = spec.scene.pair_names
+        for place, keys, given in asked:
+            gaps = np.broadcast_to(spec.scene.gaps if given is None else given, len(pairs)).tolist()
+            owners = [(f"law {key!r}", self.laws[key].thickness, min(gaps, default=math.inf)) for key in keys]
+            owners += [(f"bumpers of {b.pair!r}", b.thickness, gaps[pairs.index(b.pair)]) for b in spec.scene.bumpers]
+            for owner, thickness, gap in owners:
+                if gap < thickness:
+                    text = f"a gap of {gap:g} m has no room for the {thickness:g} m of {owner}"
+                    self.faults.add(place, f"{text}; give a wider gap, or less thickness")
 
 
 def _named(
