@@ -13,7 +13,7 @@ from scenes import motions, yielding_pair
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine import ductility
+from pounding_sweep.engine import spectrum
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.run.one_scenario import selectors, simulate_one
 from pounding_sweep.spec.axes import Case
@@ -127,7 +127,7 @@ def test_points_of_a_design_take_it():
 
 
 def test_a_ductility_that_is_not_reached_is_refused(monkeypatch):
-    monkeypatch.setattr(ductility, "REACH", 0.3)
+    monkeypatch.setattr(spectrum, "REACH", 0.3)
     with pytest.raises(
         SweepError, match=r"ductilities: 4 of building 'a' is not reached under 'one', not even at 1 / 1.2"
     ):

@@ -11,8 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown
-from pounding_sweep.engine.ductility import STEP, strengths_for
-from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD, oscillator_peaks
+from pounding_sweep.engine.spectrum import MOST_STEPS, STEP, STEPS_PER_PERIOD, oscillator_peaks, strengths_for
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version

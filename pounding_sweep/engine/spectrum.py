@@ -1,4 +1,4 @@
-"""Peaks of damped oscillators under an evenly spaced base acceleration: the kernel of response spectra.
+"""What stands alone under a ground motion: peaks of damped oscillators, and strengths of buildings for a ductility.
 
 The base acceleration is linear between its points; over a step h the oscillator then
 moves without error by (Nigam & Jennings 1969)
@@ -21,6 +21,10 @@ import numpy.typing as npt
 from numba import njit
 
 from pounding_sweep.base.errors import RecordError
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.records import Record
 from pounding_sweep.records.record import number
 
@@ -30,6 +34,15 @@ STEPS_PER_PERIOD = 32
 MOST_STEPS = 2048
 #: Terms of the series below: |A h| is at most 2.5 times 2 pi / STEPS_PER_PERIOD.
 _TERMS = 16
+#: Strength reductions that are looked at for the first one that reaches a ductility: their number, and the largest
+#: over the ductility asked for.
+REDUCTIONS, REACH = 192, 8.0
+#: Halvings of the bracket then.
+HALVINGS = 30
+#: Factor on strengths at which all is elastic.
+NEVER = 1e9
+#: Largest time step (s) of the scheme rk4 by which they are found.
+STEP = 1e-3
 
 Array = npt.NDArray[np.float64]
 
@@ -177,3 +190,42 @@ def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -
         _march(ground, int(count), transition, forcing, frequency[chosen] * step, step, 2.0 * damping, peaks)
         found[:, chosen] = peaks
     return found[0], found[1] * frequency
+
+
+def strengths_for(row: Variants, record: Record, ductilities: Array, dt: float = STEP) -> tuple[Array, Array]:
+    """Return factors on yield strengths, and reductions, at which each building alone reaches the ductility asked."""
+    # Of shape (rows, buildings); NaN where a building does not yield, or does not reach it. `ductilities` has one for
+    # each row of building properties, whose own strength factors are passed over.
+    scene, reducers = row.scene, reducers_for(["drift_max"])
+    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", dt), reducers, varied=True)
+
+    def demand(factors: Array) -> Array:
+        """Return ductilities by strength factors of each building alone, shape (rows, any, buildings)."""
+        n, m, _ = factors.shape
+        strengths = np.where(np.isnan(factors), 1.0, factors).reshape(n * m, -1)
+        period, mass, ratio, _, hardening = (np.repeat(column, m, axis=0) for column in row.columns)
+        variants = Variants(scene, period, mass, ratio, strengths, hardening)
+        one = np.ones(n * m)
+        lanes: dict[str, Any] = {
+            "scale": one,
+            "stiffness": one,
+            "restitution": one,
+            "gaps": np.ones((n * m, len(scene.pair_names))),
+        }
+        drift = kernel.run(record, variants=variants, **lanes)["drift"]
+        ductility = drift / np.where(np.isfinite(variants.yield_drifts), variants.yield_drifts, np.inf)
+        largest = np.maximum.reduceat(ductility, scene.offsets[:-1], axis=1).reshape(factors.shape)
+        return np.where(np.isnan(factors), np.nan, largest)
+
+    elastic = NEVER * demand(np.full((len(row), 1, len(scene.buildings)), NEVER))[:, 0]
+    elastic = np.where(elastic > 0.0, elastic, np.nan)  # else it does not yield
+    reductions = np.geomspace(1.0, REACH * ductilities, REDUCTIONS, axis=1)  # (rows, reductions)
+    reached = demand(elastic[:, None] / reductions[:, :, None]) >= ductilities[:, None, None] * (1.0 - 1e-9)
+    first = reached.argmax(axis=1)
+    low, high = (np.take_along_axis(reductions, index, axis=1) for index in (np.maximum(first - 1, 0), first))
+    high = np.where(reached.any(axis=1), high, np.nan)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        above = demand((elastic / middle)[:, None])[:, 0] >= ductilities[:, None]
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return elastic / high, high

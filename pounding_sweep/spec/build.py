@@ -731,7 +731,7 @@ def with_strengths(spec: SweepSpec) -> SweepSpec:
 
 def _found(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str, float]]:
     """Return the factors at scale 1 of buildings that yield, by name."""
-    from pounding_sweep.engine.ductility import REACH, strengths_for
+    from pounding_sweep.engine.spectrum import REACH, strengths_for
 
     buildings = spec.scene.buildings
     periods, hardenings = (
