@@ -43,8 +43,8 @@ def told(scene=None, laws=("linear", "hertz"), **axes):
         ({"damping_ratio": 0.5}, {}, "damping ratio 0.5 (b): real ones lie up to 0.3; likely per cent given"),
         ({}, {"pgas": [3.0, 400.0]}, "peak ground acceleration 400 m/s2 (el_centro .* likely cm/s2 (gal)"),
         ({}, {"pgas": [0.1, 0.5]}, "strongest motion 0.5 m/s2 .* likely g given for m/s2 (4.905 m/s2)"),
-        ({}, {"scales": [-1.0, 1.0]}, "record scale -1 is negative: it turns the ground motion round"),
-        ({}, {"scales": [0.0, 1.0]}, "record scale 0 leaves the ground of el_centro standing still"),
+        ({}, {"scales": [-1.0, 1.0]}, "record scale -1 (el_centro) is negative: it turns the ground motion round"),
+        ({}, {"scales": [0.0, 1.0]}, "record scale 0 (el_centro) leaves the ground standing still"),
         ({}, {"stiffness_factors": [1.0, 1000.0]}, "contact stiffness 2e+09 kN/m: .* N/m given for kN/m (2e+06 kN/m)"),
         ({"contact": (2e6, 1.9e10, 0.6)}, {}, "contact stiffness of Hertz 1.9e+10 kN/m^1.5: .* (1.9e+07 kN/m^1.5)"),
         ({}, {"period_factors": {"b": [1.0, 100.0]}}, "first period 19.87 s (b)"),
@@ -124,7 +124,7 @@ def test_records_that_are_not_doubted(tmp_path):
 
 @pytest.mark.parametrize("scale", [9.81, 386.4, -9.80665])
 def test_a_scale_that_converts_units_is_doubted(scale):
-    assert any(f"record scale {scale:g} converts units" in text for text in told(scales=[0.5, scale]))
+    assert any(f"record scale {scale:g} (el_centro) converts units" in text for text in told(scales=[0.5, scale]))
 
 
 def test_the_strongest_recorded_motions_have_2_g():

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import cache, cached_property, lru_cache, partial, reduce
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -911,23 +911,14 @@ def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
 def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     """Largest error of each scenario over its floors, pairs or buildings, relative to its largest value or `scale`."""
     variable = get_variable(name)
-    x = np.asarray(values, dtype=float).reshape(len(values), -1)
-    y = np.asarray(reference, dtype=float).reshape(len(reference), -1)
-    if variable.dtype != "f8" and ((x < 0).any() or (y < 0).any()):  # integers are missing where they are negative
+    x, y = (np.asarray(own, float).reshape(len(own), -1) for own in (values, reference))
+    if variable.dtype != "f8":  # integers are missing where they are negative
         x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
-    if not x.shape[1]:
-        return np.zeros(len(x))
-    gap = x - y
-    off = np.maximum.reduce(np.abs(gap, out=gap), axis=1)
-    missing = np.flatnonzero(np.isnan(off))
-    if len(missing):
-        some, others = x[missing], y[missing]
-        off[missing] = np.fmax.reduce(np.abs(some - others), axis=1, initial=0.0)
     size = np.maximum(_largest(name, y) if scale is None else scale, variable.least)
     with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.fmax.reduce(np.abs(x - y), axis=1, initial=0.0)
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
-    if len(missing):
-        error[missing[(np.isnan(some) != np.isnan(others)).any(axis=1)]] = np.inf
+    error[(np.isnan(x) != np.isnan(y)).any(axis=1)] = np.inf
     return error
 
 
@@ -935,27 +926,18 @@ def relative_errors(
     outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """`relative_error` of every comparable output, by name; relative to what the registry says."""
-    largest = cache(lambda name: _largest(name, reference[name]))
-    return {
-        name: relative_error(name, values[name], reference[name], _scale(name, reference, largest))
-        for name in comparable(outputs)
-    }
+    largest = {name: _largest(name, own) for name, own in reference.items() if name in VARIABLES}
+
+    def scale(name: str) -> np.ndarray:
+        others = [(other,) if isinstance(other, str) else other for other in (name, *VARIABLES[name].relative_to)]
+        known = [parts for parts in others if all(part in largest for part in parts)]
+        return np.max([np.prod([largest[part] for part in parts], axis=0) for parts in known], axis=0)
+
+    return {name: relative_error(name, values[name], reference[name], scale(name)) for name in comparable(outputs)}
 
 
 def _largest(name: str, values: np.ndarray) -> np.ndarray:
     """Largest absolute value of each scenario."""
-    found = np.asarray(values, dtype=float).reshape(len(values), -1)
-    high = np.fmax.reduce(found, axis=1, initial=0.0)
-    if VARIABLES[name].dtype == "f8":  # integers are missing where they are negative
-        high = np.maximum(high, -np.fmin.reduce(found, axis=1, initial=0.0))
-    return np.asarray(high)
-
-
-def _scale(name: str, reference: Mapping[str, np.ndarray], largest: Callable[[str], np.ndarray]) -> np.ndarray:
-    """Return what an error of `name` is relative to: itself, and what else `reference` holds."""
-    sizes = [largest(name)]
-    for other in VARIABLES[name].relative_to:
-        parts = (other,) if isinstance(other, str) else other
-        if all(part in reference for part in parts):
-            sizes.append(np.prod([largest(part) for part in parts], axis=0))
-    return np.asarray(reduce(np.maximum, sizes))
+    found = np.asarray(values, float).reshape(len(values), -1)
+    # integers are missing where they are negative
+    return np.fmax.reduce(np.abs(found) if VARIABLES[name].dtype == "f8" else found, axis=1, initial=0.0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,15 +121,9 @@ def doubts(spec: SweepSpec) -> list[str]:
     check("pga", named)
     check("strongest", [max(named, key=lambda item: item[1])])
     texts += [text for record in spec.records for text in record_doubts(record)]
-    factor = next((scale for _, scale in scenarios if _converts(scale)), None)
-    if factor is not None:
-        texts.append(f"record scale {factor:g} converts units, but records are in m/s2 already; leave it out")
-    negative = list(dict.fromkeys(f"{scale:g}" for _, scale in scenarios if scale < 0.0))
-    if negative:
-        question = "it turns the ground motion round; was a range or a sign meant?"
-        texts.append(f"record scale {', '.join(negative[:_NAMED])} is negative: {question}")
-    if still := [record.name for record, scale in scenarios if not scale]:
-        texts.append(f"record scale 0 leaves the ground of {', '.join(still[:_NAMED])} standing still")
+    for odd, why in _ODD_SCALES:
+        if scales := [f"{scale:g} ({record.name})" for record, scale in scenarios if odd(scale)]:
+            texts.append(f"record scale {', '.join(scales[:_NAMED])} {why}")
     law, stiffness = np.broadcast_arrays(requested.law, requested.values["stiffness"])
     exponent = np.array([spec.law(key).exponent or 0.0 for key in spec.laws])[law]
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
@@ -159,6 +153,14 @@ def record_doubts(record: Record) -> list[str]:
 
 def _converts(scale: float) -> bool:
     return any(math.isclose(abs(scale), factor, rel_tol=1e-3) for factor in UNIT_FACTORS)
+
+
+#: Scales of records that are hardly meant, and what is odd about them.
+_ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
+    (_converts, "converts units, but records are in m/s2 already; leave it out"),
+    (lambda scale: scale < 0.0, "is negative: it turns the ground motion round; was a range or a sign meant?"),
+    (lambda scale: not scale, "leaves the ground standing still"),
+)
 
 
 def _weight_like(building: Building) -> str:
