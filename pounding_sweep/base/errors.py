@@ -46,9 +46,6 @@ class MissingRecordError(RecordError):
         super().__init__(message)
         self.record = record
 
-    def __reduce__(self) -> tuple[type[MissingRecordError], tuple[str, str]]:
-        return MissingRecordError, (str(self), self.record)
-
 
 class SweepError(InputError):
     """A sweep description is not valid; ``problems`` lists every fault found."""

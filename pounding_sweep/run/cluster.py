@@ -16,6 +16,7 @@ from distributed import Client, LocalCluster, WorkerPlugin, as_completed
 from distributed.comm import get_address_host
 
 from pounding_sweep.base.errors import ClusterError
+from pounding_sweep.engine.compile import prepare
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.identity import fingerprint
 from pounding_sweep.plan.scenarios import ChunkTask
@@ -79,15 +80,6 @@ def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
         yield client
 
 
-def _ready(shape: KernelSpec) -> bool:
-    """Make a kernel ready in a worker; returns whether it had to be compiled."""
-    from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded
-
-    there = is_loaded(shape) or is_cached(shape)
-    get_kernel(shape)
-    return not there
-
-
 class ClusterWorkers:
     """The workers of a cluster that have the versions of this process; dask shares chunks out among them."""
 
@@ -102,22 +94,22 @@ class ClusterWorkers:
         """Make kernels ready on every machine that is there; returns how many had to be compiled."""
         self._check_scheduler()
         patience = time.monotonic() + ANSWER_SECONDS
-        while not self._fit or (self._unanswered and time.monotonic() < patience):
+        while not self._fit or (self._is_asking() and time.monotonic() < patience):
             self._poll_workers()
             time.sleep(GLANCE_SECONDS)
-        hosts = {get_address_host(address) for address in self._fit}
+        hosts: dict[str, dict[str, int]] = {}
+        for address, threads in self._fit.items():
+            hosts.setdefault(get_address_host(address), {})[address] = threads
 
-        def submit(item: tuple[KernelSpec, str]) -> Any:
-            shape, host = item
-            there = [address for address in self._fit if get_address_host(address) == host]
-            return self._submit(there or list(self._fit), _ready, shape)
+        def submit(workers: dict[str, int]) -> Any:
+            there = [address for address in workers if address in self._fit]
+            return self._submit(there or list(self._fit), prepare, shapes, sum(workers.values()))
 
-        compiled, items = 0, [(shape, host) for shape in shapes for host in sorted(hosts)]
-        for number, (_, result) in enumerate(self._complete(items, submit), 1):
-            compiled += result is True  # of one that failed the first chunk that needs it says what is wrong
-            if advance and not number % len(hosts):
-                advance(1)
-        return compiled
+        # where it fails, the first chunk that needs a kernel says what is wrong
+        counts = [result for _, result in self._complete(hosts.values(), submit) if isinstance(result, int)]
+        if advance:
+            advance(len(shapes))
+        return sum(counts)
 
     def run(
         self, items: Iterable[Item], task_of: Callable[[Item], ChunkTask]
@@ -189,10 +181,8 @@ class ClusterWorkers:
         except OSError as error:
             raise self._gone(error) from None
 
-    @property
-    def _unanswered(self) -> int:
-        """How many workers have not said yet what they have installed."""
-        return len(self._versions) - len(self._fit) - len(self._unfit)
+    def _is_asking(self) -> bool:
+        return len(self._versions) > len(self._fit) + len(self._unfit)
 
     def _poll_workers(self) -> None:
         """See now and then who is there, what newcomers have installed, and whether anybody can take part."""
@@ -223,7 +213,7 @@ class ClusterWorkers:
                     self._note(f"worker {address}: takes no part, it has {versions}, here is {fingerprint()}")
         self._alone_since = np.inf if self._fit else min(now, self._alone_since)
         if now - self._alone_since > ALONE_SECONDS:
-            if self._unfit and not self._unanswered:
+            if self._unfit and not self._is_asking():
                 address, versions = next(iter(self._unfit.items()))
                 raise ClusterError(
                     f"none of the {len(self._unfit)} dask workers can take part: {address} has {versions}; it must be "

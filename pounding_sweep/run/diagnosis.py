@@ -9,11 +9,10 @@ import resource
 import shutil
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -167,8 +166,7 @@ _GROUP_FILES = (
 )
 
 
-@dataclass(frozen=True)
-class FreeMemory:
+class FreeMemory(NamedTuple):
     """Memory that can be had, and what keeps it from being more: the machine, or a limit of process or group."""
 
     bytes: int
@@ -185,7 +183,7 @@ def free_memory(root: Path = Path("/")) -> FreeMemory:
     ):
         if (limit := resource.getrlimit(kind)[0]) != resource.RLIM_INFINITY:
             limits.append(FreeMemory(max(0, limit - size), name))
-    return min(limits, key=lambda one: one.bytes)
+    return min(limits)
 
 
 def _control_groups(root: Path) -> Iterator[FreeMemory]:

@@ -275,11 +275,12 @@ class _Stages:
         missing[rows] = True
 
         def answer(
-            chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any
+            count: str, chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             index, slots = results.hold(found, read)
             new = missing[chunk.rows]
             missing[chunk.rows] = False
+            setattr(outcome, count, getattr(outcome, count) + int(new.sum()))
             if store is not None and read is None:
                 store.save(chunk, found, partial(results.move, index), stage=stage, **origin)
             if new.any():
@@ -287,18 +288,12 @@ class _Stages:
             return chunk.rows[new], found[new], slots[new]
 
         for chunk, found, read, origin in () if store is None else self._stored(store, stage):
-            answered = answer(chunk, found, read)
-            yield answered
-            if origin is None or not self._is_of_earlier(origin):
-                outcome.reused += len(answered[0])
-            else:
-                outcome.taken += len(answered[0])
+            is_taken = origin is not None and self._is_of_earlier(origin)
+            yield answer("taken" if is_taken else "reused", chunk, found, read)
             known.append(chunk)
         if self.earlier is not None and not closing:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
-                answered = answer(chunk, found, origin=self.earlier.origin)
-                yield answered
-                outcome.taken += len(answered[0])
+                yield answer("taken", chunk, found, origin=self.earlier.origin)
                 known.append(chunk)
         waiting = cut(np.flatnonzero(missing))
         if store is not None:
@@ -314,9 +309,7 @@ class _Stages:
                 outcome.failures.append(result)
                 self.progress.advance(len(chunk.rows))
             else:
-                answered = answer(chunk, result)
-                yield answered
-                outcome.run += len(answered[0])
+                yield answer("run", chunk, result)
 
     def _stored(
         self, store: ChunkStore, stage: str

@@ -131,7 +131,7 @@ def simulate_one(
     scene, gap = variants.scene_of(index[0]), chosen.gap
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
-    law = _law(spec, chosen.law)
+    law = next((law for law in spec.own_laws if law.key == chosen.law), None) or find_law(chosen.law)
     if not choice.keys() & {"stiffness", "stiffness_factor"}:
         _check_unit(spec, scenario, law)
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
@@ -164,11 +164,6 @@ def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: 
             break
         one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
     return one
-
-
-def _law(spec: SweepSpec, given: str | Law) -> Law:
-    """Return a law of the sweep by its key, or another one."""
-    return next((law for law in spec.own_laws if law.key == given), None) or find_law(given)
 
 
 def _unit(exponent: float) -> str:

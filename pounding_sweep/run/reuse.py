@@ -37,7 +37,7 @@ from pounding_sweep.output.netcdf import SLAB_BYTES, block_shape, open_cube, rea
 from pounding_sweep.output.results import table_type
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.plan.plan import Plan, make_plan
-from pounding_sweep.plan.scenarios import Chunk, Scenarios, case_variants, chunk_key
+from pounding_sweep.plan.scenarios import Chunk, case_variants, chunk_key
 from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
@@ -98,20 +98,14 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
 
 def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, dict[str, list[int]]]:
     """Return an earlier sweep without the records that the new one has not, and which part of its cube that is."""
-    known = {motion_of(record): record for record in whole.records}
-    known |= {(record.name, *motion_of(record)): record for record in whole.records}  # several may be of one motion
-    told = []
-    for record in json.loads(cube.attrs["sweep"])["records"]:
-        alike = known.get(motion_of(record))
-        told.append((record["name"], known.get((record["name"], *motion_of(record)), alike)))
-    records = tuple(record for _, record in told if record is not None)
+    known = {record.name: motion_of(record) for record in whole.records}
+    told = json.loads(cube.attrs["sweep"])["records"]
+    kept = {record["name"]: i for i, record in enumerate(told) if known.get(record["name"]) == motion_of(record)}
+    part = replace(whole, records=tuple(whole.record(name) for name in kept))
     if whole.cases is None:
-        kept = [i for i, (_, record) in enumerate(told) if record is not None]
-        return replace(whole, records=records), {"record": kept}
-    names = {name: record.name for name, record in told if record is not None}  # there -> here
-    chosen = [i for i, case in enumerate(whole.cases) if case.record in names]
-    cases = tuple(replace(whole.cases[i], record=names[str(whole.cases[i].record)]) for i in chosen)
-    return replace(whole, records=records, cases=cases), {"case": chosen}
+        return part, {"record": list(kept.values())}
+    chosen = [i for i, case in enumerate(whole.cases) if case.record in kept]
+    return replace(part, cases=tuple(whole.cases[i] for i in chosen)), {"case": chosen}
 
 
 class EarlierCube:
@@ -135,7 +129,7 @@ class EarlierCube:
             shared = cube.isel(self._part)
             for name, (dims, values, _) in scenario_axes(old)[1].items() if spec.cases is not None else ():
                 expected = np.asarray(values)
-                if name != "record" and not (  # which may have another name in the new sweep
+                if not (
                     name in shared.coords
                     and np.array_equal(shared[name].transpose(*dims), expected, equal_nan=expected.dtype.kind == "f")
                 ):
@@ -174,34 +168,30 @@ class EarlierCube:
 
     def _matching(self, old: Plan, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return a number for each scenario of the earlier sweep, and rising ones of the wanted rows that it has."""
-        motions = [motion_of(record) for record in self._plan.spec.records]  # several records may be of one motion
-        laws = [law.key for law in self._plan.laws]
+        laws, records = ([each.key for each in self._plan.laws], [each.name for each in self._plan.spec.records])
 
-        def keys_of(plan: Plan, rows: np.ndarray) -> np.ndarray:
-            law = np.array([laws.index(law.key) if law.key in laws else -1 for law in plan.laws])
-            record = np.array([motions.index(motion_of(record)) for record in plan.spec.records])
-            parts = [
-                self._keys(replace(table, law=law[table.law], record=record[table.record]), plan, part)
-                for part in np.split(rows, range(KEY_BLOCK, len(rows), KEY_BLOCK))
-                for table in (plan.unique[part],)
-            ]
+        def keys_of(plan: Plan, wanted: np.ndarray) -> np.ndarray:
+            """Return what scenarios are known by; steps belong to it where they were chosen for an accuracy."""
+            law = np.array([laws.index(each.key) if each.key in laws else -1 for each in plan.laws])
+            record = np.array([records.index(each.name) for each in plan.spec.records])
+            parts = []
+            for rows in np.split(wanted, range(KEY_BLOCK, len(wanted), KEY_BLOCK)):
+                table = plan.unique[rows]
+                known = {"law": law[table.law], "record": record[table.record], "scale": table.scale}
+                known |= {"restitution": table.restitution, "contact_stiffness": table.stiffness}
+                known |= {"pair_gap": table.gaps, "steps": plan.steps[rows]}
+                if len(plan.variants) > 1:
+                    variants = plan.variants[table.variant]
+                    # NaN: the buildings' own
+                    names = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
+                    known |= {name: getattr(variants, name) for name in names}
+                parts.append(scenario_keys(known))
             return np.concatenate(parts)
 
         known, key_of = np.unique(keys_of(old, np.arange(len(old.unique))), return_inverse=True)
         found = places_of(keys_of(self._plan, wanted), known)
         order = np.argsort(found, kind="stable")[np.count_nonzero(found < 0) :]
         return key_of, wanted[order], found[order]
-
-    def _keys(self, table: Scenarios, plan: Plan, rows: np.ndarray) -> np.ndarray:
-        """Return what scenarios are known by; steps belong to it where they were chosen for an accuracy."""
-        known = {"law": table.law, "record": table.record, "scale": table.scale, "restitution": table.restitution}
-        known |= {"contact_stiffness": table.stiffness, "pair_gap": table.gaps, "steps": plan.steps[rows]}
-        if len(plan.variants) > 1:
-            variants = plan.variants[table.variant]
-            # NaN: the buildings' own
-            names = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
-            known |= {name: getattr(variants, name) for name in names}
-        return scenario_keys(known)
 
     def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
         plan, spec = self._plan, old.spec

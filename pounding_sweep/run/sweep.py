@@ -76,8 +76,10 @@ class Sweep:
         **arguments: Any,
     ) -> None:
         self.spec: SweepSpec = build_spec(scene=scene, records=records, laws=laws, **arguments)
-        self.last_outcome: Outcome | None = None
-        self.last_audit: Audit | None = None
+
+    #: What the last run came to, and its audit.
+    last_outcome: Outcome | None = None
+    last_audit: Audit | None = None
 
     #: Every argument by its name, for `help` and editors: those of `build_spec`, the first three by place too.
     __signature__ = inspect.Signature(
@@ -91,7 +93,7 @@ class Sweep:
     def from_spec(cls, spec: SweepSpec) -> Sweep:
         """Return the sweep of a description that is already checked."""
         sweep = cls.__new__(cls)
-        sweep.spec, sweep.last_outcome, sweep.last_audit = spec, None, None
+        sweep.spec = spec
         return sweep
 
     def __repr__(self) -> str:
