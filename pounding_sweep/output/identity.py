@@ -193,11 +193,13 @@ def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
     return dict(json.loads(text))
 
 
-def differing_laws(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-    """Return the laws of a user's own that two sweeps have by one key, but not as one law, with their digests."""
+def differing_sweeps(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Return in what two recorded sweeps are not of one study, laws of a user's own by their digests."""
     a, b = one.get(OWN_LAWS, {}), two.get(OWN_LAWS, {})
-    both = [(key, a[key]["sha256"], b[key]["sha256"]) for key in sorted(a.keys() & b.keys())]
-    return [(f"law {key!r} as SHA-256", here[:12], there[:12]) for key, here, there in both if here != there]
+    laws = [(f"law {key!r} as SHA-256", *(each[key]["sha256"][:12] for each in (a, b))) for key in sorted(a.keys() & b)]
+    keys = sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {OWN_LAWS})
+    pairs = [*laws, *((key, one.get(key), two.get(key)) for key in keys)]
+    return [pair for pair in pairs if pair[1] != pair[2]]
 
 
 def check_axes(path: str, cube: xr.Dataset, expected: Mapping[str, Sequence[Any] | int]) -> None:

@@ -32,7 +32,6 @@ from pounding_sweep.output.dataset import (
 from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
-    FREE,
     KNOWN_BY,
     LIBRARIES,
     MAKER_ATTRIBUTES,
@@ -40,7 +39,7 @@ from pounding_sweep.output.identity import (
     OWN_LAWS,
     REMEDY,
     check_axes,
-    differing_laws,
+    differing_sweeps,
     makers,
     motion_of,
     outer_dims,
@@ -132,25 +131,24 @@ def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
         both = makers(base.attrs) | makers(cube.attrs)
         if released and (mix_sources or (len(both) == 1 and all(maker[0] is not None for maker in both))):
             continue
-        different = [i for i, values in enumerate(zip(*both, strict=True)) if not i or len(set(values)) > 1]
         remedy = (
             "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
             "on the command line --mix-sources. The cube then says which file is of which"
         )
         raise InputError(
-            f"{first!r} was made by {_made_by(base, different)}, {name!r} by {_made_by(cube, different)}: the same "
-            "scenario may have another result in each. Run them again with one of them, such as the installed package "
+            f"{first!r} was made by {_made_by(base)}, {name!r} by {_made_by(cube)}: the same scenario may have another "
+            "result in each. Run them again with one of them, such as the installed package "
             f"(version {package_version()}){remedy if released else ''}"
         )
 
 
-def _made_by(cube: xr.Dataset, different: Sequence[int]) -> str:
-    """Say what made a cube, by its version and those of its makers' attributes."""
+def _made_by(cube: xr.Dataset) -> str:
+    """Say what made a cube, by its version, source and libraries."""
     names = ("source", *LIBRARIES)
-    texts = {
-        ", ".join(f"{names[i]} {str(maker[i])[:12]}" if maker[i] else f"no known {names[i]}" for i in different)
+    texts = [
+        ", ".join(f"{name} {str(value)[:12]}" for name, value in zip(names, maker, strict=True))
         for maker in makers(cube.attrs)
-    }
+    ]
     return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(texts))})"
 
 
@@ -160,10 +158,8 @@ def _differences(
     found: list[tuple[str, Any, Any]] = [
         ("the list of axes", outer_dims(a), outer_dims(b)),
         ("the list of variables", scenario_variables(a), scenario_variables(b)),
-        *differing_laws(one, two),
+        *differing_sweeps(one, two),
     ]
-    for key in sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {OWN_LAWS}):
-        found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
     for key in sorted(AXIS_KEYS):
         found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
     for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):

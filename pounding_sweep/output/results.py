@@ -50,7 +50,7 @@ class Results:
         self.touched = np.zeros(n, bool)
         #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
         self.largest_drift = np.zeros(inner_shape("drift_max", scene))
-        self._slot = np.full(n, -1, np.int32 if n < 2**30 else np.int64)
+        self._slot = np.full(n, -1, np.int32)
         self._tables: list[np.ndarray | Callable[[], np.ndarray]] = []
         self._first = [0]
         self._kept = 0

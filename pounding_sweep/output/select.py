@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 
 import numpy as np
 import xarray as xr
@@ -60,66 +59,52 @@ def select(
     """
     audit = AUDIT_DIMS if has_audit(cube) else ()
     for axis, given in values.items():
-        if axis in audit:
-            more = "; variables are chosen by their names (--var of export)" if axis == "output" else ""
-            raise InputError(f"{axis!r} is a dimension of the cube's audit, no axis of its scenarios{more}")
         of_cases = [str(name) for name, label in cube.coords.items() if label.dims == (_CASE,) and name != _CASE]
-        if axis not in (*cube.dims, *of_cases):
-            raise InputError(unknown("axis", axis, (*(str(d) for d in cube.sizes if d not in audit), *of_cases)))
-        there = cube[axis].values
+        valid = [*(str(dim) for dim in cube.sizes if dim not in audit), *of_cases]
+        if axis not in valid:
+            raise InputError(unknown("axis", axis, valid))
         wanted = [given] if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) else given
         if not len(wanted):
             raise InputError(f"no value of {axis} is given; give one or several")
+        labels = cube[axis].values
         if axis in of_cases:
-            each, inverse = np.unique(there, return_inverse=True)
-            found = [_place(axis, each, value) for value in wanted]
-            cube = cube.isel({_CASE: np.flatnonzero(np.isin(inverse, found))})
+            each, inverse = np.unique(labels, return_inverse=True)
+            cube = cube.isel({_CASE: np.isin(inverse, [_place(axis, each, value) for value in wanted])})
             continue
-        places = sorted({_place(axis, there, value) for value in wanted})
+        places = sorted({_place(axis, labels, value) for value in wanted})
         cube = cube.isel({axis: places if len(places) > 1 or axis in keep else places[0]})
     return cube
 
 
-def _place(axis: str, there: np.ndarray, value: str | float) -> int:
+def _place(axis: str, labels: np.ndarray, value: str | float) -> int:
     """Index of a value on an axis."""
-    if there.dtype.kind not in "iuf":
-        found = np.flatnonzero(there == value)
-        if not found.size:
-            raise InputError(unknown(axis, value, map(str, there.tolist())))
-        return int(found[0])
-    number = _number(axis, there, value)
-    found = np.flatnonzero(there == number)
-    if not found.size and there.dtype.kind == "f":
-        found = np.flatnonzero(np.isclose(there, number, rtol=NEAR, atol=0.0))
-    if found.size > 1:
-        near = ", ".join(map(repr, there[found[:_FEW]].tolist()))
-        raise InputError(
-            f"{axis} {shown(value)} is within {NEAR:g} of {found.size} values ({near}); give all figures of one"
-        )
-    if not found.size:
-        raise InputError(f"{axis} {shown(value)} is not on the axis; {_has(there, number)}")
-    return int(found[0])
-
-
-def _number(axis: str, there: np.ndarray, value: str | float) -> float:
-    """Return a value as a number; on axes of whole numbers those stay whole, as not all are floats."""
+    if labels.dtype.kind not in "iuf":
+        places = np.flatnonzero(labels == value)
+        if not places.size:
+            raise InputError(unknown(axis, value, map(str, labels.tolist())))
+        return int(places[0])
     try:
-        if there.dtype.kind in "iu" and isinstance(value, str):
-            with suppress(ValueError):
-                return int(value)
-        return float(value) if there.dtype.kind == "f" or isinstance(value, str) else value + 0
+        number = float(value)
     except (ValueError, TypeError, OverflowError):
-        raise InputError(f"{axis} {shown(value)} is no number; {_has(there, np.nan)}") from None
+        raise InputError(f"{axis} {shown(value)} is no number; {_has(labels, np.nan)}") from None
+    places = np.flatnonzero(labels == number)
+    if not places.size and labels.dtype.kind == "f":
+        places = np.flatnonzero(np.isclose(labels, number, rtol=NEAR, atol=0.0))
+    if places.size > 1:
+        near = ", ".join(map(repr, labels[places[:_FEW]].tolist()))
+        raise InputError(
+            f"{axis} {shown(value)} is within {NEAR:g} of {places.size} values ({near}); give all figures of one"
+        )
+    if not places.size:
+        raise InputError(f"{axis} {shown(value)} is not on the axis; {_has(labels, number)}")
+    return int(places[0])
 
 
-def _has(there: np.ndarray, number: float) -> str:
+def _has(labels: np.ndarray, number: float) -> str:
     """Say what an axis has: all values if they are few, else its range and what is next to a number."""
-    if there.size <= _FEW:
-        return f"it has {', '.join(f'{v!r}' for v in there.tolist())}"
-    low, high = there.min().item(), there.max().item()
-    below, above = there[there < number], there[there > number]
-    beside = [
-        repr(part.item()) for part in (*([below.max()] if below.size else []), *([above.min()] if above.size else []))
-    ]
-    near = f"; next to that: {' and '.join(beside)}" if beside else ""
-    return f"it has {there.size} values from {low!r} to {high!r}{near}"
+    if labels.size <= _FEW:
+        return f"it has {', '.join(map(repr, labels.tolist()))}"
+    rising = np.sort(labels).tolist()
+    at = int(np.searchsorted(rising, number))
+    near = " and ".join(map(repr, rising[max(0, at - 1) : at + 1]))
+    return f"it has {len(rising)} values from {rising[0]!r} to {rising[-1]!r}; next to that: {near}"

@@ -14,12 +14,9 @@ from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.model.laws import Law
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.identity import (
-    AXIS_KEYS,
-    BUILDING_AXES,
-    FREE,
     OWN_LAWS,
     check_axes,
-    differing_laws,
+    differing_sweeps,
     library_attribute,
     library_versions,
     motion_of,
@@ -58,10 +55,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
             why += "its merged_from). Extend those of them that the installed one made, or run the sweep without it"
         raise InputError(f"{path!r} {why}")
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
-    free = AXIS_KEYS | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
-    sweeps = differing_laws(there, here) + [
-        (key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)
-    ]
+    sweeps = differing_sweeps({**there, "force_unstable": None}, {**here, "force_unstable": None})
     makers = [
         ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
         ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), package_digest()),
