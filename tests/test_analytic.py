@@ -16,8 +16,8 @@ from scipy.special import factorial, gamma
 from test_naive import NOMINAL, REALISED
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import cubic_extremes, quintic_extreme, septic_extremes
-from pounding_sweep.kernel.roots import Series, turn
+from pounding_sweep.kernel.peaks import cubic_turns, extreme, septic_extremes
+from pounding_sweep.kernel.roots import Series, cubic, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
@@ -451,7 +451,7 @@ def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
         quintic = BPoly.from_derivatives([0.0, h], [sine_rates(start, 3), sine_rates(end, 3)])
         rates = [PPoly.from_bernstein_basis(quintic)(0.0, n) for n in range(6)]
         powers = [rate * h**n / factorial(n) for n, rate in enumerate(rates)]
-        assert abs(quintic_extreme(powers, h * np.cos(end)) - 1.0) < 8e-5 * h**6
+        assert abs(extreme(Series.of(*powers), h * np.cos(end), nearer=True) - 1.0) < 8e-5 * h**6
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2])
@@ -467,7 +467,8 @@ def test_the_extremes_of_a_cubic_are_those_of_its_finest_points(turns):
     x0, x1, s0, s1 = (np.array([each.deriv(k)(t) for each in course]) for k in (0, 1) for t in (0.0, 1.0))
     fine = np.array([each(np.linspace(0.0, 1.0, 4001)) for each in course])
     with np.errstate(all="ignore"):
-        found = np.array([x0, x1, *cubic_extremes(x0, x1, s0, s1)])
+        curve = cubic(x0, x1, s0, s1)
+        found = np.array([x0, x1, *map(curve.value, cubic_turns(curve))])
     room = 1e-6 * np.ptp(fine, axis=1).max()
     np.testing.assert_allclose(found.max(axis=0), fine.max(axis=1), rtol=0, atol=room)
     np.testing.assert_allclose(found.min(axis=0), fine.min(axis=1), rtol=0, atol=room)

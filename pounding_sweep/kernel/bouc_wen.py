@@ -13,12 +13,13 @@ would be stiff, from anywhere within one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, power_of
 from pounding_sweep.kernel.hysteresis import drift, hardened
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
-from pounding_sweep.kernel.roots import along, coefficients, horner, rate, root
+from pounding_sweep.kernel.roots import course, crossing, cubic
 
 #: Share of its limit, over n, by which a drift may move in a sub-step.
 REACH = 0.5
@@ -180,7 +181,7 @@ def part(group: Group, t: Any) -> None:
     for i, below, n in each_storey(group):
         p0, p1 = s["slip0", i], s["slip", i]
         r0, r1 = (h * _share(group, i, n, z, v) * v for z, v in (_end(group, i, below, end) for end in ("0", "")))
-        slip = horner(t, (p0, r0, 3.0 * (p1 - p0) - 2.0 * r0 - r1, 2.0 * (p0 - p1) + r0 + r1))
+        slip = cubic(p0, p1, r0, r1).value(t)
         s["kt", i], s["ct", i] = group.full(group.prop("k", i)), -hardened(group, i)[1] * slip
 
 
@@ -235,14 +236,11 @@ def first_event(group: Group, asks: Any) -> Any:
         (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
         turns, crosses = asks & (v0 * v1 < 0.0), asks & (z0 * z1 < 0.0)
         with when_any(turns | crosses):
-            now, later = drift(group, i, below, "u0"), drift(group, i, below)
-            r0, rb = rate(coefficients(h, now, later, v0, v1, drift(group, i, below, "a0")))
-            way = where(v0 > 0.0, -1.0, group.full(1.0))
-            turn = root(group, turns, 0.0, 1.0, along(r0, rb, way))
+            moves = course(group, partial(drift, group, i, below))
+            turn = crossing(group, turns, 0.0, 1.0, moves.rate, where(v0 > 0.0, -1.0, group.full(1.0)))
             w0, w1 = (h * (v - _share(group, i, n, z, v) * v) for z, v in ((z0, v0), (z1, v1)))
-            cubic = w0, 3.0 * (z1 - z0) - 2.0 * w0 - w1, 2.0 * (z0 - z1) + w0 + w1, 0.0 * w0
             side = where(z0 > 0.0, -1.0, group.full(1.0))
-            cross = root(group, crosses, 0.0, 1.0, along(z0, cubic, side))
+            cross = crossing(group, crosses, 0.0, 1.0, cubic(z0, z1, w0, w1), side)
             for kinks, t in ((turns, turn), (crosses, cross)):
                 inside = kinks & (t > group.limit.at_kink) & (t < 1.0 - group.limit.at_kink)
                 first.now = where(inside, minimum(first.now, t), first.now)

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import yielding
-from pounding_sweep.kernel.group import BENDS, Group, LaneLaw
+from pounding_sweep.kernel.group import Group, LaneLaw
 from pounding_sweep.kernel.lanes import (
     Cell,
     fma,
@@ -34,18 +34,7 @@ from pounding_sweep.kernel.lanes import (
     when_any,
     where,
 )
-from pounding_sweep.kernel.roots import (
-    NEVER,
-    Powers,
-    Series,
-    along,
-    coefficients,
-    crossing,
-    cubic_turn,
-    polynomial,
-    rate,
-    root,
-)
+from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged), and what one counts that no event
@@ -211,51 +200,38 @@ def first_event(group: Group, asks: Any) -> Any:
     for j in group.each_contact():
         s["event", j] = where(asks, NEVER, s["event", j])
         with when_any(busy := asks & (s["asks", j] > 0.0)):
-            event, target = _event(group, j, group.law_of(j), busy, _trial(group, j), cap)
+            event, target = _event(group, j, busy, cap)
             first.now = minimum(first.now, event)
             s["event", j] = where(busy, event, s["event", j])
             s["next", j] = where(busy, target, s["next", j])
     return minimum(first.now, cap.now)
 
 
-def _trial(group: Group, j: Any) -> dict[str, Any]:
-    """Read what decides when contact j changes its mode in the trial."""
-    s, bends = group.state, BENDS if group.spec.staged else ()
-    found = {name: s[name, j] for name in ("mode", "d0", "d1", "w0", "w1", "ke", "ce", "kl", "cl")}
-    found |= {name: group.between(name, j) for name in ("a0", *bends)}
-    return found | {"reduced": group.full(group.prop("reduced", j))}
+def course_of(group: Group, j: Any) -> Series:
+    """Penetration of contact j in the sub-step just tried, by parts of it."""
+    rows = {"u0": "d0", "u": "d1", "v0": "w0", "v": "w1"}
+    return course(group, lambda name: group.state[rows[name], j] if name in rows else group.between(name, j))
 
 
-def _event(group: Group, j: Any, law: LaneLaw, busy: Any, at: dict[str, Any], cap: Cell) -> tuple[Any, Any]:
-    """Find when a contact changes its mode in the trial, and to which; j: of a law that yields, of which contact."""
-    s, h = group.state, group.state["h"]
-    mode, d0, d1, v0, v1 = (at[name] for name in ("mode", "d0", "d1", "w0", "w1"))
+def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
+    """Find when a contact changes its mode in the trial, and to which."""
+    s, h, law, depth = group.state, group.state["h"], group.law_of(j), course_of(group, j)
+    mode, d0, d1, v0, v1 = (s[name, j] for name in ("mode", "d0", "d1", "w0", "w1"))
     closed = mode > OPEN
-    early, late = d0 + h * v0, d1 - h * v1
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
-    b = _course(group, at)
     sign = where(closed, -1.0, group.full(1.0))
-    start = where(closed, d0, minimum(d0, 0.0))
     # else a closed contact has touched but for a rounding error, and goes on
     crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
-    dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
+    dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(d0 + h * v0, d1 - h * v1) < 0.0)
     turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
-    rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)  # the other way first: it may begin at its event
+    rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)
     if group.spec.implicit:
         rises = rises & closed
-    at_peak = where(rises, sign, -sign)
-    depth = Series((start, *b).__getitem__, len(b))
-    bends = busy & (turns | rises)
-    low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(busy & crosses)
-    with when_any(bends):
-        extreme = crossing(group, bends, 0.0, 1.0, depth.rate, at_peak)
-        there = polynomial(extreme, start, b)
-        event.now = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
-        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-    when = where(event.now, crossing(group, event.now, low.now, high.now, depth, sign), NEVER)
+    begun = depth.begun(where(closed, d0, minimum(d0, 0.0)))
+    when = first_crossing(group, busy, begun, sign, crosses, turns, rises)
     nears, parting = SIDES[law.shape.rebound_only]
-    target = where(event.now, where(closed, OPEN, group.full(nears)), mode)
+    target = where(when < NEVER, where(closed, OPEN, group.full(nears)), mode)
     if law.shape.one_sided:
         slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
         toward = where(slows, -1.0, group.full(1.0))
@@ -263,45 +239,42 @@ def _event(group: Group, j: Any, law: LaneLaw, busy: Any, at: dict[str, Any], ca
         sooner = busy & (slows | speeds) & (t < when)
         when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
     if law.shape.yields:
-        t = yielding.event(group, j, busy & closed, h, (d0, d1, v0, v1), b)
+        t = yielding.event(group, j, busy & closed, (d0, d1, v0, v1), depth)
         sooner = busy & closed & (t < when)
         when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
     if law.shape.clips:
-        when, target = _slack(group, law, busy, at, (when, target), b)
+        when, target = _slack(group, j, busy, (when, target), depth)
     if is_capped(group):
-        rate_there = contact_rate(law, at["ke"], at["ce"], at["reduced"], maximum(d0, d1))
+        rate_there = contact_rate(law, s["ke", j], s["ce", j], group.full(group.prop("reduced", j)), maximum(d0, d1))
         fast, most = h * rate_there, group.prop("cap")
         deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
         cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
     return when, target
 
 
-def _slack(
-    group: Group, law: LaneLaw, asks: Any, at: dict[str, Any], event: tuple[Any, Any], b: Powers
-) -> tuple[Any, Any]:
+def _slack(group: Group, j: Any, asks: Any, event: tuple[Any, Any], depth: Series) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
-    h, (when, target) = group.state["h"], event
-    mode, d0, k, c = (at[name] for name in ("mode", "d0", "kl", "cl"))
-    r0, rb = rate(b)
+    s, law, (when, target) = group.state, group.law_of(j), event
+    mode, k, c = (s[name, j] for name in ("mode", "kl", "cl"))
 
-    def press(t: Any) -> Any:
-        return law.pressing(k, c, polynomial(t, d0, b), polynomial(t, r0, rb) / h)
+    def press(t: Any) -> tuple[Any, Any, Any]:
+        d, slope = depth.with_slope(t)
+        return law.pressing(k, c, d, slope / s["h"]), d, slope
 
     asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))
     # not the release itself, where E and B v both end
     end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
     ends, begins, first = Cell(asks & ~asks), Cell(asks & ~asks), Cell(group.full(0.0))
     with when_any(asks):
-        d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
-        p1 = law.pressing(k, c, d, v)
-        ends.now = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
+        p1, d, slope = press(end)
+        ends.now = asks & (mode == PRESSING) & (p1 <= 0.0) & (slope < 0.0)
         begins.now = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
         with when_any(ends.now | begins.now):
-            p0 = press(group.full(group.limit.just_after))  # at its own event the sign of a force is one of rounding
+            p0 = press(group.full(group.limit.just_after))[0]  # at its own event the sign of a force is one of rounding
             sign = where(ends.now, -1.0, group.full(1.0))
             inside = (ends.now & (p0 > 0.0)) | (begins.now & (p0 <= 0.0))
             with when_any(inside):
-                found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t))
+                found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t)[0])
                 first.now = where(inside, found, 0.0)
     t, ends, begins = first.now, ends.now, begins.now
     sooner = ends | (begins & (t < when))
@@ -326,24 +299,23 @@ def ends(group: Group, whole: Any) -> None:
             s[name, j] = 0.0
         counts = closed
         if group.spec.staged and not (group.looks("ends") or "penetration" in r):
-            counts = looks & _may_exceed(group, j, (d0, d1, v0, v1))
+            counts = looks & _may_exceed(group, j)
         with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
-            b = _course(group, _trial(group, j))
+            depth = course_of(group, j)
             if "penetration" in r:
                 s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
                 deepens = looks & (v0 > 0.0) & (v1 < 0.0)
                 with when_any(deepens):
-                    x0, xb = rate(b)
-                    t = root(group, deepens, 0.0, 1.0, along(x0, xb, -1.0))
-                    s["dmax", j] = maximum(s["dmax", j], where(deepens, polynomial(t, d0, b), 0.0))
+                    t = crossing(group, deepens, 0.0, 1.0, depth.rate, -1.0)
+                    s["dmax", j] = maximum(s["dmax", j], where(deepens, depth.value(t), 0.0))
             if needs_force:
-                _force_ends(group, j, looks, whole, (d0, d1, v0, v1), b, follows)
+                _force_ends(group, j, looks, whole, depth, follows)
 
 
-def _may_exceed(group: Group, j: Any, at: tuple[Any, ...]) -> Any:
+def _may_exceed(group: Group, j: Any) -> Any:
     """Lanes in which the force of contact j may exceed its largest so far in the sub-step just taken."""
     s, law, h = group.state, group.law_of(j), group.state["h"]
-    d0, d1, v0, v1 = at
+    d0, d1, v0, v1 = (s[name, j] for name in ("d0", "d1", "w0", "w1"))
     if not law.shape.grows:
         return group.lanes_where(True)
     rates = size(v0) + size(v1)
@@ -351,34 +323,18 @@ def _may_exceed(group: Group, j: Any, at: tuple[Any, ...]) -> Any:
     return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
 
 
-def _course(group: Group, at: dict[str, Any]) -> Powers:
-    """Penetration of a contact in the sub-step: what is added to it at the start."""
-    h = group.state["h"]
-    if group.spec.staged:  # without differences of the motion
-        square = h * h
-        return h * at["w0"], 0.5 * square * at["a0"], *(square * at[name] for name in BENDS)
-    return coefficients(h, *(at[name] for name in ("d0", "d1", "w0", "w1", "a0")))
-
-
 def force_at(group: Group, j: Any, t: Any) -> Any:
     """Force of a contact at a part t of the sub-step just taken."""
-    s, b = group.state, _course(group, _trial(group, j))
-    r0, rb = rate(b)
-    d, v = polynomial(t, s["d0", j], b), polynomial(t, r0, rb) / s["h"]
-    return where(s["mode", j] > OPEN, group.law_of(j).pressing(s["ke", j], s["ce", j], d, v), 0.0)
+    s, (d, slope) = group.state, course_of(group, j).with_slope(t)
+    force = group.law_of(j).pressing(s["ke", j], s["ce", j], d, slope / s["h"])
+    return where(s["mode", j] > OPEN, force, 0.0)
 
 
-def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
+def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     s, law, r, h, limit = group.state, group.law_of(j), group.asked, group.state["h"], group.limit
-    d0, d1, v0, v1 = at
-    k, c, mode = s["ke", j], s["ce", j], s["mode", j]
-    a0 = group.between("a0", j)
-    if group.spec.staged:
-        c3, c4, c5 = (group.between(x, j) for x in BENDS)
-        a1 = a0 + 6.0 * c3 + 12.0 * c4 + 20.0 * c5
-    else:
-        a1 = (2.0 * b[1] + 6.0 * b[2] + 12.0 * b[3]) / (h * h)
+    d0, d1, v0, v1, k, c, mode = (s[name, j] for name in ("d0", "d1", "w0", "w1", "ke", "ce", "mode"))
+    a0, a1 = group.between("a0", j), depth.rate.rate.value(1.0) / (h * h)
     f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
     r0, r1 = law.pressing_rate(k, c, d0, v0, a0), law.pressing_rate(k, c, d1, v1, a1)
     mean = (f1 - f0) / maximum(h, limit.tiny)
@@ -399,17 +355,15 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...
                 turn.now = cubic_turn(d0, d1, h * v0, h * v1)
             between = between | grazes
         with when_any(between):
-            x0, xb = rate(b)
             t = cubic_turn(f0, f1, h * r0, h * r1)
             t = where(grazes, turn.now, t) if group.spec.staged else t
-            d, v = polynomial(t, d0, b), polynomial(t, x0, xb) / h
-            found = law.pressing(k, c, d, v)
+            d, slope = depth.with_slope(t)
+            found = law.pressing(k, c, d, slope / h)
             if group.spec.staged:  # long ones, in which a force with roots is no cubic: regula falsi on its rate
-                bend = rate(xb)
-                here = law.pressing_rate(k, c, d, v, polynomial(t, *bend) / (h * h))
+                here = law.pressing_rate(k, c, d, slope / h, depth.rate.rate.value(t) / (h * h))
                 t = where(here > 0.0, t + (1.0 - t) * here / (here - r1), t * r0 / (r0 - here))
-                d, v = polynomial(t, d0, b), polynomial(t, x0, xb) / h
-                found = maximum(found, where(grazes, found, law.pressing(k, c, d, v)))
+                d, slope = depth.with_slope(t)
+                found = maximum(found, where(grazes, found, law.pressing(k, c, d, slope / h)))
             s["fmax", j] = maximum(s["fmax", j], where(between, found, 0.0))
     if follows is not None:
         for reducer, name, value in (

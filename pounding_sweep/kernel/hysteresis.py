@@ -15,11 +15,12 @@ sub-step, which ends where the first storey begins to yield or turns.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.roots import NEVER, coefficients, polynomial, rate, root
+from pounding_sweep.kernel.roots import NEVER, course, crossing
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
@@ -116,25 +117,23 @@ def first_event(group: Group, asks: Any) -> Any:
 
 def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     """Find when a storey changes its phase in the trial, and to which."""
-    s, h = group.state, group.state["h"]
+    s = group.state
     p, phase, (dy, top) = s["slip", i], s["phase", i], _limits(group, i, below)
     z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
     v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
-    b = coefficients(h, z0, z1, v0, v1, drift(group, i, below, "a0"))
-    r0, rb = rate(b)
+    z = course(group, partial(drift, group, i, below)).begun(z0)
     elastic = phase == 0.0
     turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
     toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
-    extreme = root(group, turns, 0.0, 1.0, lambda t: -toward * polynomial(t, r0, rb))
-    extreme = where(turns, extreme, 1.0)
+    extreme = where(turns, crossing(group, turns, 0.0, 1.0, z.rate, -toward), 1.0)
     # an elastic drift leaves its range before it turns, or after
-    before = turns & elastic & (toward * polynomial(extreme, z0, b) > top)
+    before = turns & elastic & (toward * z.value(extreme) > top)
     after = busy & elastic & ~before & (size(z1) > top)
     side = where(before, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
-    start = minimum(side * z0 - dy, 0.0)
+    start = side * minimum(side * z0 - dy, 0.0)
     low, high = where(after & turns, extreme, 0.0), where(before, extreme, 1.0)
     leaves = before | after
-    when = root(group, leaves, low, high, lambda t: start + side * polynomial(t, 0.0 * t, b))
+    when = crossing(group, leaves, low, high, z.begun(start), side)
     found = where(leaves, when, where(turns & ~elastic, extreme, NEVER))
     s["turn", i] = where(busy, found, s["turn", i])
     s["then", i] = where(busy, where(elastic, side, 0.0), s["then", i])

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from pounding_sweep.kernel import links, transfers
-from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, is_closed, note_touch, penetration
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
-from pounding_sweep.kernel.roots import NEVER, along, coefficients, polynomial, rate, root
+from pounding_sweep.kernel.roots import NEVER, first_crossing
 from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -145,16 +145,11 @@ def first_event(group: Group, asks: Any) -> Any:
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
         with when_any(busy):
-            b = coefficients(h, d0, d1, v0, v1, group.between("a0", j))
-            r0, rb = rate(b)
-            start = minimum(d0, 0.0)
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
-            top = root(group, turns, 0.0, 1.0, along(r0, rb, -1.0))
-            event = busy & (crosses | (turns & (polynomial(top, start, b) > clear)))
-            last = where(turns, top, 1.0)
-            when = root(group, event, 0.0, last, along(start, b))
-            s["event", j] = where(event, when, s["event", j])
-            s["next", j] = where(event, 1.0, s["next", j])
+            depth = course_of(group, j).begun(minimum(d0, 0.0))
+            when = first_crossing(group, busy, depth, 1.0, crosses, turns, least=clear)
+            s["event", j] = where(when < NEVER, when, s["event", j])
+            s["next", j] = where(when < NEVER, 1.0, s["next", j])
         first.now = minimum(first.now, s["event", j])
     return first.now
 

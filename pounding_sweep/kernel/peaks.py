@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, forces, links
-from pounding_sweep.kernel.group import BENDS, Group
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
     any_lane,
     count_to,
-    fma,
     maximum,
     minimum,
     size,
@@ -28,7 +26,7 @@ from pounding_sweep.kernel.lanes import (
     when_any,
     where,
 )
-from pounding_sweep.kernel.roots import coefficients, horner, polynomial, rate, turn, with_slope
+from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, total_accelerations
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -41,41 +39,24 @@ NEARLY = 0.9
 LEAVES = 2.0**-30
 
 
-def _powers(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
-    """Third and second coefficients of a cubic with values x and rates s (times the step) at its ends."""
-    return 2.0 * (x0 - x1) + (s0 + s1), -3.0 * (x0 - x1) - (2.0 * s0 + s1)
-
-
-def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
-    """Extreme inside a step of a cubic with values x and rates s (times the step) at its ends, about where s turns."""
+def extreme(curve: Series, s1: Any, nearer: bool = False) -> Any:
+    """Extreme inside a step of a polynomial, whose rate is s1 at its end, about where the rate turns."""
+    s0 = curve.read(1)
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
-    a, b = _powers(x0, x1, s0, s1)
-    return x0 + t * (s0 + t * (b + t * a))
+    if nearer:
+        slope, bend = curve.rate.with_slope(t)
+        then = t - slope / bend
+        t = where((then > 0.0) & (then < 1.0), then, t)
+    return curve.value(t)
 
 
-def cubic_extremes(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
-    """Values of a cubic where it turns inside a step, or x0: values x and rates s (times the step) at its ends."""
-    a, b = _powers(x0, x1, s0, s1)
-    t, u = cubic_turns(x0, x1, s0, s1)
-    return x0 + t * (s0 + t * (b + t * a)), x0 + u * (s0 + u * (b + u * a))
-
-
-def cubic_turns(x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
-    """Where this cubic turns inside the step, as parts of it; else 0."""
-    a, b = _powers(x0, x1, s0, s1)
+def cubic_turns(curve: Series) -> tuple[Any, Any]:
+    """Where a cubic turns inside the step, as parts of it; else 0."""
+    _, s0, b, a = (curve.read(n) for n in range(4))
     root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
     far = -(b + where(b < 0.0, -root, root))
     t, u = (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
     return t, u
-
-
-def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
-    """Extreme inside a step of a polynomial, whose rate is s1 at its end."""
-    s0 = coefficients[1]
-    t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
-    slope, bend = with_slope(t, [n * b for n, b in enumerate(coefficients[1:], 1)])
-    nearer = t - slope / bend
-    return horner(where((nearer > 0.0) & (nearer < 1.0), nearer, t), coefficients)
 
 
 def leaving(s0: Any, s1: Any) -> Any:
@@ -115,23 +96,22 @@ def septic_extremes(
         below.now = where(mine, minimum(below.now, x), below.now)
 
     for _ in when(any_lane(once | again.now)):
-        coefficients = _septic(start, end)
-        slope = partial(with_slope, coefficients=[n * b for n, b in enumerate(coefficients[1:], 1)])
-        take(once, horner(turn(group, once, 2, slope, (0.0, 1.0), (s0, s1)), coefficients))
+        curve = _septic(start, end)
+        take(once, curve.value(turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))))
         for _ in when(any_lane(again.now)):
             t, x, s = Cell(group.full(0.0)), Cell(x0), Cell((1.0 / PARTS) * at_start)
             for _ in count_to(PARTS, group.trace):
                 t.now = t.now + 1.0 / PARTS
-                then, rate = with_slope(t.now, coefficients)
+                then, rate = curve.with_slope(t.now)
                 rate = (1.0 / PARTS) * rate
-                take(again.now, cubic_extreme(x.now, then, s.now, rate))
+                take(again.now, extreme(cubic(x.now, then, s.now, rate), rate))
                 x.now, s.now = then, rate
                 take(again.now, then)
     return above.now, below.now
 
 
-def _septic(start: Sequence[Any], end: Sequence[Any]) -> tuple[Any, ...]:
-    """Coefficients of the polynomial with value and three rates (times powers of the step) at its ends."""
+def _septic(start: Sequence[Any], end: Sequence[Any]) -> Series:
+    """Polynomial with value and three rates (times powers of the step) at its ends."""
     (x0, s0, c0, j0), (x1, s1, c1, j1) = start, end
     c, j = 0.5 * c0, (1.0 / 6.0) * j0
     r, r1, r2, r3 = x1 - x0 - s0 - c - j, s1 - s0 - c0 - 0.5 * j0, c1 - c0 - j0, j1 - j0
@@ -139,7 +119,7 @@ def _septic(start: Sequence[Any], end: Sequence[Any]) -> tuple[Any, ...]:
     b5 = -84.0 * r + 39.0 * r1 - 7.0 * r2 + 0.5 * r3
     b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
     b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
-    return x0, s0, c, j, b4, b5, b6, b7
+    return Series.of(x0, s0, c, j, b4, b5, b6, b7)
 
 
 @dataclass(frozen=True)
@@ -189,11 +169,9 @@ def turns(group: Group) -> None:
         if least is not None:
             above = maximum(above, s[least] - minimum(x0, x1) + reach)
         with when_any(asks := (v0 * v1 <= 0.0) & (above > 0.0)):
-            if group.spec.staged and isinstance(motion.shear, int) and motion.shear < 0:
-                bends = (0.5 * motion.of("a0"), *(motion.of(name) for name in BENDS))
-                p = quintic_extreme((x0, h * v0, *(h * h * b for b in bends)), h * v1)
-            else:
-                p = cubic_extreme(x0, x1, h * v0, h * v1)
+            bends = group.spec.staged and isinstance(motion.shear, int) and motion.shear < 0
+            curve = course(group, motion.of) if bends else cubic(x0, x1, h * v0, h * v1)
+            p = extreme(curve, h * v1, nearer=bends)
             take_extremes(group, motion, asks, (p, x0, x1))
 
 
@@ -283,7 +261,8 @@ def largest_accelerations(
     again = Cell(group.lanes_where(False))
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
-        p = _acceleration_turn(group, early, late, h * s["rate0", i], h * s["rate1", i])[1]
+        s1 = h * s["rate1", i]
+        p = _acceleration_turn(group, cubic(early, late, h * s["rate0", i], s1), s1)[1]
         ends = maximum(size(early), size(late))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(p, ends)), 0.0))
@@ -298,36 +277,38 @@ def largest_accelerations(
                     _take_acceleration(group, i, mine)
 
 
-def _acceleration_turn(group: Group, x0: Any, x1: Any, s0: Any, s1: Any) -> tuple[Any, Any]:
-    """Where an acceleration is largest inside a sub-step, by the cubic through its ends, and its size there."""
+def _acceleration_turn(group: Group, curve: Series, s1: Any) -> tuple[Any, Any]:
+    """Where an acceleration is largest inside a sub-step, by a cubic of rate s1 at the end, and its size there."""
     if not group.spec.staged:  # by whose rates it may turn where it does not: those of forces may be means
-        return where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0), size(cubic_extreme(x0, x1, s0, s1))
-    (t, u), (p, q) = (of(x0, x1, s0, s1) for of in (cubic_turns, cubic_extremes))
-    p, q = size(p), size(q)
+        s0 = curve.read(1)
+        return where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0), size(extreme(curve, s1))
+    t, u = cubic_turns(curve)
+    p, q = size(curve.value(t)), size(curve.value(u))
     return where(p > q, t, u), maximum(p, q)
 
 
 def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
     s, h = group.state, group.state["h"]
-    x0, x1, s0, s1 = s["acc0", i], s["acc1", i], h * s["rate0", i], h * s["rate1", i]
-    a, b = _powers(x0, x1, s0, s1)
-    at = Cell(_acceleration_turn(group, x0, x1, s0, s1)[0])
+    s1 = h * s["rate1", i]
+    curve = cubic(s["acc0", i], s["acc1", i], h * s["rate0", i], s1)
+    at = Cell(_acceleration_turn(group, curve, s1)[0])
     for _ in count_to(2, group.trace):  # once where the cubic turns, once nearer
         t = at.now
         _accelerate(group, t)
         found, rest = s["there", i], t * (1.0 - t)
         s["acc", i] = maximum(s["acc", i], where(lanes, size(found), 0.0))
-        miss = found - (x0 + t * (s0 + t * (b + t * a)))  # of the cubic; it grows as the square of `rest`
-        slope = s0 + t * (2.0 * b + 3.0 * t * a) + 2.0 * miss * (1.0 - 2.0 * t) / rest
-        bend = 2.0 * b + 6.0 * t * a + 2.0 * miss * (1.0 - 6.0 * rest) / (rest * rest)
+        miss = found - curve.value(t)  # it grows as the square of `rest`
+        slope, bend = curve.rate.with_slope(t)
+        slope = slope + 2.0 * miss * (1.0 - 2.0 * t) / rest
+        bend = bend + 2.0 * miss * (1.0 - 6.0 * rest) / (rest * rest)
         nearer = t - slope / bend
         at.now = where((nearer > 0.0) & (nearer < 1.0), nearer, t)
 
 
 def _accelerate(group: Group, t: Any) -> None:
     """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    s, (u, v) = group.state, (Between(of, group, t) for of in (displacement, velocity))
+    s, u, v = group.state, Between(group, t, velocities=False), Between(group, t, velocities=True)
     if group.spec.smooth:
         bouc_wen.part(group, t)
     for part, moving in group.each_part():
@@ -345,29 +326,13 @@ def _accelerate(group: Group, t: Any) -> None:
         links.accelerate(group, "there", u, v)
 
 
-def displacement(group: Group, i: Any, t: Any) -> Any:
-    """Displacement of a floor at a part t of the sub-step just tried."""
-    s, h = group.state, group.state["h"]
-    if group.spec.staged:  # the quintic that the stages left
-        bends = (h * s["v0", i], *(h * h * x for x in (0.5 * s["a0", i], *(s[name, i] for name in BENDS))))
-        return polynomial(t, s["u0", i], bends)
-    return polynomial(t, s["u0", i], coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))
-
-
-def velocity(group: Group, i: Any, t: Any) -> Any:
-    """Velocity of a floor at a part t of the sub-step just tried."""
-    s, h = group.state, group.state["h"]
-    if group.spec.staged:
-        bends = tuple(n * s[name, i] for n, name in enumerate(BENDS, 3))
-        return fma(h * t, polynomial(t, s["a0", i], bends), s["v0", i])
-    return polynomial(t, *rate(coefficients(h, s["u0", i], s["u", i], s["v0", i], s["v", i], s["a0", i]))) / h
-
-
 class Between:
-    """Displacements or velocities of all floors at a part of the sub-step, each worked out where it is asked for."""
+    """Displacements of all floors at a part of the sub-step just tried, or velocities; worked out where asked for."""
 
-    def __init__(self, of: Callable[[Group, Any, Any], Any], group: Group, t: Any) -> None:
-        self._of, self._group, self._t = of, group, t
+    def __init__(self, group: Group, t: Any, velocities: bool) -> None:
+        self._group, self._t, self._velocities = group, t, velocities
 
     def __getitem__(self, i: Any) -> Any:
-        return self._of(self._group, i, self._t)
+        s = self._group.state
+        moves = course(self._group, lambda name: s[name, i])
+        return moves.rate.value(self._t) / s["h"] if self._velocities else moves.value(self._t)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, when_any, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
@@ -18,35 +18,6 @@ NEAR = 0.01
 LEAVES = tuple(1.07 * most for most in (0.0625, 0.157, 0.27, 0.394, 0.525))
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
-#: Coefficients of t, t**2, t**3, t**4, ...
-Powers = tuple[Any, ...]
-
-
-def polynomial(t: Any, x0: Any, b: Powers) -> Any:
-    """Its value at t = time / h."""
-    x = b[-1]
-    for each in reversed(b[:-1]):
-        x = each + t * x
-    return x0 + t * x
-
-
-def along(x0: Any, b: Powers, sign: float = 1.0) -> Callable[[Any], Any]:
-    """Return it, or its negative, as a function of t."""
-    return lambda t: sign * polynomial(t, x0, b)
-
-
-def rate(b: Powers) -> tuple[Any, Powers]:
-    """Its derivative: the value at 0 and the coefficients."""
-    return b[0], tuple((n + 2.0) * each for n, each in enumerate(b[1:]))
-
-
-def coefficients(h: Any, d0: Any, d1: Any, v0: Any, v1: Any, a0: Any) -> Powers:
-    """Quartic through value, rate and second rate at t = 0, value and rate at t = 1."""
-    b1 = h * v0
-    b2 = 0.5 * h * h * a0
-    rise = d1 - d0 - b1 - b2
-    turn = h * v1 - b1 - 2.0 * b2
-    return b1, b2, 4.0 * rise - turn, turn - 3.0 * rise
 
 
 def horner(t: Any, coefficients: Sequence[Any]) -> Any:
@@ -80,6 +51,15 @@ class Series:
     read: Callable[[int], Any]
     order: int
 
+    @classmethod
+    def of(cls, *coefficients: Any) -> Series:
+        """Return that of the coefficients."""
+        return cls(coefficients.__getitem__, len(coefficients) - 1)
+
+    def begun(self, x: Any) -> Series:
+        """Return the same that begins with x."""
+        return Series(lambda n: self.read(n) if n else x, self.order)
+
     def value(self, t: Any) -> Any:
         """Its value."""
         return horner(t, [self.read(n) for n in range(self.order + 1)])
@@ -100,6 +80,22 @@ class Series:
         return square * square * horner(t, powers)
 
 
+def cubic(x0: Any, x1: Any, s0: Any, s1: Any) -> Series:
+    """Cubic with values x and rates s at 0 and 1."""
+    return Series.of(x0, s0, -3.0 * (x0 - x1) - (2.0 * s0 + s1), 2.0 * (x0 - x1) + (s0 + s1))
+
+
+def course(group: Group, read: Callable[[str], Any]) -> Series:
+    """Return a motion in the sub-step just tried, by parts of it; `read` gives it by the names of the floors' rows."""
+    h = group.state["h"]
+    d0, b1, b2 = read("u0"), h * read("v0"), 0.5 * h * h * read("a0")
+    if group.spec.staged:  # without differences of the motion
+        return Series.of(d0, b1, b2, *(h * h * read(name) for name in BENDS))
+    rise = read("u") - d0 - b1 - b2
+    turn = h * read("v") - b1 - 2.0 * b2
+    return Series.of(d0, b1, b2, 4.0 * rise - turn, turn - 3.0 * rise)
+
+
 def tangents(series: Series, t: Any) -> tuple[Any, Any, Any, Any]:
     """Its value at the start, those of the tangents at both ends of 0 to t at thirds of it, and that at the end."""
     start, third, (end, slope) = series.read(0), (1.0 / 3.0) * t, series.with_slope(t)
@@ -114,15 +110,24 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 
 
 def first_crossing(
-    group: Group, lanes: Any, series: Series, sign: Any, crosses: Any, turns: Any, rises: Any, end: Any = 1.0
+    group: Group,
+    lanes: Any,
+    series: Series,
+    sign: Any,
+    crosses: Any,
+    turns: Any,
+    rises: Any = None,
+    end: Any = 1.0,
+    least: Any = 0.0,
 ) -> Any:
     """Where sign times a series turns positive, in some lanes: before the end, where it `crosses`, else `NEVER`."""
-    # where it `rises` only after it fell, it may begin at its event; where it `turns`, it may be negative again
+    # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
+    rises = turns & ~turns if rises is None else rises
     bends = lanes & (turns | rises)
     low, high, event = Cell(group.full(0.0)), Cell(group.full(end)), Cell(lanes & crosses)
     with when_any(bends):
         extreme = crossing(group, bends, 0.0, end, series.rate, where(rises, sign, -sign))
-        event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > 0.0)))
+        event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > least)))
         low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, end)
     return where(event.now, crossing(group, event.now, low.now, high.now, series, sign), NEVER)
 

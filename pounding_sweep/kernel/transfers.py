@@ -17,8 +17,8 @@ import numpy as np
 from pounding_sweep.kernel.forces import OPEN, force_at, is_closed
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.peaks import Between, cubic_extremes, cubic_turns, velocity
-from pounding_sweep.kernel.roots import root
+from pounding_sweep.kernel.peaks import Between, cubic_turns
+from pounding_sweep.kernel.roots import cubic, root
 from pounding_sweep.kernel.row import each_given
 
 #: Gauss points between the start of a sub-step that was tried and an extreme.
@@ -30,9 +30,9 @@ AGAINST = 1e-4
 #: Room for what Gauss points miss of the integral of a power's size.
 ROOM = 1.5
 #: Force of a contact, and velocities of floors, at a part of a sub-step.
-Course = tuple[Callable[[Group, Any, Any], Any], Callable[[Group, Any, Any], Any]]
+Course = tuple[Callable[[Group, Any, Any], Any], Callable[[Group, Any], Any]]
 #: Those of a sub-step that was tried.
-TRIED: Course = force_at, velocity
+TRIED: Course = force_at, partial(Between, velocities=True)
 
 
 def plain(group: Group) -> None:
@@ -70,15 +70,14 @@ def _add(group: Group, closed: Any) -> None:
         e0 = s["now", b]
         s["now", b] = e1 = e0 + where(closed, gain, 0.0)
         _take(group, b, e1)
-        if implicit or group.spec.impulsive:
-            for x in cubic_extremes(e0, e1, early, late):
-                _take(group, b, where(closed, x, e1))
-            continue
-        bend, bent = -6.0 * (e0 - e1) - 2.0 * (2.0 * early + late), 12.0 * (e0 - e1) + 6.0 * (early + late)
-        for turn in cubic_turns(e0, e1, early, late):
+        curve = cubic(e0, e1, early, late)
+        for turn in cubic_turns(curve):
+            if implicit or group.spec.impulsive:
+                _take(group, b, where(closed, curve.value(turn), e1))
+                continue
             turns = closed & (turn > 0.0)
             with when_any(turns):
-                at = turn - h * _power(group, b, turn, TRIED) / fma(turn, bent, bend)
+                at = turn - h * _power(group, b, turn, TRIED) / curve.rate.rate.value(turn)
                 at = where((at > 0.0) & (at < 1.0), at, turn)
                 _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
 
@@ -106,7 +105,7 @@ def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
 def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
     """Power that a building gives at a part t of the sub-step."""
     s, (force, velocities) = group.state, course
-    v = Between(velocities, group, t)
+    v = velocities(group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
     for j in group.each_contact():

@@ -14,7 +14,7 @@ from typing import Any
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, minimum, power, sqrt, where
-from pounding_sweep.kernel.roots import Powers, polynomial, rate, root
+from pounding_sweep.kernel.roots import NEVER, Series, crossing, first_crossing
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 
@@ -98,35 +98,21 @@ def settle(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
     return where(slips, 2.0, group.full(1.0))
 
 
-def event(group: Group, j: Any, asks: Any, h: Any, ends: tuple[Any, Any, Any, Any], b: Powers) -> Any:
+def event(group: Group, j: Any, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
-    del h
     s, (d0, d1, v0, v1) = group.state, ends
-    r0, rb = rate(b)
     slipping, slips = s["mode", j] == 2.0, s["ce", j] > 0.0
     falls = asks & slipping & slips & (v1 < 0.0)
     grows = asks & slipping & ~slips & (v1 > 0.0)
     low = s["plastic", j]
-    top = low + s["yield", j]
+    toward = where(falls, -1.0, group.full(1.0))
+    found = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
     # it sticks where v is zero and d at one of both limits: rounding there is no crossing
     margin = group.limit.at_release * s["yield", j]
-    sticking = asks & ~slipping
-    peaks, dips = (v0 > 0.0) & (v1 < 0.0), (v0 < 0.0) & (v1 > 0.0)
-    over = sticking & (d1 > top + margin)
-    perhaps_over = sticking & ~over & peaks
-    under = sticking & (low > 0.0) & (d1 < low - margin)
-    perhaps_under = sticking & (low > 0.0) & ~under & dips
-    sign = where(falls | perhaps_over, -1.0, group.full(1.0))
-    extreme = root(
-        group, falls | grows | perhaps_over | perhaps_under, 0.0, 1.0, lambda t: sign * polynomial(t, r0, rb)
-    )
-    there = polynomial(extreme, d0, b)
-    found = where(falls | grows, extreme, 2.0)
-    over = over | (perhaps_over & (there > top + margin))
-    above = minimum(d0 - top, 0.0)
-    last = where(perhaps_over, extreme, 1.0)
-    found = where(over, root(group, over, 0.0, last, lambda t: polynomial(t, above, b)), found)
-    under = under | (perhaps_under & (there < low - margin))
-    below = maximum(d0 - low, 0.0)
-    last = where(perhaps_under, extreme, 1.0)
-    return where(under, minimum(found, root(group, under, 0.0, last, lambda t: -1.0 * polynomial(t, below, b))), found)
+    for sign, limit, may in ((1.0, low + s["yield", j], asks), (-1.0, low, asks & (low > 0.0))):
+        crosses = sign * (d1 - limit) > margin
+        turns = ~crosses & (sign * v0 > 0.0) & (sign * v1 < 0.0)
+        begun = depth.begun(sign * minimum(sign * (d0 - limit), 0.0))
+        when = first_crossing(group, may & ~slipping, begun, sign, crosses, turns, least=margin)
+        found = minimum(found, when)
+    return found
