@@ -185,16 +185,15 @@ def part(group: Group, t: Any) -> None:
         s["kt", i], s["ct", i] = group.full(group.prop("k", i)), -hardened(group, i)[1] * slip
 
 
-def linearise(group: Group, floors: Sequence[int], end: str) -> None:
-    """Make shears of a building and their rates those of the start ("0") or the end ("") of the sub-step."""
+def linearise(group: Group, end: str) -> None:
+    """Make shears and their rates those of the start ("0") or the end ("") of the sub-step."""
     s = group.state
     for i, below, n in each_storey(group):
-        if i in floors:
-            z, v = _end(group, i, below, end)
-            less = hardened(group, i)[1] * _share(group, i, n, z, v)
-            slip = s[f"slip{end}", i]
-            s["kt", i] = group.prop("k", i) - less
-            s["ct", i] = less * (z + slip) - hardened(group, i)[1] * slip
+        z, v = _end(group, i, below, end)
+        less = hardened(group, i)[1] * _share(group, i, n, z, v)
+        slip = s[f"slip{end}", i]
+        s["kt", i] = group.prop("k", i) - less
+        s["ct", i] = less * (z + slip) - hardened(group, i)[1] * slip
 
 
 def _reach(group: Group, i: int, n: float) -> Any:

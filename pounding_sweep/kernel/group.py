@@ -305,8 +305,10 @@ class Group:
         return everywhere(self.trace, x, self.lanes)
 
     def floor(self, x: Any, i: Any) -> Any:
-        """Return floor i's of all floors' values, or of the rows of a name."""
-        return self.state[x, i] if isinstance(x, str) else x[i]
+        """Return floor i's of all floors' values, of the rows of a name, or of a function."""
+        if isinstance(x, str):
+            return self.state[x, i]
+        return x(i) if callable(x) else x[i]
 
     def floors(self, name: str) -> list[Any]:
         """Return a row of each floor, and of foundations."""
@@ -418,6 +420,17 @@ class Group:
                     home = self._homes[at + 1]
                     yield self._homes[at], [home + s for s in range(n)]
             done += len(some)
+
+    def each_storey(self, those: Sequence[int], straight: bool = True) -> Iterator[tuple[Any, Any]]:
+        """Go through some floors and those below (None: the ground), in a short row at run time if not `straight`."""
+        if not self.long and (straight or self.trace is None or self.spec.foundations):
+            yield from ((i, self.spec.below(i)) for i in those)
+            return
+        for bottom in (True, False):
+            some = [i for i in those if self.spec.bottom[i] is bottom]
+            for q in count_to(len(some), self.trace) if some else ():
+                i = Lookup(self.trace, some)[q]
+                yield i, None if bottom else i - 1
 
     def each_part(self) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
         """Go through what is worked out at once, and its degrees of freedom: buildings, or a row on foundations."""

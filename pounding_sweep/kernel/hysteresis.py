@@ -19,22 +19,13 @@ from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import NEVER, course, crossing
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
     """Go through bilinear storeys, with the floors below (None: the ground); at run time if not `straight`."""
-    spec = group.spec
-    if group.trace is None or spec.foundations or (straight and not group.long):
-        yield from ((i, spec.below(i)) for i in spec.bilinear)
-        return
-    for bottom in (True, False):
-        mine = [i for i in spec.bilinear if spec.bottom[i] is bottom]
-        table = Lookup(group.trace, mine or [0])
-        for q in count_to(len(mine), group.trace) if mine else ():
-            i = table[q]
-            yield i, None if bottom else i - 1
+    yield from group.each_storey(group.spec.bilinear, straight)
 
 
 def drift(group: Group, i: Any, below: Any, name: Any = "u") -> Any:

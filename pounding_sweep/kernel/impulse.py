@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel import links, transfers
+from pounding_sweep.kernel import transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import NEVER, first_crossing
-from pounding_sweep.kernel.row import accelerations
+from pounding_sweep.kernel.row import put_accelerations
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Mass (t) of a wall, beside which those of floors vanish.
@@ -26,17 +26,6 @@ PARTED = 1.0e-3
 COUNTED = 1.0e-1
 #: Shortest sub-step to the release of floors at rest, in trial sub-steps.
 LEAST_SHARE = 1.0e-3
-
-
-def alone(group: Group, ground: Any) -> None:
-    """Accelerations as if nothing touched, at the present state, in rows ``alone``."""
-    s = group.state
-    for part, moving in group.each_part():
-        x, y = ([s[name, i] for i in moving] for name in ("u", "v"))
-        for i, a in zip(moving, accelerations(group, part, x, y, ground, ()), strict=True):
-            s["alone", i] = a
-    if group.spec.links:
-        links.accelerate(group, "alone", "u", "v")
 
 
 def join_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
@@ -95,8 +84,7 @@ def resting(group: Group) -> list[Any]:
 def rest(group: Group, lanes: Any) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
-
-    alone(group, s["g1"])
+    put_accelerations(group, "alone", "u", "v", s["g1"])
     join_rows(group, "alone", "joining")
     for i in group.each(group.spec.n_moving):
         s["a", i] = where(lanes, s["alone", i], s["a", i])

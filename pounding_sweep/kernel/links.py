@@ -21,7 +21,7 @@ _LEAST_STEP = 1e-15
 def _across(group: Group, ends: tuple[Any, Any], x: Any) -> Any:
     """Left floor less right one."""
     left, right = ends
-    return group.state[x, left] - group.state[x, right] if isinstance(x, str) else x[left] - x[right]
+    return group.floor(x, left) - group.floor(x, right)
 
 
 def force(group: Group, j: Any, ends: tuple[Any, Any], x: Any, y: Any) -> Any:
@@ -56,7 +56,7 @@ def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
     for j, (left, right) in group.each_link():
         pull, rate = weight * force(group, j, (left, right), x, y), _across(group, (left, right), y)
         for floor, sign in ((left, 1.0), (right, -1.0)):
-            b, v = group.home_of(floor)[2], s[y, floor] if isinstance(y, str) else y[floor]
+            b, v = group.home_of(floor)[2], group.floor(y, floor)
             s["dgiven", b] = s["dgiven", b] + sign * pull * v
         s["dlost", j] = s["dlost", j] + weight * group.prop("link_c", j) * (rate * rate)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, links
+from pounding_sweep.kernel import bouc_wen, forces
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
-    Lookup,
     any_lane,
     count_to,
     maximum,
@@ -27,7 +27,7 @@ from pounding_sweep.kernel.lanes import (
     where,
 )
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
-from pounding_sweep.kernel.row import add_forces, total_accelerations
+from pounding_sweep.kernel.row import add_forces, put_accelerations
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
@@ -143,20 +143,6 @@ def followed(group: Group, straight: bool) -> Iterator[Motion]:
             yield from reducer.follows(group, straight)
 
 
-def storeys(group: Group) -> Iterator[tuple[Any, Any]]:
-    """Go through the floors with those below (None: the ground)."""
-    if not group.long:
-        for i in range(group.spec.n_dof):
-            yield i, group.spec.below(i)
-        return
-    for bottom in (True, False):
-        mine = [i for i in range(group.spec.n_dof) if group.spec.bottom[i] is bottom]
-        table = Lookup(group.trace, mine or [0])
-        for q in count_to(len(mine), group.trace):
-            i = table[q]
-            yield i, None if bottom else i - 1
-
-
 def turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step just taken."""
     s = group.state
@@ -223,39 +209,30 @@ def largest_accelerations(
     # `hold`: finds the rates of forces that hold floors together, at an end, from those of accelerations without them
     s = group.state
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
-    for part, moving in group.each_part():
-        for end, u, v, _ in ends:
-            if group.spec.smooth:
-                bouc_wen.linearise(group, moving, u[1:])
-            x, y = [s[u, i] for i in moving], [s[v, i] for i in moving]
-            for i, a in zip(moving, total_accelerations(group, part, x, y), strict=True):
-                s[f"acc{end}", i] = a
-    if group.touching:
-        for end, *_ in ends:
+    for end, u, v, _ in ends:
+        if group.spec.smooth:
+            bouc_wen.linearise(group, u[1:])
+        put_accelerations(group, f"acc{end}", u, v)
+        if group.touching:
             add_forces(group, f"acc{end}", f"f{end}")
-    for end, u, v, _ in ends if group.spec.links else ():
-        links.accelerate(group, f"acc{end}", u, v)
     if not located:
         for i in group.each(group.spec.n_dof):
             s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
         return
-    for part, moving in group.each_part():
-        for end, _, v, ground in ends:
-            if group.spec.smooth:
-                bouc_wen.linearise(group, moving, v[1:])
-            y = [s[v, i] for i in moving]
-            relative = [s[f"acc{end}", i] - (0.0 if group.rocks(i) else s[ground]) for i in moving]
-            for i, a in zip(moving, total_accelerations(group, part, y, relative, rates=True), strict=True):
-                s[f"rate{end}", i] = a
-    if group.spec.smooth:
-        bouc_wen.settle(group)
-    if group.touching:
-        for end, *_ in ends:
+
+    def relative(end: str, ground: str, i: Any) -> Any:
+        return s[f"acc{end}", i] - (0.0 if group.rocks(i) else s[ground])
+
+    for end, _, v, ground in ends:
+        if group.spec.smooth:
+            bouc_wen.linearise(group, v[1:])
+        put_accelerations(group, f"rate{end}", v, partial(relative, end, ground), rates=True)
+        if group.touching:
             if hold is not None:
                 hold(group, end)
             add_forces(group, f"rate{end}", f"q{end}")
-    for end, _, v, _ in ends if group.spec.links else ():
-        links.accelerate(group, f"rate{end}", v, f"acc{end}")  # of which the ground's is the same on both sides
+    if group.spec.smooth:
+        bouc_wen.settle(group)
     h = s["h"]
     closed = forces.is_closed(group) & (h > 0.0) if pressed else group.lanes_where(False)
     again = Cell(group.lanes_where(False))
@@ -308,13 +285,10 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
 
 def _accelerate(group: Group, t: Any) -> None:
     """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    s, u, v = group.state, Between(group, t, velocities=False), Between(group, t, velocities=True)
+    s = group.state
     if group.spec.smooth:
         bouc_wen.part(group, t)
-    for part, moving in group.each_part():
-        x, y = ([motion[i] for i in moving] for motion in (u, v))
-        for i, a in zip(moving, total_accelerations(group, part, x, y), strict=True):
-            s["there", i] = a
+    put_accelerations(group, "there", moved(group, t), moved(group, t, velocities=True))
     if group.spec.smooth:
         bouc_wen.settle(group)
     for j in group.each_contact():
@@ -322,17 +296,14 @@ def _accelerate(group: Group, t: Any) -> None:
         with when_any(s["mode", j] > forces.OPEN):
             s["press", j] = forces.force_at(group, j, t)
     add_forces(group, "there", "press")
-    if group.spec.links:
-        links.accelerate(group, "there", u, v)
 
 
-class Between:
-    """Displacements of all floors at a part of the sub-step just tried, or velocities; worked out where asked for."""
+def moved(group: Group, t: Any, velocities: bool = False) -> Callable[[Any], Any]:
+    """Return what gives displacements of floors at a part t of the sub-step just tried, or their velocities."""
+    s = group.state
 
-    def __init__(self, group: Group, t: Any, velocities: bool) -> None:
-        self._group, self._t, self._velocities = group, t, velocities
+    def of(i: Any) -> Any:
+        motion = course(group, lambda name: s[name, i])
+        return motion.rate.value(t) / s["h"] if velocities else motion.value(t)
 
-    def __getitem__(self, i: Any) -> Any:
-        s = self._group.state
-        moves = course(self._group, lambda name: s[name, i])
-        return moves.rate.value(self._t) / s["h"] if self._velocities else moves.value(self._t)
+    return of

@@ -213,16 +213,22 @@ def each_given(group: Group, j: Any, force: Any, y: Any) -> Iterator[tuple[Any, 
         yield group.home_of(floor)[2], (pushed if side == "-" else -pushed) * group.floor(y, floor)
 
 
-def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], rates: bool = False) -> list[Any]:
-    """-M^-1 (C y + K x): total accelerations without contact forces, or of rates x, y their rates."""
-    return accelerations(group, part, x, y, None, (), not rates)
+def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = None, rates: bool = False) -> None:
+    """Find accelerations of displacements x and velocities y without contacts, as `accelerations` does, in rows."""
+    # x and y are names of rows or functions of floors; of `rates`, the accelerations' rates are found
+    for part, moving in group.each_part():
+        xs, ys = ([group.floor(each, i) for i in moving] for each in (x, y))
+        for i, a in zip(moving, accelerations(group, part, xs, ys, ground, (), not rates), strict=True):
+            group.state[name, i] = a
+    if group.spec.links:  # the ground's acceleration is the same on both sides
+        links.accelerate(group, name, x, y)
 
 
-def add_forces(group: Group, name: str, forces: str) -> None:
-    """Add what contact forces (or their rates) do to accelerations (or theirs); names of rows."""
+def add_forces(group: Group, name: str, forces: Any) -> None:
+    """Add what contact forces (or their rates), of rows or a function, do to accelerations (or theirs) in rows."""
     s = group.state
     for j in group.each_contact():
-        force = s[forces, j]
+        force = forces(j) if callable(forces) else s[forces, j]
         for floor, sign, share in group.ends(j):
             before = s[name, floor]
             change = group.prop("im", floor) * part_of(force, share)

@@ -471,7 +471,7 @@ def _integrate(group: Group) -> None:
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
         for i in group.each(n, straight=False) if r & {"energy", "transfer", "links"} else ():
-            s["y", i] = _Velocities(group, t)[i]
+            s["y", i] = _velocity(group, t)(i)
         if "links" in r:
             for i in group.each(n, straight=False):
                 s["x", i] = _floor(group, i).value(t)
@@ -495,7 +495,7 @@ def _integrate(group: Group) -> None:
     if "links" in r:
         links.record(group, 1.0)
     if "transfer" in r:
-        transfers.by_series(group, NODES[group.spec.precision], (_force_at, _Velocities))
+        transfers.by_series(group, NODES[group.spec.precision], (_force_at, _velocity))
 
 
 def _force_at(group: Group, j: Any, t: Any) -> Any:
@@ -506,14 +506,9 @@ def _force_at(group: Group, j: Any, t: Any) -> Any:
     return found.now
 
 
-class _Velocities:
-    """Velocities of all floors at a part of the whole step."""
-
-    def __init__(self, group: Group, t: Any) -> None:
-        self._group, self._t = group, t
-
-    def __getitem__(self, i: Any) -> Any:
-        return _floor(self._group, i).rate.value(self._t) * _per(self._group)
+def _velocity(group: Group, t: Any) -> Callable[[Any], Any]:
+    """Return what gives velocities of floors at a part t of the whole step."""
+    return lambda i: _floor(group, i).rate.value(t) * _per(group)
 
 
 def _take_size(group: Group, name: str, i: Any, x: Series) -> None:

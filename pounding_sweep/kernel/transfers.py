@@ -17,7 +17,7 @@ import numpy as np
 from pounding_sweep.kernel.forces import OPEN, force_at, is_closed
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.peaks import Between, cubic_turns
+from pounding_sweep.kernel.peaks import cubic_turns, moved
 from pounding_sweep.kernel.roots import cubic, root
 from pounding_sweep.kernel.row import each_given
 
@@ -32,7 +32,7 @@ ROOM = 1.5
 #: Force of a contact, and velocities of floors, at a part of a sub-step.
 Course = tuple[Callable[[Group, Any, Any], Any], Callable[[Group, Any], Any]]
 #: Those of a sub-step that was tried.
-TRIED: Course = force_at, partial(Between, velocities=True)
+TRIED: Course = force_at, partial(moved, velocities=True)
 
 
 def plain(group: Group) -> None:

@@ -19,7 +19,7 @@ from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, where
-from pounding_sweep.kernel.peaks import Motion, storeys
+from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
 from pounding_sweep.model.scene import Scene, column_shares
 from pounding_sweep.model.variants import Variants
@@ -750,7 +750,8 @@ _REDUCERS = (
         "drift",
         (Slot("drift", "floor"),),
         follows=lambda group, _: (
-            Motion(("drift", i), None, True, partial(group.drift, i, below)) for i, below in storeys(group)
+            Motion(("drift", i), None, True, partial(group.drift, i, below))
+            for i, below in group.each_storey(range(group.spec.n_dof))
         ),
     ),
     Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),

@@ -24,7 +24,15 @@ from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, 
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, flag, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.located import keep_start
-from pounding_sweep.kernel.row import Part, Pushes, accelerations, damper_stiffness, powers
+from pounding_sweep.kernel.row import (
+    Part,
+    Pushes,
+    accelerations,
+    add_forces,
+    damper_stiffness,
+    powers,
+    put_accelerations,
+)
 from pounding_sweep.schemes.base import Scheme
 
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
@@ -362,16 +370,14 @@ def correct_resting(group: Group, h: Any) -> None:
 def balance(group: Group, lanes: Any, end: str = "1") -> None:
     """Find the accelerations at the end of a step by the equation of motion; at its start ("0") without contacts."""
     s = group.state
-    impulse.alone(group, s[f"g{end}"])
+    put_accelerations(group, "alone", "u", "v", s[f"g{end}"])
     if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
-        for j in group.each_contact():
-            k = s["ke", j]
-            force = group.law_of(j).pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
-            force = where(k == 0.0, 0.0, force)
-            for floor, sign, share in group.ends(j):
-                before = s["alone", floor]
-                change = part_of(force, share) * group.prop("im", floor)
-                s["alone", floor] = before - change if sign == "-" else before + change
+
+        def force(j: Any) -> Any:
+            k, d, v = s["ke", j], penetration(group, j), group.between("v", j)
+            return where(k == 0.0, 0.0, group.law_of(j).pressing(k, s["ce", j], d, v))
+
+        add_forces(group, "alone", force)
     for i in group.each(group.spec.n_moving):
         s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
 
