@@ -35,7 +35,9 @@ def truth(scene, points, scale, law="linear"):
     )
     dy = np.concatenate([x.yield_strengths for x in (a, b)]) / k
     r = np.concatenate([np.broadcast_to(x.hardening, 2) for x in (a, b)])
-    power, beta, gamma = (np.repeat(x, sizes) for x in zip(a.bouc_wen, b.bouc_wen, strict=True))
+    power, beta, gamma = (
+        np.repeat([getattr(x.bouc_wen, name) for x in (a, b)], sizes) for name in ("n", "beta", "gamma")
+    )
     above = np.concatenate([[9.81 * sum(x.masses[i:]) * x.p_delta for i in range(2)] for x in (a, b)]) / h
     alpha, factor = (np.repeat([x.rayleigh[i] for x in (a, b)], sizes) for i in (0, 1))
     below = np.array([-1, 0, -1, 2])

@@ -194,7 +194,7 @@ class Group:
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
             if self.eventful or spec.links:
-                stages = [f"s{k}" for k in range(spec.stages)]
+                stages = [f"s{k}" for k in range(6 if spec.flies_exactly else 4)]
                 rows |= dict.fromkeys(("x", "y", "push", *stages), n) | dict.fromkeys(("dwork", "dimpulse"), nc)
         if "links" in self.asked:  # sums over the stages of a step
             rows |= {"dgiven": nb, "dlost": len(spec.links)}
@@ -314,11 +314,6 @@ class Group:
         """Return a row of each floor, and of foundations."""
         return [self.state[name, i] for i in range(self.spec.n_moving)]
 
-    def put(self, name: str, values: Sequence[Any]) -> None:
-        """Write rows."""
-        for i, x in enumerate(values):
-            self.state[name, i] = x
-
     @cached_property
     def building_floors(self) -> list[list[int]]:
         """Floors of each building."""
@@ -329,63 +324,37 @@ class Group:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
         return self.trace is not None and not self.spec.fused
 
-    @cached_property
-    def _sides(self) -> Lookup:
-        return Lookup(self.trace, [i for contact in self.spec.contacts for i in contact])
-
-    @cached_property
-    def _homes(self) -> Lookup:
-        spec = self.spec
-        return Lookup(self.trace, [i for b in self._alike_order for i in (b, spec.home(b))])
-
-    @cached_property
-    def _alike_order(self) -> list[int]:
-        return sorted(range(self.spec.n_buildings), key=lambda b: self.spec.storeys[b])
-
-    @cached_property
-    def _floors_of(self) -> Lookup:
-        """Of each floor: the lowest floor of its building, the number of its storeys, and the building."""
-        spec = self.spec
-        return Lookup(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
-
-    def each_contact(self, straight: bool = False) -> Iterator[Any]:
-        """Go through the contacts, at run time (in a short row, if not `straight`)."""
-        yield from self._each(self.contacts, straight)
-
-    def each_closing(self, straight: bool) -> Iterator[Any]:
-        """Go through the floors of neighbours at one height, whether they can touch or not."""
-        yield from self._each(self.spec.contacts, straight)
-
-    @cached_property
-    def _linked(self) -> Lookup:
-        return Lookup(self.trace, [i for ends in self.spec.links for i in ends])
-
-    def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
-        """Go through the links and the floors that they join; in a long row at run time."""
-        if not (self.long and self.spec.links):
-            yield from enumerate(self.spec.links)
-            return
-        for j in count_to(len(self.spec.links), self.trace):
-            yield j, (self._linked[2 * j], self._linked[2 * j + 1])
-
-    def _each(self, contacts: Sequence[tuple[int, int, int]], straight: bool) -> Iterator[Any]:
+    def each_contact(self, straight: bool = False, touching: bool = True) -> Iterator[Any]:
+        """Go through the contacts, at run time (in a short row, if not `straight`); not `touching`: closings too."""
+        contacts = self.contacts if touching else self.spec.contacts
         if self.trace is None or (straight and not self.long):
             yield from range(len(contacts))
             return
-        for (walls, columns, law), same in groupby(range(len(contacts)), key=self._kind):
+
+        def kind(j: int) -> tuple[tuple[bool, ...], tuple[int, bool], int]:
+            """Return what contacts in one loop have in common: walls, struck columns, the law."""
+            return tuple(i < 0 for i in contacts[j][:2]), self._columns(j), self.law_index(j)
+
+        table = Lookup(self.trace, [i for contact in contacts for i in contact])
+        for (walls, columns, law), same in groupby(range(len(contacts)), key=kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
                 continue
             for q in count_to(len(some), self.trace):
                 j = q + some[0]
-                sides = [self._sides[3 * j + side] for side in range(3)]
+                sides = [table[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
                 yield Contact(j, (left, right, sides[2]), columns, law)
 
-    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool], int]:
-        """Return what contacts that are gone through in one loop have in common: walls, struck columns, the law."""
-        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j), self.law_index(j)
+    def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
+        """Go through the links and the floors that they join; in a long row at run time."""
+        if not (self.long and self.spec.links):
+            yield from enumerate(self.spec.links)
+            return
+        table = Lookup(self.trace, [i for ends in self.spec.links for i in ends])
+        for j in count_to(len(self.spec.links), self.trace):
+            yield j, (table[2 * j], table[2 * j + 1])
 
     def law_index(self, j: Any) -> int:
         """Return the number of the law of contact j."""
@@ -409,16 +378,18 @@ class Group:
         if not self.long:
             yield from enumerate(self.building_floors)
             return
-        done = 0
-        for n, same in groupby(self._alike_order, key=lambda b: self.spec.storeys[b]):
+        spec, done = self.spec, 0
+        order = sorted(range(spec.n_buildings), key=lambda b: spec.storeys[b])
+        table = Lookup(self.trace, [i for b in order for i in (b, spec.home(b))])
+        for n, same in groupby(order, key=lambda b: spec.storeys[b]):
             some = list(same)
             if len(some) == 1:
                 yield some[0], self.building_floors[some[0]]
             else:
                 for q in count_to(len(some), self.trace):
                     at = 2 * (q + done)
-                    home = self._homes[at + 1]
-                    yield self._homes[at], [home + s for s in range(n)]
+                    home = table[at + 1]
+                    yield table[at], [home + s for s in range(n)]
             done += len(some)
 
     def each_storey(self, those: Sequence[int], straight: bool = True) -> Iterator[tuple[Any, Any]]:
@@ -473,9 +444,9 @@ class Group:
 
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
-        at, storeys = 3 * floor, self.spec.storeys
-        high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
-        return self._floors_of[at], high, self._floors_of[at + 2]
+        spec, at = self.spec, 3 * floor
+        table = Lookup(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
+        return table[at], spec.storeys[0] if len(set(spec.storeys)) == 1 else table[at + 1], table[at + 2]
 
     def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:
         """Floors that contact j acts on at its left (0) or right (1) side, and the share of each (None: all)."""

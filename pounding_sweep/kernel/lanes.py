@@ -297,51 +297,39 @@ def roughly_power(x: Any, exponent: float) -> Any:
     log2 = [2.0 / (math.log(2.0) * k) for k in (1, 3, 5, 7, 9)]
     exp2 = [math.log(2.0) ** k / math.factorial(k) for k in range(8)]
     trace = _trace_of(x)
+    # in single precision: x is `rest`, from the root of a half to that of two, as often doubled as `halvings` says
+    halvings: Any
+    rest: Any
     if trace is None:
         bits = np.asarray(x, np.float32).view(np.int32)
         halvings = (bits - _ROOT_HALF) >> 23
-        rest = (bits - (halvings << 23)).view(np.float32)
-        z = (rest - 1) / (rest + 1)
-        y = (halvings.astype(np.float32) + z * _sum_up(log2, z * z)) * np.float32(exponent)
-        y = np.clip(y, -MOST_DOUBLINGS, MOST_DOUBLINGS)
-        doublings = np.trunc(y + np.copysign(np.float32(0.5), y)).astype(np.int32)
+        rest, halvings = (bits - (halvings << 23)).view(np.float32), halvings.astype(np.float32)
+    else:
+        b, t = trace.builder, Tracer(trace.builder, "float32", trace.lanes)
+        integers = ir.VectorType(_I32, trace.lanes)
+        root_half, shift = (ir.Constant(integers, [number] * trace.lanes) for number in (_ROOT_HALF, 23))
+        bits = b.bitcast(x.value if trace.size == 4 else b.fptrunc(x.value, t.vector), integers)
+        halvings = b.ashr(b.sub(bits, root_half), shift)
+        rest = Vector(t, b.bitcast(b.sub(bits, b.shl(halvings, shift)), t.vector))
+        halvings = Vector(t, b.sitofp(halvings, t.vector))
+    z = (rest - 1.0) / (rest + 1.0)
+    y = minimum(maximum((halvings + z * _sum_up(log2, z * z)) * exponent, -MOST_DOUBLINGS), MOST_DOUBLINGS)
+    y0 = where(y < 0.0, y - 0.5, y + 0.5)
+    if trace is None:
+        doublings = y0.astype(np.int32)
         found = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
         return found.view(np.float32).astype(float)
-    b, n = trace.builder, trace.lanes
-    single, integer = ir.VectorType(ir.FloatType(), n), ir.VectorType(_I32, n)
-
-    def of(number: float) -> Any:
-        return ir.Constant(single, [float(np.float32(number))] * n)
-
-    def whole_of(number: int) -> Any:
-        return ir.Constant(integer, [number] * n)
-
-    def sum_up(coefficients: Sequence[float], at: Any) -> Any:
-        total = of(coefficients[-1])
-        for each in reversed(coefficients[:-1]):
-            total = b.fadd(b.fmul(total, at), of(each))
-        return total
-
-    given = x.value if trace.size == 4 else b.fptrunc(x.value, single)
-    bits = b.bitcast(given, integer)
-    halvings = b.ashr(b.sub(bits, whole_of(_ROOT_HALF)), whole_of(23))
-    rest = b.bitcast(b.sub(bits, b.shl(halvings, whole_of(23))), single)  # from the root of a half to that of two
-    z = b.fdiv(b.fsub(rest, of(1.0)), b.fadd(rest, of(1.0)))
-    y = b.fadd(b.sitofp(halvings, single), b.fmul(z, sum_up(log2, b.fmul(z, z))))
-    y = b.fmul(y, of(exponent))
-    y = b.select(b.fcmp_ordered("<", y, of(MOST_DOUBLINGS)), y, of(MOST_DOUBLINGS))
-    y = b.select(b.fcmp_ordered(">", y, of(-MOST_DOUBLINGS)), y, of(-MOST_DOUBLINGS))
-    doublings = b.fptosi(b.fadd(y, b.select(b.fcmp_ordered("<", y, of(0.0)), of(-0.5), of(0.5))), integer)
-    found = b.bitcast(sum_up(exp2, b.fsub(y, b.sitofp(doublings, single))), integer)
-    found = b.bitcast(b.add(found, b.shl(doublings, whole_of(23))), single)
+    doublings = b.fptosi(y0.value, integers)
+    found = b.bitcast(_sum_up(exp2, y - Vector(t, b.sitofp(doublings, t.vector))).value, integers)
+    found = b.bitcast(b.add(found, b.shl(doublings, shift)), t.vector)
     return Vector(trace, found if trace.size == 4 else b.fpext(found, trace.vector))
 
 
-def _sum_up(coefficients: Sequence[float], at: np.ndarray) -> np.ndarray:
-    """Sum of a polynomial in single precision."""
-    total = np.full_like(at, coefficients[-1])
+def _sum_up(coefficients: Sequence[float], at: Any) -> Any:
+    """Sum of a polynomial, each step rounded."""
+    total: Any = coefficients[-1]
     for each in reversed(coefficients[:-1]):
-        total = total * at + np.float32(each)
+        total = total * at + each
     return total
 
 
@@ -786,11 +774,13 @@ class Lookup:
         self._trace, self._numbers = trace, list(numbers)
         if trace is not None:
             self._whole = all(isinstance(x, int) for x in self._numbers)
-            kind = ir.ArrayType(_I64 if self._whole else trace.real, len(self._numbers))
-            self._table = ir.GlobalVariable(trace.module, kind, trace.module.get_unique_name("table"))
-            self._table.linkage, self._table.global_constant = "internal", True
-            given = self._numbers if self._whole else [trace.number(x) for x in self._numbers]
-            self._table.initializer = ir.Constant(kind, given)
+            given = self._numbers if self._whole else [trace.number(x).constant for x in self._numbers]
+            kind = ir.ArrayType(_I64 if self._whole else trace.real, len(given))
+            name = "_".join(map(str, ["table", kind.element, *given]))
+            if name not in trace.module.globals:
+                table = ir.GlobalVariable(trace.module, kind, name)
+                table.linkage, table.global_constant, table.initializer = "internal", True, ir.Constant(kind, given)
+            self._table = trace.module.globals[name]
 
     def __getitem__(self, i: Any) -> Any:
         if not isinstance(i, Count):

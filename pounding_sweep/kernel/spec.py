@@ -231,11 +231,6 @@ class KernelSpec:
         return self.flies_exactly and not self.series and self.law is not None and not self.impulsive
 
     @property
-    def stages(self) -> int:
-        """Most stages of a step."""
-        return 6 if self.flies_exactly else 4
-
-    @property
     def blocks(self) -> bool:
         """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
         # measured with either alone: tables take 4.9 times as long where 20 scenarios share a row of buildings, blocks
@@ -320,11 +315,6 @@ class KernelSpec:
     def bottom(self) -> list[bool]:
         """Whether a degree of freedom is the lowest floor of its building."""
         return [s == 0 for n in self.storeys for s in range(n)]
-
-    @property
-    def top(self) -> list[bool]:
-        """Whether a degree of freedom is the roof of its building."""
-        return [s == n - 1 for n in self.storeys for s in range(n)]
 
 
 def to_json(shape: KernelSpec) -> dict[str, Any]:

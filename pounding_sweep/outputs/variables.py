@@ -782,7 +782,8 @@ _REDUCERS = (
         (Slot("closing", "contact"),),
         where="neighbours",
         follows=lambda group, straight: (
-            Motion(("closing", j), None, False, partial(group.between, j=j)) for j in group.each_closing(straight)
+            Motion(("closing", j), None, False, partial(group.between, j=j))
+            for j in group.each_contact(straight, touching=False)
         ),
     ),
     Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
