@@ -18,7 +18,7 @@ from pounding_sweep.accuracy.certificate import APPROACH, MASS, RESTITUTIONS, ce
 from pounding_sweep.base.errors import LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.laws import SOLVED, Law, find_law
+from pounding_sweep.model.laws import Law, find_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import REDUCERS
 from pounding_sweep.records import Record
@@ -26,8 +26,6 @@ from pounding_sweep.run.execute import Progress
 
 #: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
 REBOUND_TOLERANCE = 1e-6
-#: A restitution that is off by more than this from what was asked is not realised.
-REALISED = 0.005
 #: Largest difference between kernel and twin, in parts of the largest value of an output: they round differently.
 TWIN_TOLERANCE = 1e-7
 
@@ -52,30 +50,6 @@ class LawCheck:
     certificate: xr.Dataset
     twin: dict[str, float]
     impacts: int
-
-    @property
-    def notes(self) -> list[str]:
-        """What a user of the law should know, though all ways agree."""
-        notes = []
-        published = self.certificate.sel(basis="published")
-        off = abs(published.measured - published.restitution)
-        if self.law.takes_restitution and float(off.max()) > REALISED:
-            worst = off.fillna(0.0).argmax("restitution").values.item()
-            asked, gives = float(published.restitution[worst]), float(published.measured.values[0, worst])
-            notes.append(
-                f"its damping formula does not realise the restitution: asked {asked:g}, gives {gives:.3g}; "
-                "with restitution_basis = 'realised', or number left out, it is solved for"
-            )
-        elif self.law.number_text == SOLVED:
-            notes.append(
-                "number is left out: the damping is solved for, so that two free masses rebound at what is asked"
-            )
-        if self.law.exponent not in (1.0, 1.5) and self.law.reference_stiffness is None:
-            notes.append(
-                f"it has no reference_stiffness (kN/m^{self.law.exponent:g}): sweeps with it need an absolute "
-                "stiffness, and take no stiffness factor"
-            )
-        return notes
 
     @property
     def faults(self) -> list[str]:

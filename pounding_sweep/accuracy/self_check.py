@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.compile import still_to_compile
 from pounding_sweep.run.sweep import Sweep
 
 #: Step (s) of the check: RK4 with located contacts, as sweeps have it where nothing is said.
@@ -48,21 +47,12 @@ def converged() -> dict[str, Any]:
     return json.loads(files("pounding_sweep").joinpath("data", "converged.json").read_text("utf-8"))
 
 
-def _sweep(stored: dict[str, Any]) -> Sweep:
-    """Return the sweep that runs the stored scenarios."""
-    laws, gaps = (list(dict.fromkeys(item[key] for item in stored["scenarios"])) for key in ("law", "gap"))
-    return Sweep(stored["preset"], stored["record"], laws, gaps=gaps, dt=STEP, audit=0.0)
-
-
-def to_compile() -> tuple[int, float]:
-    """Count the kernels that the self-check compiles first, and estimate the CPU seconds that they take."""
-    return still_to_compile(_sweep(converged()).plan().shapes())
-
-
 def self_check() -> SelfCheck:
     """Run the stored scenarios and compare; kernels that are not at hand are compiled first."""
     stored = converged()
-    listed, sweep = stored["scenarios"], _sweep(stored)
+    listed = stored["scenarios"]
+    laws, gaps = (list(dict.fromkeys(item[key] for item in listed)) for key in ("law", "gap"))
+    sweep = Sweep(stored["preset"], stored["record"], laws, gaps=gaps, dt=STEP, audit=0.0)
     cube = sweep.run(scheduler="threads").squeeze(["stiffness_factor", "restitution", "record", "scale"])
     outcome = sweep.last_outcome
     assert outcome is not None

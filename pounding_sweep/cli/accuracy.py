@@ -303,7 +303,7 @@ def _check_law(name: str, nominal: list[float] | tuple[float, ...], as_json: boo
         check = check_law(law, nominal, progress=progress)
     if as_json:
         about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
-        rest = {name: getattr(check, name) for name in ("twin", "impacts", "faults", "notes")}
+        rest = {name: getattr(check, name) for name in ("twin", "impacts", "faults")}
         print_json({"law": about, "rows": _rows(check.certificate, "solved"), **rest})
     else:
         _print_law_check(check)
@@ -346,8 +346,6 @@ def _print_law_check(check: LawCheck) -> None:
         print(f"fault: {fault}")
     if not check.faults:
         print("All agree: the kernels do what the formulas say.")
-    for note in check.notes:
-        print(f"note: {note}.")
 
 
 def _cells(row: dict[str, Any], **forms: str) -> list[str]:
@@ -374,12 +372,10 @@ def doctor_command(
         if not as_json:
             _print_state(state)
         if not no_check:
-            from pounding_sweep.accuracy.self_check import TOLERANCE, self_check, to_compile
+            from pounding_sweep.accuracy.self_check import TOLERANCE, self_check
 
             if not as_json:
-                missing, seconds = to_compile()
-                first = f"; {missing} kernels are compiled first: about {seconds_text(seconds)} of CPU time"
-                say(f"running the self-check{first if missing else ''}")
+                say("running the self-check")
             check = self_check()
             error = finite(check.error_max)
             state["self_check"] = asdict(check) | {"error_max": error, "passed": check.passed, "tolerance": TOLERANCE}
