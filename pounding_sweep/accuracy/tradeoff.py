@@ -76,49 +76,31 @@ CONFIGURATION = ("scheme", "located", "precision", "step")
 KIND_ATTRIBUTE = "pounding_sweep_kind"
 KIND = "tradeoff"
 
-_ERROR = (
-    "relative error",
-    "1",
-    "Largest difference over floors or pairs over the largest value of the scenario; infinite: diverged.",
-)
-_ONE_CORE = "Processor time of one core, kernels compiled, lane groups full; missing where any scenario is refused."
-_REFERENCE_ERROR = (
-    "upper estimate (its difference to twice its step) of the converged solution's own relative error",
-    "1",
-)
-#: Long name, units (or meanings of flags) and comment of all that a trade holds; ``law_error`` has those of ``error``.
-_ABOUT: dict[str, tuple[str, ...]] = {
-    "error": _ERROR,
+_ERROR = "relative error: largest difference over the largest value of the scenario; infinite: diverged"
+_REFERENCE_ERROR = "upper estimate (its difference to twice its step) of the converged solution's own relative error"
+#: Long name and units (or meanings of flags) of what a trade holds; ``law_error`` has those of ``error``.
+_ABOUT = {
+    "error": (_ERROR, "1"),
     "resolution": ("least relative error that can be told from the converged solution's own", "1"),
     "resolved": (f"error at least {RESOLUTION:g} times the converged solution's own", "no yes"),
     "pareto": ("no other configuration is as good in cost and error and better in one", "no yes"),
-    "cost": ("time per thousand scenarios, best of the passes", "s", _ONE_CORE),
-    "cost_median": ("time per thousand scenarios, median of the passes", "s", _ONE_CORE),
+    "cost": ("processor time of one core per thousand scenarios, best of the passes", "s"),
+    "cost_median": ("processor time of one core per thousand scenarios, median of the passes", "s"),
     "status_count": ("scenarios of the sample by status", "1"),
-    "reference_error": _REFERENCE_ERROR,
-    "scenario_error": _ERROR,
+    "reference_error": (_REFERENCE_ERROR, "1"),
+    "scenario_error": (_ERROR, "1"),
     "scenario_status": ("status of the scenario", " ".join(s.label for s in STATUS)),
-    "scenario_reference_error": _REFERENCE_ERROR,
+    "scenario_reference_error": (_REFERENCE_ERROR, "1"),
     "sensitivity": (f"largest relative change of an output when all inputs change by {CHANGE:g}", "1"),
     "sensitive": (f"sensitivity above {OK_CLAIM:g}", "steady sensitive"),
-    "scheme": ("time-stepping scheme", ""),
     "located": ("contacts and peaks located inside the step", "no yes"),
-    "precision": ("number format of the kernels", ""),
     "step": ("largest time step", "s"),
     "time_step": ("time step: the record's own, divided evenly", "s"),
-    "output": ("output of the sweep", ""),
     "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
     "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
-    "status": ("status of a scenario", ""),
-    "law": ("contact law", ""),
-    "record": ("ground-motion record", ""),
-    "pair": ("pair of neighbours, left-right", ""),
-    "scenario": ("scenario of the sample", "1"),
-    "scenario_law": ("contact law", ""),
-    "scenario_record": ("ground-motion record", ""),
     "scenario_scale": ("factor on the record", "1"),
     "scenario_gap": ("gap of the pair", "m"),
-    "scenario_stiffness": ("contact stiffness", "", "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"),
+    "scenario_stiffness": ("contact stiffness, in kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5", ""),
     "scenario_restitution": ("nominal coefficient of restitution", "1"),
 }
 
@@ -425,10 +407,10 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
-        text, units, *comment = _ABOUT[str(name).removeprefix("law_")]
-        flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
-        variable.attrs = {"long_name": text} | (flags if " " in units else {"units": units} if units else {})
-        variable.attrs |= dict(zip(["comment"], comment, strict=False))
+        if about := _ABOUT.get(str(name).removeprefix("law_")):
+            text, units = about
+            flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
+            variable.attrs = {"long_name": text} | (flags if " " in units else {"units": units} if units else {})
     return trade.assign_attrs(sensitive_scenarios=int(sensitive.sum()))
 
 
