@@ -157,7 +157,7 @@ class ChunkStore:
         self._has_begun()
         with locked(self.folder):
             begun = self._has_begun()
-            complete = {MANIFEST, *(self.path(key).name for key in self.completed())} if begun else set()
+            complete = [MANIFEST, *(self.path(key).name for key in self.completed())] if begun else []
             self._remove(complete)  # what a killed run was writing, or all if it finished nothing
             if begun or self._at_once:
                 self.flush()
@@ -175,13 +175,6 @@ class ChunkStore:
         """Whether this sweep has finished chunks in the folder; raises `OutputError` if it is not this sweep's."""
         lines = self.lines()
         sweeps = [line["sweep"] for line in lines if "sweep" in line]
-        if not sweeps and self.folder.is_dir():
-            others = sorted(path.name for path in self.folder.iterdir() if not self._is_own(path.name))
-            if others:
-                raise OutputError(
-                    f"the folder {str(self.folder)!r} is not one of chunks: it has no {MANIFEST}, but "
-                    f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
-                )
         if not sweeps or not any("key" in line for line in lines):
             return False
         there, here = sweeps[-1], self.details
@@ -321,13 +314,9 @@ class ChunkStore:
 
     def _remove(self, but_for: Collection[str] = ()) -> None:
         for path in self.folder.iterdir():
-            if self._is_own(path.name) and path.name not in {LOCK, SOFT_LOCK, HOLDER, *but_for}:
+            is_own = path.name == MANIFEST or _CHUNK_FILE.fullmatch(path.name) or is_temporary(path.name)
+            if is_own and path.name not in but_for:
                 path.unlink(missing_ok=True)
-
-    @staticmethod
-    def _is_own(name: str) -> bool:
-        known = (MANIFEST, LOCK, SOFT_LOCK, HOLDER)
-        return name in known or is_temporary(name) or _CHUNK_FILE.fullmatch(name) is not None
 
 
 def _checksum(table: np.ndarray, rows: np.ndarray) -> int:

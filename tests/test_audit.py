@@ -339,7 +339,7 @@ def test_refused_and_untouched_scenarios_are_no_candidates():
     assert not plan.no_contact[rows].any()
     results = outcome.results
     assert len(rows) == cube.attrs["audit_touching"] == results.touched.sum()
-    assert not len(candidates(plan, Outcome(results)))  # nothing was run
+    assert not len(candidates(plan, Outcome(results, np.ones(len(plan.unique), bool))))  # nothing was run
     results.status[:] = Status.NOT_RUN
     assert not len(candidates(plan, outcome))
     assert get_variable("steps_per_contact").always  # which candidates are known by

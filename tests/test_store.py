@@ -121,17 +121,6 @@ def test_another_sweep_is_refused(store):
     assert set(again(store).completed()) == {"a"}
 
 
-def test_somebody_elses_folder_is_left_alone(tmp_path):
-    (tmp_path / "thesis.txt").write_text("years of work")
-    (tmp_path / "chunk-1.npy").write_text("also mine")
-    with (
-        pytest.raises(OutputError, match=r"not one of chunks: it has no manifest\.jsonl, but thesis\.txt"),
-        ChunkStore(tmp_path).lock(),
-    ):
-        pass
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["chunk-1.npy", "thesis.txt"]
-
-
 def test_discard_removes_only_what_is_its_own(store):
     write(store, "a", TABLE)
     (store.folder / "notes.txt").write_text("mine")

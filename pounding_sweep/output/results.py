@@ -122,6 +122,7 @@ class Outcome:
     """Results of the unique scenarios of a plan."""
 
     results: Results  # what each of them ended with
+    left_out: np.ndarray  # those answered by a run without pounding; all if nothing was run; bool
     run: int = 0  # scenarios integrated, runs without pounding included
     untouched: int = 0  # unique scenarios answered by the run without pounding
     reused: int = 0  # scenarios read from an interrupted run, which it had run itself
@@ -133,5 +134,3 @@ class Outcome:
     run_seconds: float = 0.0
     #: what went wrong in chunks that have no result, or only what was taken
     failures: list[str] = field(default_factory=list)
-    #: unique scenarios answered by a run without pounding; None where nothing was run
-    left_out: np.ndarray | None = None

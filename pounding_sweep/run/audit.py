@@ -103,8 +103,6 @@ class Audit:
 
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
-    if outcome.left_out is None:
-        return np.zeros(0, dtype=int)
     jumps = [index for index, law in enumerate(plan.laws) if law.impulsive]
     valued = [int(status) for status in STATUS if status.has_values]
     found = outcome.results.touched | np.isin(plan.unique.law, jumps)

@@ -192,7 +192,8 @@ def execute(
     compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
-    outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
+    outcome = Outcome(results, np.ones(len(plan.unique), bool), compiled=compiled)
+    outcome.compile_seconds = time.perf_counter() - started
     outcome.taken_from = None if earlier is None else earlier.origin
     started = time.perf_counter()
     if shapes:
@@ -249,9 +250,8 @@ class _Stages:
 
     def scenarios(self) -> None:
         """Run the scenarios that may touch."""
-        plan, left_out = self.plan, self.outcome.left_out
-        assert left_out is not None
-        rest = np.flatnonzero(~left_out & ~plan.refused).astype(np.int32)
+        plan = self.plan
+        rest = np.flatnonzero(~self.outcome.left_out & ~plan.refused).astype(np.int32)
         for rows, table, slots in self._run("scenarios", rest, plan.unique, plan.outputs, plan.chunks):
             self.outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
 
@@ -288,7 +288,9 @@ class _Stages:
             return chunk.rows[new], found[new], slots[new]
 
         for chunk, found, read, origin in () if store is None else self._stored(store, stage):
-            is_taken = origin is not None and self._is_of_earlier(origin)
+            outcome.taken_from = outcome.taken_from or origin
+            # from the earlier cube that this one tells of, wherever it stands
+            is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
             yield answer("taken" if is_taken else "reused", chunk, found, read)
             known.append(chunk)
         if self.earlier is not None and not closing:
@@ -325,9 +327,3 @@ class _Stages:
                 else:
                     chunk = Chunk(key, entry["law"], entry["record"], store.rows(key), 0)
                     yield chunk, table, partial(store.read, key), entry.get("origin")
-
-    def _is_of_earlier(self, origin: dict[str, Any]) -> bool:
-        """Whether results are from the earlier cube that this one tells of, wherever it stands."""
-        if self.outcome.taken_from is None:
-            self.outcome.taken_from = origin
-        return {**origin, "file": ""} == {**self.outcome.taken_from, "file": ""}

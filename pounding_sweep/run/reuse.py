@@ -48,12 +48,11 @@ KEY_BLOCK = 2**18
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
     if not {"sweep", SOURCE_ATTRIBUTE} <= cube.attrs.keys() or "status" not in cube.data_vars:
-        why = "does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
-        why += f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
-        if "merged_from" in cube.attrs:
-            why = "can't be extended: it was merged from cubes that several states of the package's source made (see "
-            why += "its merged_from). Extend those of them that the installed one made, or run the sweep without it"
-        raise InputError(f"{path!r} {why}")
+        raise InputError(
+            f"{path!r} does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
+            f"{SOURCE_ATTRIBUTE!r}, as a cube merged from those of several versions; give one made by this version's "
+            "'pounding-sweep run', or run without it"
+        )
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
     sweeps = differing_sweeps({**there, "force_unstable": None}, {**here, "force_unstable": None})
     makers = [

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan
     from pounding_sweep.records import Record
     from pounding_sweep.records.catalogue import Folders
-    from pounding_sweep.resume import ChunkStore
     from pounding_sweep.run.audit import Audit
     from pounding_sweep.run.execute import Progress
 
@@ -216,7 +215,8 @@ class Sweep:
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
-        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.output.netcdf import check_output, check_space
+        from pounding_sweep.outputs.variables import Status
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
@@ -241,15 +241,22 @@ class Sweep:
                 store = ChunkStore(parts_folder(target), identity_of(plan), at_once=earlier is not None)
                 contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
-                _check_disks(plan, target, store)
+                needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
+                needed -= sum(store.path(key).stat().st_size for key in store.completed())
+                check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
             try:
                 with Dispatcher(scheduler, n_workers, progress) as dispatcher:
                     outcome = execute(plan, dispatcher, store=store, progress=progress, earlier=earlier)
                     self.last_outcome = outcome
-                    if target is not None and target.exists():
-                        _check_results(outcome, target)
+                    status, failures = outcome.results.status, outcome.failures
+                    without = (status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)
+                    if target is not None and target.exists() and failures and without.all():
+                        raise RunError(
+                            f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
+                            f"{str(target)!r} stays as it was; see to what failed and run again"
+                        )
                     if outcome.taken_from is not None:
                         now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
                         more["history"] = f"{now} extended from another cube by pounding_sweep {package_version()} "
@@ -283,27 +290,6 @@ class Sweep:
         for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
-
-
-def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
-    """Raise `OutputError` where the cube and its chunks find no room."""
-    from pounding_sweep.output.netcdf import check_space
-
-    needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
-    needed -= sum(store.path(key).stat().st_size for key in store.completed())
-    check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-
-
-def _check_results(outcome: Outcome, target: Path) -> None:
-    """Raise `RunError` where a cube without any result would replace the file `target`."""
-    from pounding_sweep.outputs.variables import Status
-
-    status = outcome.results.status
-    if outcome.failures and ((status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)).all():
-        raise RunError(
-            f"no scenario has a result, all {len(outcome.failures)} chunks failed ({outcome.failures[0]}): "
-            f"{str(target)!r} stays as it was; see to what failed and run again"
-        )
 
 
 def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
