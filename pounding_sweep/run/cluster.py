@@ -178,8 +178,6 @@ class ClusterWorkers:
                 f"the dask scheduler at {self.client.scheduler.address!r} can't load the package ({error}); install "
                 f"{fingerprint()} in its environment, as here"
             ) from None
-        except OSError as error:
-            raise self._gone(error) from None
 
     def _is_asking(self) -> bool:
         return len(self._versions) > len(self._fit) + len(self._unfit)

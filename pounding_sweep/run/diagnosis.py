@@ -39,11 +39,11 @@ def diagnose() -> dict[str, Any]:
     problems = [
         f"{name} is not installed; install the package: pip install ."
         for name, installed in versions.items()
-        if installed is None
+        if installed is None and name not in optional
     ]
     limits = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
     return {
-        "versions": versions | {name: None for name in optional if name not in versions},
+        "versions": versions,
         "optional": optional,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": processor(),
@@ -59,18 +59,17 @@ def diagnose() -> dict[str, Any]:
 
 @cache
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions of Python, the package and what it uses."""
+    """Return the versions of Python, the package and what it uses; None where that is not installed."""
     from pounding_sweep.output.identity import LIBRARIES
 
     required = _required()
     needed = sorted({*LIBRARIES, *(name for name, extra in required.items() if not extra)}, key=str.lower)
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name in dict.fromkeys((NAME, *needed, *required)):
+    for name in (NAME, *needed, *required):
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
-            if not required.get(name):
-                versions[name] = None
+            versions[name] = None
     return versions
 
 

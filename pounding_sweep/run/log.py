@@ -83,7 +83,7 @@ class RunLog(Progress):
         cpu = processor()
         where = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
         where += "" if "://" in where else f", {workers} workers"
-        versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items())
+        versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items() if version)
         for line in (
             f"begins: {shlex.join(sys.argv)}",
             f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}",

@@ -123,13 +123,12 @@ def simulate(
     """
     motion = resolve_record(record)
     row = get_preset(scene) if isinstance(scene, str) else scene
-    if isinstance(row, Scene):
-        if gaps is not None:
-            row = replace(row, gaps=[gaps] * len(row.gaps) if isinstance(gaps, int | float) else gaps)
-        if law is None and row.gaps:
-            raise InputError(
-                f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
-            )
+    if gaps is not None:
+        row = replace(row, gaps=[gaps] * len(row.gaps) if isinstance(gaps, int | float) else gaps)
+    if law is None and row.gaps:
+        raise InputError(
+            f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
+        )
     contact = find_law(law or "none")
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(

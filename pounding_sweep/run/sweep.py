@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import RunError, SweepError, UnlikelyWarning, WriteError
+from pounding_sweep.base.errors import RunError, SweepError, UnlikelyWarning, WriteError, shown
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.spec.build import build_spec
@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.run.audit import Audit
     from pounding_sweep.run.execute import Progress
-
-
-#: Values of an axis that a notebook shows.
-_FEW = 8
 
 
 class Sweep:
@@ -101,11 +97,7 @@ class Sweep:
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 
     def _repr_html_(self) -> str:
-        def told(values: Sequence[Any]) -> str:
-            few = values if len(values) <= _FEW else [*values[: _FEW // 2], "...", values[-1]]
-            return ", ".join(each if isinstance(each, str) else f"{each:g}" for each in few if each is not None)
-
-        rows = [(name, str(len(values)), told(values)) for name, values in self.spec.axes.items()]
+        rows = [(name, str(len(values)), shown(list(values))) for name, values in self.spec.axes.items()]
         rows = rows or [("case", str(self.spec.n_scenarios), "listed scenarios")]
         return html_table(rows, ("axis", "values", ""), self.spec.title or repr(self))
 
