@@ -402,7 +402,7 @@ def test_what_does_not_go_with_bumpers_is_refused():
     with pytest.raises(SweepError, match=r"cases\[0\].law: law 'stereomechanical' has no force"):
         row_sweep(laws=None, gaps=None, cases=[{"law": "stereomechanical", "restitution": 0.5}])
     memory = replace(BUMPED, bumpers=[ps.Bumper("a-b", "hysteretic", 1e6, 0.5)])
-    with pytest.raises(SweepError, match="law 'hysteretic' follows its own past by located events"):
+    with pytest.raises(SweepError, match="law 'hysteretic' needs located contacts"):
         row_sweep(scene=memory, locate=False)
     deep = replace(memory.bumpers[0], restitution=0.1)
     with pytest.raises(SweepError, match=r"scene.bumpers\[0\]: restitution 0.1 can't be realised"):

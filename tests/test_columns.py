@@ -272,5 +272,5 @@ def test_columns_of_a_storey_that_may_yield_are_not_struck():
         return ps.Scene([low, high], gaps=[0.01], contacts="floors and columns", allow_unmet=True)
 
     assert any(contact.struck >= 0 for contact in row(yield_strengths=[100.0, float("inf")]).contacts)
-    with pytest.raises(SceneError, match=r"columns of a storey that may yield.*strength inf"):
+    with pytest.raises(SceneError, match=r"strike columns whose shape is not known.*strength inf"):
         row(yield_strengths=[100.0, 100.0])

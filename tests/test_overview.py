@@ -23,8 +23,8 @@ def test_each_building_and_pair_has_a_line():
     assert overview(row()) == [
         ("left", "3 storeys, 9 m high, periods 0.446, 0.159 s, weight 2943 kN"),
         ("right", "3 storeys, 9.5 m high, periods 0.223, 0.0797 s, weight 1472 kN"),
-        ("left-right", "floors meet at 6 m; floors 1, 3 of left (3, 9 m) stand before columns of right, which they "
-         "pass through; floor 1 of right (3.5 m) stands before columns of left, which it passes through"),
+        ("left-right", "floors meet at 6 m; left passes through columns of right at 3, 9 m; right passes through "
+         "columns of left at 3.5 m"),
         ("right-moat", "floors meet at 3.5, 6, 9.5 m"),
     ]  # fmt: skip
 
@@ -35,7 +35,7 @@ def test_limits_and_pairs_that_do_not_meet_are_told():
     a, b = Building("a", [1.0], [9.0]), Building("b", [1.0], [9.0], storey_heights=[4.0])
     told = dict(overview(Scene([a, b], [0.1], allow_unmet=True)))
     assert told["a"] == "1 storey, 3 m high, period 2.09 s, weight 10 kN"
-    assert told["a-b"].startswith("no floors meet; floor 1 of a (3 m) stands before columns of b")
+    assert told["a-b"].startswith("no floors meet; a passes through columns of b at 3 m")
 
 
 def test_many_floors_are_counted():

@@ -157,7 +157,7 @@ REFUSED = {
         (("a-b", "linear", 1e5, None, -1.0), r"thickness: -1\.0 won't do; it must be greater than or equal to 0"),
         (("a-b", "rubber_bumper", 1e5, 0.5), r"law 'rubber_bumper' needs the thickness of the rubber"),
         (("a-b", PAD.law, 1e5, 0.5, 0.2), r"thickness is 0.2 m beside the 0.009 m of its law; leave it out"),
-        (("a-b", "linear", 1e5, None, None, [3]), r"no floors meet at storey 3; give some of 1, 2"),
+        (("a-b", "linear", 1e5, None, None, [3]), r"bumpers\[0\]: no floors meet at storey 3; they do at: 1, 2"),
         (("a-b", "linear", 1e5, None, None, [1, 1]), r"storey 1 of pair 'a-b' has several bumpers; give one"),
         (("a-b", "linear", 1e5, None, None, [1.5]), r"storeys\[0\]: 1\.5 won't do; it must be a valid integer"),
         (

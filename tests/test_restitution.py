@@ -28,7 +28,7 @@ from pounding_sweep.model.laws import (
     realised_restitution,
     realised_validity,
 )
-from pounding_sweep.model.rebound import _FEW, RELATIONS, SMALLEST
+from pounding_sweep.model.rebound import RELATIONS, SMALLEST
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.build import build_spec
 
@@ -69,16 +69,6 @@ def e_of(law, number):
 
 
 # -- the relations -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("relation", RELATIONS.values(), ids=RELATIONS)
-def test_a_root_is_the_same_among_few_and_among_many(relation):
-    """Several halvings at a time come to the same bits as one after another."""
-    e = np.linspace(SMALLEST, 1.0 - 1e-9, 4 * _FEW)
-    number = relation.number(e)
-    np.testing.assert_array_equal(np.concatenate([relation.number(few) for few in np.split(e, 8)]), number)
-    parts = [relation.restitution(few) for few in np.split(number, 8)]
-    np.testing.assert_array_equal(np.concatenate(parts), relation.restitution(number))
 
 
 def test_every_damped_law_names_a_relation():

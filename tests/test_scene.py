@@ -261,7 +261,7 @@ def test_a_floor_meets_one_of_its_neighbours():
     a = building("a", 1, storey_heights=[3.0], slab_depths=[0.9])
     split = building("split", 2, storey_heights=[2.3, 0.6])
     for row in ([a, split], [split, a]):
-        with pytest.raises(SceneError, match="floor 1 of 'a' is level with 2 floors of 'split'; give smaller"):
+        with pytest.raises(SceneError, match="floor 1 of 'a' is level with 2 floors of its neighbour; give smaller"):
             Scene(row, [0.0])
     with pytest.raises(SceneError, match=r"tolerance: -1.0 won't do; it must be greater than or equal to 0"):
         Scene([a, split], [0.0], tolerance=-1.0)
@@ -284,10 +284,10 @@ def test_pairs_limited_to_storeys():
     [
         ({"a-c": [1]}, r"storeys: unknown pair 'a-c'; did you mean 'a-b'\? Valid: a-b"),
         ({"a-b": [3]}, "storeys: storey 3 of pair 'a-b' meets nothing; those that do: 1, 2"),
-        ({"a-b": ["roof"]}, "storeys: storey 'roof' of pair 'a-b' meets nothing; those that do: 1, 2"),
-        ({"a-b": []}, "storeys: pair 'a-b' has none; name those that meet, or leave it out"),
-        ({"a-b": 1}, "must be lists of storeys by the names of their pairs, not"),
-        (7, "must be lists of storeys by the names of their pairs, not 7"),
+        ({"a-b": ["roof"]}, r"storeys\.a-b\[0\]: 'roof' won't do; it must be a valid integer"),
+        ({"a-b": []}, r"storeys\.a-b: \[\] won't do; it must have at least 1 item after validation, not 0"),
+        ({"a-b": 1}, r"storeys\.a-b: must be a list, not 1"),
+        (7, "storeys: 7 won't do; it must be a valid dictionary"),
     ],
 )
 def test_bad_limits(storeys, message):

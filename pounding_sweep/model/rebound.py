@@ -58,8 +58,6 @@ _STORED_SERIES = np.array([0.0, *(2.0 / (n + 2) for n in range(1, 28))])
 _LOG_LOW, _LOG_HIGH = -40.0, 35.0
 #: Halvings after which that bracket is shorter than the spacing of its numbers.
 _HALVINGS = 56
-#: Halvings that one call decides where there are few elements: it costs hardly more than for one.
-_AT_ONCE, _FEW = 4, 256
 
 
 @dataclass(frozen=True)
@@ -80,20 +78,12 @@ class Relation:
 
 def _root(increasing: Callable[[np.ndarray], np.ndarray], like: np.ndarray) -> np.ndarray:
     """Positive root of a function that increases, element by element, to rounding."""
-    ends, each = np.repeat([[_LOG_LOW], [_LOG_HIGH]], like.size, axis=1), np.arange(like.size)
-    at_once = _AT_ONCE if like.size <= _FEW else 1
-    halves = [2**level for level in reversed(range(at_once))]
-    for _ in range(_HALVINGS // at_once):
-        points = np.empty((2**at_once + 1, like.size))  # all that the next halvings can come to
-        points[[0, -1]] = ends
-        for half in halves:
-            points[half :: 2 * half] = 0.5 * (points[: -half : 2 * half] + points[2 * half :: 2 * half])
-        below = increasing(np.exp(points[1:-1]).reshape(-1, *like.shape)).reshape(-1, like.size) < 0.0
-        first = np.zeros(like.size, int)
-        for half in halves:
-            first += half * below[first + half - 1, each]
-        ends = points[[first, first + 1], each]
-    return np.asarray(np.exp(0.5 * (ends[0] + ends[1]))).reshape(like.shape)
+    low, high = np.full(like.shape, _LOG_LOW), np.full(like.shape, _LOG_HIGH)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = increasing(np.exp(middle)) < 0.0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray(np.exp(0.5 * (low + high)))
 
 
 def _log_loss(z: np.ndarray) -> np.ndarray:

@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo
+from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import Fault, InputError, SceneError, shown, unknown
@@ -359,11 +359,6 @@ class Building:
         """Whether each storey has a dashpot."""
         return (False,) * self.n_storeys if self.dashpots is None else tuple(c > 0.0 for c in self.dashpots)
 
-    @property
-    def slabs(self) -> Slabs:
-        """Elevations and depths of the floors' slabs (m), shape (n_storeys,) each."""
-        return self.elevations, np.zeros(self.n_storeys) if self.slab_depths is None else np.array(self.slab_depths)
-
     @cached_property
     def elevations(self) -> np.ndarray:
         """Floor elevations above the common base (m), shape (n_storeys,)."""
@@ -461,12 +456,9 @@ def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tu
 
 #: Floors of neighbours meet where their slabs miss each other by no more than this (m), where nothing else is said.
 FLOOR_TOLERANCE = 1.0e-3
-#: Elevations (m) and slab depths (m) of the floors of a building, bottom first.
-Slabs = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True)
-class Facing:
+class Facing(NamedTuple):
     """A floor of one neighbour (from 0) before the columns of a storey (from 0) of the other, at the fraction xi."""
 
     floor: int
@@ -474,23 +466,23 @@ class Facing:
     xi: float
 
 
-def level_floors(left: Slabs, right: Slabs, tolerance: float) -> list[tuple[int, int]]:
-    """Return the floors, counted from 0, of two neighbours that are level, bottom first."""
-    (z, d), (y, e) = left, right
-    over, under = z[:, None] - y[None, :], y[None, :] - z[:, None]
-    meets = (over <= tolerance + d[:, None]) & (under <= tolerance + e[None, :])
-    return [(int(s), int(t)) for s, t in np.argwhere(meets)]
-
-
-def facing_columns(slabs: Slabs, other: Slabs, level: Sequence[int]) -> list[Facing]:
-    """Return the floors of a building, those that are `level` with one left out, that stand before columns."""
-    found, levels = [], np.concatenate([[0.0], other[0]])
-    for s, middle in enumerate(slabs[0] - 0.5 * slabs[1]):
-        storey = int(np.searchsorted(levels, middle)) - 1
-        if s not in level and storey < len(other[0]):
-            below, above = levels[storey], levels[storey + 1]
-            found.append(Facing(s, storey, float((middle - below) / (above - below))))
-    return found
+def meetings(left: Building, right: Building, tolerance: float) -> tuple[list[tuple[int, int]], list[list[Facing]]]:
+    """Return the floors (from 0) of neighbours that are level, and of both those that stand before columns."""
+    (z, d), (y, e) = ((item.elevations, np.array(item.slab_depths or 0.0)) for item in (left, right))
+    over = z[:, None] - y[None, :]
+    level = np.argwhere((over <= tolerance + d.reshape(-1, 1)) & (-over <= tolerance + e.reshape(1, -1)))
+    facing: list[list[Facing]] = []
+    for side, middles, elevations in ((0, z - 0.5 * d, y), (1, y - 0.5 * e, z)):
+        levels = np.append(0.0, elevations)
+        storeys = np.searchsorted(levels, middles) - 1
+        facing.append(
+            [
+                Facing(s, storey, float((middles[s] - levels[storey]) / (levels[storey + 1] - levels[storey])))
+                for s, storey in enumerate(storeys.tolist())
+                if s not in level[:, side] and storey < len(elevations)
+            ]
+        )
+    return [(int(s), int(t)) for s, t in level], facing
 
 
 def column_shares(xi: float) -> tuple[float, float]:
@@ -521,9 +513,7 @@ class Wall:
     @classmethod
     def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
         """Return the arguments of a table, which has ``wall = true``."""
-        if (wall := table.pop("wall", True)) is not True:
-            faults.add(("wall",), f"{shown(wall)} won't do; it must be true")
-        return table
+        return {key: value for key, value in table.items() if key != "wall"}
 
 
 @checked
@@ -601,11 +591,6 @@ class Link:
     def __post_init__(self) -> None:
         if not (self.stiffness or self.damping):
             raise SceneError("stiffness and damping are zero; give one of them, or leave it out")
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """The link as JSON holds it, arguments of its own."""
-        return vars(self)
 
     @property
     def floors(self) -> tuple[tuple[int, int], ...]:
@@ -796,7 +781,14 @@ class Contacts(tuple[Contact, ...]):
 
 
 def _kind_of(item: Any) -> str:
-    return "|wall" if isinstance(item, Wall) or (isinstance(item, dict) and "wall" in item) else "|building"
+    return "|wall" if isinstance(item, Wall) or (isinstance(item, dict) and item.get("wall") is True) else "|building"
+
+
+#: Storeys by the names of pairs; JSON has them as a list of pairs.
+_Limits = Annotated[
+    dict[str, Annotated[Sequence[Whole], Listed, Field(min_length=1)]],
+    BeforeValidator(lambda value: dict(value) if isinstance(value, (list, tuple)) else value),
+]
 
 
 @checked
@@ -855,7 +847,7 @@ class Scene:
     contact: ContactProperties = field(default_factory=ContactProperties)
     tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
-    storeys: Any = field(default=(), kw_only=True)
+    storeys: Annotated[Any, GetPydanticSchema(lambda _, handler: handler(_Limits))] = field(default=(), kw_only=True)
     allow_unmet: Flag = field(default=False, kw_only=True)
     links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
     bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)
@@ -930,8 +922,8 @@ class Scene:
         contacts = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
         for storey in bumper.storeys or contacts or [1]:
             if storey not in contacts:
-                where = f"give some of {', '.join(map(str, sorted(contacts)))}" if contacts else "none of the pair do"
-                raise SceneError(f"no floors meet at storey {storey}; {where}")
+                those = ", ".join(map(str, sorted(contacts))) or "none"
+                raise SceneError(f"no floors meet at storey {storey}; they do at: {those}")
             if bumper_of[contacts[storey]] is not None:
                 raise SceneError(f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one")
             bumper_of[contacts[storey]] = bumper
@@ -959,7 +951,10 @@ class Scene:
         asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
         if asked not in CONTACTS:
             raise SceneError(unknown("kind of contacts", asked, CONTACTS), ("contacts",))
-        limits, names = self._checked_limits(), self.pair_names
+        limits, names = self.storeys or {}, self.pair_names
+        for name in limits:
+            if name not in names:
+                raise SceneError(unknown("pair", name, names), ("storeys",))
         labels: list[tuple[str, int]] = []
         contacts: list[Contact] = []
         for pair, name in enumerate(names):
@@ -967,8 +962,8 @@ class Scene:
             there = {contact.storey for _, group in groups for contact in group}
             for storey in limits.get(name, ()):
                 if storey not in there:
-                    where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
-                    raise SceneError(f"storey {shown(storey)} of pair {name!r} meets nothing; {where}", ("storeys",))
+                    text = f"storey {storey} of pair {name!r} meets nothing; those that do: "
+                    raise SceneError(text + (", ".join(map(str, sorted(there))) or "none"), ("storeys",))
             if not there and not self.allow_unmet:
                 both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
                 where = ", ".join(
@@ -983,42 +978,19 @@ class Scene:
                 if kept or label == name:
                     contacts += [replace(contact, place=len(labels)) for contact in kept]
                     labels.append((label, pair))
-        for contact in contacts:
-            if contact.struck >= 0 and (fault := self._column_fault((contact.left, contact.right)[contact.struck])):
+        struck = {(c.left, c.right)[c.struck]: c.pair for c in contacts if c.struck >= 0}
+        for floor, pair in struck.items():
+            building = self.building_of(floor)
+            if self.yields[floor] or building.foundation or building.p_delta:
                 raise SceneError(
-                    f'floors of pair {names[contact.pair]!r} strike columns of {fault} contacts = "floors"'
+                    f"floors of pair {names[pair]!r} strike columns whose shape is not known: of a storey that may "
+                    "yield, or of a building on a foundation or with p_delta; give that storey the strength inf, leave "
+                    'out the foundation or p_delta, or give contacts = "floors"'
                 )
-        storeys = ((name, tuple(map(int, limits[name]))) for name in names if name in limits)
-        object.__setattr__(self, "storeys", tuple(storeys))
+        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
         object.__setattr__(self, "pair_labels", tuple(label for label, _ in labels))
         object.__setattr__(self, "pair_of_label", tuple(pair for _, pair in labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
-
-    def _column_fault(self, floor: int) -> str:
-        """Say why columns below a floor can't be struck, and what to do; "" where they can."""
-        building = self.building_of(floor)
-        if self.yields[floor]:
-            return "a storey that may yield, whose shape is not known then; give that storey the strength inf, or"
-        if building.foundation:
-            return "a building on a foundation, whose ends rotate with it; leave out its foundation, or give"
-        if building.p_delta:
-            return "a building with p_delta, whose shape depends on their axial force; leave out its p_delta, or give"
-        return ""
-
-    def _checked_limits(self) -> dict[str, tuple[int, ...]]:
-        """Storeys by the names of the pairs that are limited to them."""
-        try:
-            limits = {name: tuple(listed) for name, listed in dict(self.storeys).items()}
-        except (TypeError, ValueError):
-            raise SceneError(
-                f"must be lists of storeys by the names of their pairs, not {shown(self.storeys)}", ("storeys",)
-            ) from None
-        for name, listed in limits.items():
-            if name not in self.pair_names:
-                raise SceneError(unknown("pair", name, self.pair_names), ("storeys",))
-            if not listed:
-                raise SceneError(f"pair {name!r} has none; name those that meet, or leave it out", ("storeys",))
-        return limits
 
     @cached_property
     def buildings(self) -> tuple[Building, ...]:
@@ -1087,15 +1059,10 @@ class Scene:
     @cached_property
     def linked_buildings(self) -> tuple[tuple[int, ...], ...]:
         """Buildings that move as one, by their numbers: those that links join, and each other one alone."""
-        owner = np.repeat(np.arange(len(self.buildings)), [b.n_storeys for b in self.buildings])
-        joined = {int(owner[each.left]) for each in self.linked_floors}  # those with a link to the right
-        groups: list[list[int]] = []
-        for b in range(len(self.buildings)):
-            if b - 1 in joined:
-                groups[-1].append(b)
-            else:
-                groups.append([b])
-        return tuple(map(tuple, groups))
+        first, count = 1 if isinstance(self.row[0], Wall) else 0, len(self.buildings)
+        joined = {self.pair_names.index(link.pair) - first for link in self.links}  # those with a link to the right
+        groups = np.split(np.arange(count), [b for b in range(1, count) if b - 1 not in joined])
+        return tuple(tuple(map(int, group)) for group in groups)
 
     @property
     def has_own_modes(self) -> bool:
@@ -1111,35 +1078,37 @@ class Scene:
         """Return the building of a degree of freedom."""
         return next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
 
-    def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
+    def faced(self, pair: int) -> list[list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
         left, right = self.row[pair : pair + 2]
-        if isinstance(left, Wall) or isinstance(right, Wall):
-            return [], []
-        level = level_floors(left.slabs, right.slabs, self.tolerance)
-        ours, theirs = [s for s, _ in level], [t for _, t in level]
-        return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
+        return [] if isinstance(left, Wall) or isinstance(right, Wall) else meetings(left, right, self.tolerance)[1]
 
     def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
         """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
         first = 1 if isinstance(self.row[0], Wall) else 0
         left, right = self.row[pair : pair + 2]
         name = self.pair_names[pair]
-        if not isinstance(right, Building):
+        if isinstance(right, Wall):
             assert isinstance(left, Building)
             i = self.offsets[pair - first]
             return [(name, [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)])]
-        if not isinstance(left, Building):
+        if isinstance(left, Wall):
             return [(name, [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)])]
         starts = self.offsets[pair - first : pair - first + 2]
-        level = level_floors(left.slabs, right.slabs, self.tolerance)
-        self._check_single(left, right, level)
+        level, faced = meetings(left, right, self.tolerance)
         floors = []
         for s, t in level:
             m1, m2 = left.masses[s], right.masses[t]
             floors.append(Contact(pair, s + 1, starts[0] + s, starts[1] + t, m1 * m2 / (m1 + m2)))
+        for item, met in zip((left, right), zip(*level, strict=True), strict=False):
+            if len(set(met)) < len(met):
+                floor = max(met, key=met.count)
+                raise SceneError(
+                    f"floor {floor + 1} of {item.name!r} is level with {met.count(floor)} floors of its neighbour; "
+                    "give smaller slab_depths or a smaller tolerance, so that it meets one"
+                )
         found = [(name, floors)]
-        for side, facing in enumerate(self.faced(pair) if columns else ()):
+        for side, facing in enumerate(faced if columns else ()):
             own, other = (left, right)[:: 1 - 2 * side]
             struck = []
             for f in facing:
@@ -1165,14 +1134,3 @@ class Scene:
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""
         return replace(self, gaps=gaps)
-
-    @staticmethod
-    def _check_single(left: Building, right: Building, level: Sequence[tuple[int, int]]) -> None:
-        """Check that a floor meets one of its neighbour's, so that results can be told by storey."""
-        for mine, other, side in ((left, right, 0), (right, left, 1)):
-            floors = [ends[side] for ends in level]
-            if several := sorted({s for s in floors if floors.count(s) > 1}):
-                raise SceneError(
-                    f"floor {several[0] + 1} of {mine.name!r} is level with {floors.count(several[0])} floors of "
-                    f"{other.name!r}; give smaller slab_depths or a smaller tolerance, so that it meets one"
-                )

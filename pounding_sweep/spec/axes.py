@@ -114,18 +114,12 @@ def reference_stiffness(scene: Scene, law: Law) -> float | None:
 
 def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
     """Say which contact property the scene lacks for laws of a force exponent."""
-    what = REFERENCE_PROPERTIES.get(exponent)
     unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
-    plural = len(laws) > 1
-    if what is None:
-        return (
-            f"a reference stiffness for force ~ d^{exponent:g} ({unit}) is missing: stiffness factors of law"
-            f"{'s' * plural} {', '.join(laws)} scale it; give the law's reference_stiffness, or an absolute stiffness"
-        )
+    what = REFERENCE_PROPERTIES.get(exponent)
+    where = f"{what} of the scene's contact properties" if what else "the law's reference_stiffness"
     return (
-        f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
-        f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
-        f"[scene.contact] {what}, or an absolute stiffness"
+        f"a reference stiffness for force ~ d^{exponent:g} ({unit}) is missing: stiffness factors of {', '.join(laws)} "
+        f"scale it; give {where}, or an absolute stiffness"
     )
 
 
@@ -151,14 +145,13 @@ def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Re
     found = by_exponent(laws)
     if len(found) > 1:
         groups = " but ".join(
-            f"{', '.join(law.key for law in group)} take{'s' * (len(group) == 1)} {group[0].stiffness_unit} "
-            f"(exponent {exponent:g})"
+            f"{', '.join(law.key for law in group)}: {group[0].stiffness_unit} (exponent {exponent:g})"
             for exponent, group in found.items()
         )
         yield (
             ("stiffnesses",),
-            f"an absolute stiffness axis needs laws of one force exponent: {groups}; "
-            "use stiffness_factors, which scale the scene's reference stiffness of each exponent",
+            f"an absolute stiffness axis needs laws of one force exponent, not {groups}; use stiffness_factors, which "
+            "scale the scene's reference stiffness of each exponent",
         )
 
 

@@ -167,9 +167,10 @@ def scene_data(scene: Scene) -> dict[str, Any]:
     data["contacts"] = scene.contacts.asked
     if scene.contacts.asked == CONTACTS[0]:
         del data["contacts"]
-    for name in ("links", "bumpers"):
-        if name in data:
-            data[name] = [item.data for item in data[name]]
+    if scene.links:
+        data["links"] = [vars(link) for link in scene.links]
+    if scene.bumpers:
+        data["bumpers"] = [bumper.data for bumper in scene.bumpers]
     return data
 
 
@@ -237,7 +238,7 @@ def overview(scene: Scene) -> list[tuple[str, str]]:
     ...     print(f"{name}: {text}")
     a: 2 storeys, 6 m high, periods 0.321, 0.123 s, weight 1962 kN
     b: 2 storeys, 7 m high, periods 0.203, 0.0777 s, weight 1570 kN
-    a-b: floors meet at 3 m; floor 2 of a (6 m) stands before columns of b, which it passes through
+    a-b: floors meet at 3 m; a passes through columns of b at 6 m
     """
     lines = [(item.name, _building(item)) for item in scene.buildings]
     systems = zip(scene.linked_buildings, variants_of(scene).systems, strict=True) if scene.links else ()
@@ -282,17 +283,13 @@ def _pair(scene: Scene, pair: int) -> str:
         f"floors meet at {_metres(meets)}{limited}" if meets else f"no floors meet{limited}",
         *_bumpers(scene, pair),
     ]
-    for mine, other, found in zip((left, right), (right, left), scene.faced(pair), strict=True):
-        strikes = {c.storey for c in met if c.struck >= 0 and (c.struck == 1) == (mine is left)}
-        for striking in (True, False):
-            floors = [facing.floor for facing in found if (facing.floor + 1 in strikes) is striking]
-            if not floors or not isinstance(mine, Building):
-                continue
-            what = f"floor{'s' * (len(floors) > 1)} {_listed([s + 1 for s in floors])} of {mine.name}"
-            where = _metres([mine.elevations[s] for s in floors])
-            stand, it = ("stands", "it") if len(floors) == 1 else ("stand", "they")
-            does = f"{it} strike{'s' * (it == 'it')}" if striking else f"{it} pass{'es' * (it == 'it')} through"
-            parts.append(f"{what} ({where}) {stand} before columns of {other.name}, which {does}")
+    for side, facing in enumerate(scene.faced(pair)):
+        item, other = (left, right)[:: 1 - 2 * side]
+        struck = {contact.storey for contact in met if contact.struck == 1 - side}
+        for does in ("strikes", "passes through"):
+            floors = [f.floor for f in facing if (f.floor + 1 in struck) is (does == "strikes")]
+            if floors and isinstance(item, Building):
+                parts.append(f"{item.name} {does} columns of {other.name} at {_metres(item.elevations[floors])}")
     return "; ".join(parts)
 
 
