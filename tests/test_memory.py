@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
 from pounding_sweep.base.errors import OutputError, SweepError, WriteError
-from pounding_sweep.output import netcdf as slabbing
+from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.describe import describe
-from pounding_sweep.output.netcdf import block_shape, cuts, slab_shape, slabs, write_cube
+from pounding_sweep.output.describe import cuts, describe
+from pounding_sweep.output.netcdf import block_shape, slab_shape, slabs, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.scenarios import Chunk
@@ -58,7 +58,7 @@ MANY = """
 import json, os, sys
 import numpy as np
 import pounding_sweep as ps
-from pounding_sweep.output.describe import describe
+from pounding_sweep.output.describe import cuts, describe
 
 jolt = ps.Record("jolt", 0.02, 3.0 * np.sin(np.arange(4)))
 
@@ -148,7 +148,7 @@ def test_blocks_are_as_large_as_they_may_be(sizes, most):
 def small_slabs(monkeypatch):
     """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
     monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
-    for module in (slabbing, filling):
+    for module in (describing, filling):
         monkeypatch.setattr(module, "SLAB_BYTES", 2000)
     monkeypatch.setattr(filling, "BLOCK_BYTES", 100)
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)

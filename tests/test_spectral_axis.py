@@ -50,7 +50,7 @@ def test_a_cube_has_the_axis_and_the_factors(tmp_path):
     assert json.loads(grown.attrs["extended_from"])["scenarios_taken"] >= 4
     grown.close()
     sweep(sa_period=0.7).run(tmp_path / "c.nc", scheduler="synchronous").close()
-    with pytest.raises(InputError, match="'sa_period' of the sweep is 0"):
+    with pytest.raises(InputError, match="study: sa_period is 0"):
         merge_cubes([tmp_path / "a.nc", tmp_path / "c.nc"], tmp_path / "d.nc")
 
 

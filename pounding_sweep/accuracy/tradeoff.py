@@ -27,7 +27,7 @@ from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
-from pounding_sweep.output.identity import library_attribute, library_versions
+from pounding_sweep.output.identity import library_versions
 from pounding_sweep.outputs.variables import (
     CHANGE,
     OK_CLAIM,
@@ -337,7 +337,7 @@ def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> di
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": digest(spec),
-        **{library_attribute(name): version for name, version in library_versions().items()},
+        **{f"{name}_version": version for name, version in library_versions().items()},
     }
 
 

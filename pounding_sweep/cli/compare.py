@@ -163,10 +163,11 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     with reporting():
         from pounding_sweep.analysis.rebuild import intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
+        from pounding_sweep.output.describe import statuses
         from pounding_sweep.output.identity import plain
-        from pounding_sweep.output.netcdf import open_cube, status_counts
+        from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
-        from pounding_sweep.outputs.variables import STATUS
+        from pounding_sweep.outputs.variables import Status
 
         values = axis_values(options.at or [])
         keys, arguments = options.checked()
@@ -177,8 +178,8 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
             if reference is not None and laws and reference not in laws:
                 raise InputError(unknown("reference law", reference, laws))
             selection = select(cube, values)
-            counts = status_counts(selection["status"]) if "status" in selection else {}
-            left_out = {status.label: counts[status] for status in STATUS[1:] if status in counts}
+            ends = statuses(selection.get("status", []))
+            left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
             for key in keys:
                 comparison = COMPARISONS[key]
                 part = {"title": comparison.title, "needs": comparison.needs, "possible": True, "left_out": left_out}
@@ -211,7 +212,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
             return
         if left_out:
-            missing, scenarios = sum(left_out.values()), sum(counts.values())
+            missing, scenarios = sum(left_out.values()), sum(row["count"] for row in ends)
             listed = ", ".join(f"{count} {label}" for label, count in left_out.items())
             print(f"{missing} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
         _print(report, options.cube, summary=not what)

@@ -9,9 +9,10 @@ shortened.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +22,8 @@ from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-from pounding_sweep.output.identity import LIBRARIES, ORIGINS, library_attribute, plain, sources
-from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, block_shape, cuts, slabs, status_counts
+from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
+from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, STATUS, Status
 from pounding_sweep.spec.spec import overview_of
 
@@ -81,6 +82,18 @@ def _axes(dataset: xr.Dataset, *, inner: bool) -> list[tuple[str, ...]]:
     return rows
 
 
+def cuts(variable: xr.DataArray) -> Iterator[dict[str, slice]]:
+    """Go through a variable in parts that fit into memory."""
+    if variable.nbytes <= SLAB_BYTES:
+        yield {}
+        return
+    dims = [str(dim) for dim in variable.dims if dim not in INNER_DIMS]
+    sizes = [variable.sizes[dim] for dim in dims]
+    each = variable.nbytes // math.prod(sizes)
+    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):
+        yield dict(zip(dims, slab, strict=True))
+
+
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
     """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
     if values.dtype.kind not in "iuf":
@@ -113,7 +126,7 @@ def _origins(attributes: Mapping[Any, Any]) -> list[tuple[str, ...]]:
             counts = [f"{one[name]} {text}" for name, text in _COUNTS.items() if name in one]
             if one.get("made_from"):
                 counts.append(f"made from {', '.join(one['made_from'])}")
-            makers = {name: one.get(library_attribute(name)) for name in LIBRARIES}
+            makers = {name: one.get(f"{name}_version") for name in LIBRARIES}
             made_by = {"source": str(one.get(SOURCE_ATTRIBUTE, ""))[:_DIGITS], **makers}
             made = ", ".join(f"{name} {maker}" for name, maker in made_by.items() if maker)
             rows.append((how, *map(_short, (one["file"], one.get("history", ""), ", ".join(counts), made))))
@@ -175,7 +188,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
             for name, array in _of_scenarios(dataset.data_vars).items()
         },
         "scenarios": dataset["status"].size if "status" in dataset.data_vars else None,
-        "statuses": {row["label"]: row["count"] for row in statuses(_counts(dataset))},
+        "statuses": {row["label"]: row["count"] for row in statuses(dataset.get("status", []))},
         "audit": audit_table(dataset),
         "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
         "attributes": told,
@@ -188,12 +201,10 @@ def _plain(value: Any, *, coded: bool = False) -> Any:
     return json.loads(text, parse_constant=lambda _: None)  # not a finite number
 
 
-def _counts(dataset: xr.Dataset) -> Mapping[int, int]:
-    return status_counts(dataset["status"]) if "status" in dataset.data_vars else {}
-
-
-def statuses(counts: Mapping[int, int]) -> list[dict[str, Any]]:
+def statuses(status: Any) -> list[dict[str, Any]]:
     """Return the number of scenarios of each status that occurs, with what it means."""
+    codes, times = np.unique(status, return_counts=True)
+    counts = dict(zip(codes.tolist(), times.tolist(), strict=True))
     return [
         {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
         for s in STATUS
@@ -258,7 +269,7 @@ def describe(dataset: xr.Dataset) -> str:
         f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
         "Scenarios by status": [
             (str(row["count"]), row["label"], f"{row['meaning']}: {row['remedy']}" if row["remedy"] else row["meaning"])
-            for row in statuses(_counts(dataset))
+            for row in statuses(dataset.get("status", []))
         ],
         errors: _audit(audit),
         "Records": _records(json.loads(attributes.get("records", "[]"))),
@@ -282,21 +293,21 @@ def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     with NETCDF_LOCK, netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
-        attributes, audit = file.__dict__, audit_table(file.variables)
-        counts, rows = _ends_and_impacts(file.variables)
+        attributes, arrays = file.__dict__, file.variables
+        audit, ends, impacts = audit_table(arrays), statuses(arrays["status"][...]), _impacts(arrays)
     return {
         "extended_from": json.loads(attributes.get("extended_from", "null")),
         "accuracy_choice": attributes.get("accuracy_choice", ""),
         "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
         "audit": audit,
         "audit_sentence": audit_sentence(audit, attributes),
-        "statuses": statuses(counts),
-        "summary": rows,
+        "statuses": ends,
+        "summary": impacts,
     }
 
 
-def _ends_and_impacts(arrays: Mapping[str, netCDF4.Variable]) -> tuple[Counter[int], list[dict[str, Any]]]:
-    """Return scenarios by status, and a row for each law and pair over those that are ok."""
+def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
+    """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
     names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
     status, laws = arrays["status"], _texts(arrays["law"])
     pairs = _texts(arrays["pair"]).tolist() if "pair" in arrays else []
@@ -304,10 +315,9 @@ def _ends_and_impacts(arrays: Mapping[str, netCDF4.Variable]) -> tuple[Counter[i
     if "law_title" in arrays:
         titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
     along = status.dimensions.index(arrays["law"].dimensions[0])
-    ends, rows = Counter[int](), dict[tuple[str, str], dict[str, Any]]()
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
     each = max([1, *(arrays[name].dtype.itemsize * arrays[name].size // status.size for name in names)])
     for slab in slabs(status.shape, block_shape(status.shape, max(1, SLAB_BYTES // each))):
-        _add(ends, status[slab])
         ok = np.moveaxis(status[slab] == Status.OK, along, 0)
         # the largest of all floors, shape (*scenarios, pair); missing where no floors meet
         largest = {name: np.moveaxis(np.fmax.reduce(arrays[name][slab], axis=-1), along, 0) for name in names}
@@ -322,11 +332,12 @@ def _ends_and_impacts(arrays: Mapping[str, netCDF4.Variable]) -> tuple[Counter[i
                 if "impact_force_max" in at_pair:
                     row["peak"] = np.fmax.reduce(at_pair["impact_force_max"], initial=row["peak"])
                 if "impact_count" in at_pair:
-                    _add(row["counts"], at_pair["impact_count"])
+                    numbers, times = np.unique(at_pair["impact_count"], return_counts=True)
+                    row["counts"].update(dict(zip(numbers.tolist(), times.tolist(), strict=True)))
     for row in rows.values():
         row["counts"].pop(INTEGER_FILL, None)
         row["hits"] = np.repeat(*np.array([item for item in row["counts"].items() if item[0]], int).reshape(-1, 2).T)
-    return ends, [
+    return [
         {
             "law": law,
             "title": titles.get(law, ""),
@@ -339,12 +350,6 @@ def _ends_and_impacts(arrays: Mapping[str, netCDF4.Variable]) -> tuple[Counter[i
         }
         for (law, pair), row in rows.items()
     ]
-
-
-def _add(counts: Counter[int], values: np.ndarray) -> None:
-    """Count how often each value occurs."""
-    numbers, times = np.unique(values, return_counts=True)
-    counts.update(dict(zip(numbers.tolist(), times.tolist(), strict=True)))
 
 
 def _texts(variable: netCDF4.Variable) -> np.ndarray:

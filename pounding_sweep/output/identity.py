@@ -87,13 +87,8 @@ def plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
-def library_attribute(library: str) -> str:
-    """Return the attribute in which a cube names the version of a library."""
-    return f"{library}_version"
-
-
 #: Attributes that say by what results were made, next to the package's version.
-MAKER_ATTRIBUTES = (SOURCE_ATTRIBUTE, *map(library_attribute, LIBRARIES))
+MAKER_ATTRIBUTES = (SOURCE_ATTRIBUTE, *(f"{name}_version" for name in LIBRARIES))
 
 
 def sources(attributes: Mapping[Any, Any], key: str) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Coordinates, law_coordinates
-from pounding_sweep.output.identity import library_attribute, library_versions
+from pounding_sweep.output.identity import library_versions
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
@@ -275,7 +275,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
-        **{library_attribute(name): version for name, version in library_versions().items()},
+        **{f"{name}_version": version for name, version in library_versions().items()},
     }
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]

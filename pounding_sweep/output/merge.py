@@ -525,13 +525,10 @@ class _Merge:
 
     def _read(self, file: str, labels: Mapping[str, list[Any]]) -> dict[str, np.ndarray] | None:
         """Return what a part has of a slab, as it is stored and missing elsewhere; None if it has nothing of it."""
-        part, chosen = self.parts[file][self.names].reset_coords(drop=True), {}
-        for dim, values in labels.items():
-            positions = np.flatnonzero(part.indexes[dim].isin(values))
-            if not len(positions):
-                return None
-            first, last = positions[0], positions[-1]  # a range is read in one piece
-            chosen[dim] = slice(first, last + 1) if last - first < 4 * len(positions) else positions
+        part = self.parts[file][self.names].reset_coords(drop=True)
+        chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in labels.items()}
+        if not all(map(len, chosen.values())):
+            return None
         with reading(file):
             read = part.isel(chosen).load()
         read = read.reindex(labels, fill_value={"status": int(Status.NOT_RUN)})

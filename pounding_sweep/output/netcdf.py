@@ -16,7 +16,6 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,7 +27,6 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import absolute, failure, remove_leftovers, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, CubeParts, encoding_of
-from pounding_sweep.outputs.variables import INNER_DIMS
 
 if TYPE_CHECKING:
     import netCDF4
@@ -67,27 +65,6 @@ def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, .
         for size, step in zip(sizes, shape, strict=True)
     ]
     yield from itertools.product(*along)
-
-
-def cuts(variable: xr.DataArray | xr.Variable) -> Iterator[dict[str, slice]]:
-    """Go through a variable in parts that fit into memory."""
-    if variable.nbytes <= SLAB_BYTES:
-        yield {}
-        return
-    dims = [str(dim) for dim in variable.dims if dim not in INNER_DIMS]
-    sizes = [variable.sizes[dim] for dim in dims]
-    each = variable.nbytes // math.prod(sizes)
-    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):
-        yield dict(zip(dims, slab, strict=True))
-
-
-def status_counts(status: xr.DataArray) -> dict[int, int]:
-    """Count the scenarios of each status that occurs, by rising code."""
-    found: Counter[int] = Counter()
-    for cut in cuts(status):
-        codes, counts = np.unique(status.isel(cut).values, return_counts=True)
-        found.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
-    return dict(sorted(found.items()))
 
 
 #: Held by the thread that reads or writes a netCDF file; a thread may take it several times.
@@ -236,15 +213,6 @@ def _encoded(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
     }
 
 
-def _holds(dtype: np.dtype, fill: Any, numbers: np.ndarray) -> bool:
-    """Whether numbers stay what they are when they are stored as whole ones, and `fill` as a missing one."""
-    limits = np.iinfo(dtype)
-    whole = numbers[~np.isnan(numbers)]
-    if (whole.size < numbers.size and fill is None) or ((whole == fill) | (whole != np.rint(whole))).any():
-        return False
-    return not whole.size or bool(limits.min <= whole.min() and whole.max() <= limits.max)
-
-
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
     parts = CubeParts({}, {}, dataset.attrs)
@@ -254,8 +222,12 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         is_coordinate = name in dataset.coords
         encoding = encoding_of(str(name), values.dtype, variable.encoding, is_coordinate=is_coordinate)
         dtype = np.dtype(encoding.get("dtype", values.dtype))
-        if dtype.kind == "i" and values.dtype.kind == "f" and not _holds(dtype, encoding["_FillValue"], values):
-            encoding = {"_FillValue": np.nan}  # such as the median of numbers of impacts
+        if dtype.kind == "i" and values.dtype.kind == "f":
+            fill = encoding["_FillValue"]
+            with np.errstate(invalid="ignore"):
+                whole = np.where(np.isnan(values), fill or 0, values).astype(dtype)
+            if not np.array_equal(np.where(whole == fill, np.nan, whole), values, equal_nan=True):
+                encoding = {"_FillValue": np.nan}  # such as the median of numbers of impacts
         dims = tuple(map(str, variable.dims))
         (parts.coords if is_coordinate else parts.data_vars)[str(name)] = (dims, values, variable.attrs, encoding)
     return write_in_slabs(parts, path, {}, (), overwrite=overwrite)

@@ -17,7 +17,6 @@ from pounding_sweep.output.identity import (
     OWN_LAWS,
     check_axes,
     differing_sweeps,
-    library_attribute,
     library_versions,
     motion_of,
     other_values,
@@ -58,10 +57,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     makers = [
         ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
         ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), package_digest()),
-        *(
-            (name, plain(cube.attrs.get(library_attribute(name))), version)
-            for name, version in library_versions().items()
-        ),
+        *((name, plain(cube.attrs.get(f"{name}_version")), version) for name, version in library_versions().items()),
     ]
     for each, remedy in (
         (sweeps, "Make them agree"),
