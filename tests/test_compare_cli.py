@@ -71,7 +71,7 @@ def test_summary_lists_what_is_possible_and_why_the_rest_is_not(written):
         assert f"  {key}" in possible
         assert f"\n{key}: {COMPARISONS[key].title}" in stdout
     assert "  required-gap         2 of the 2 records" in impossible
-    assert "  energy               the energy budget needs the outputs 'energy_input'" in impossible
+    assert "  energy               the energy budget needs 'energy_input'" in impossible
 
 
 def test_one_scenario_with_its_histories(tmp_path):

@@ -127,7 +127,7 @@ def test_functions_without_fit_are_named(cube, tmp_path):
     [
         ({}, "no limit states"),
         ({"a b": ("touch", None)}, "limit state 'a b' is no name"),
-        ({"a": ("touch", None), "b": ("drift", 0.1)}, "these are of building and pair; write two files"),
+        ({"a": ("touch", None), "b": ("drift", 0.1)}, "these are of both; write two files"),
         ({"a": ("fall", None)}, "unknown event 'fall'"),
         ({"a": ("drift", None)}, "needs a level"),
     ],
@@ -206,7 +206,7 @@ def test_what_would_be_mixed_is_refused(cube, tmp_path):
         export_pelicun(cube, tmp_path / "d.csv", "a")
     with pytest.raises(InputError, match="unknown building 'c'; valid: a, b"):
         export_pelicun(cube, tmp_path / "d.csv", "c")
-    with pytest.raises(InputError, match=r"needs one of the outputs 'drift_max' or"):
+    with pytest.raises(InputError, match=r"needs 'drift_max' or"):
         export_pelicun(cube[["impact_force_max", "status"]].sel(law="linear"), tmp_path / "d.csv", "a")
 
 

@@ -85,15 +85,17 @@ def export_nrml(
     for name in limit_states:
         if not name or _NO_NAME.search(name):
             raise InputError(f"limit state {name!r} is no name that NRML takes; give letters, digits, '_' and '-'")
-    events = {name: get_event(event, level) for name, (event, level) in limit_states.items()}
-    kinds = sorted({event.per for event in events.values()})
-    if len(kinds) > 1:
-        raise InputError(
-            f"limit states are of one kind in a file, and these are of {' and '.join(kinds)}; write two files"
-        )
+    per, *others = {get_event(event, level).per for event, level in limit_states.values()}
+    if others:
+        raise InputError("limit states are of pairs or of buildings in a file, and these are of both; write two files")
     target = check_output(path, overwrite, netcdf=False)
     intensity = own_intensity(cube) if intensity is None else intensity
-    measure, factor = _measure(cube, intensity)
+    periods = list(periods_of(cube, intensity).values())
+    if len(periods) > 1:
+        raise InputError(
+            f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
+        )
+    measure, factor = _MEASURES[intensity] if not periods else (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY)
     fits = {
         name: fragility(cube, event, level, intensity=intensity, folders=folders, confidence=None)
         for name, (event, level) in limit_states.items()
@@ -105,11 +107,11 @@ def export_nrml(
     first = next(iter(fits.values()))
     tried = np.abs(first["trial_intensity"].values) * factor
     tried = tried[np.isfinite(tried) & (tried != 0.0)]
-    dims = [kinds[0], *(dim for dim in scenario_dims(first["fit_status"]) if dim != kinds[0])]
+    dims = [per, *(dim for dim in scenario_dims(first["fit_status"]) if dim != per)]
     left_out: dict[str, str] = {}
     for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
         at = dict(zip(dims, place, strict=True))
-        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim in kinds or first.sizes[dim] > 1}
+        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim == per or first.sizes[dim] > 1}
         parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
         identifier = _NO_IDENTIFIER.sub("_", "_".join(parts))
         cells = {name: fit.isel(at) for name, fit in fits.items()}
@@ -117,15 +119,15 @@ def export_nrml(
         if without:
             left_out[identifier] = "; ".join(f"{name} {sentence(cells[name])}" for name in without)
             continue
-        about = {"id": identifier, "format": "continuous", "shape": "logncdf"}
-        function = ElementTree.SubElement(model, "fragilityFunction", about)
-        ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
-        ElementTree.SubElement(function, "imls", {"imt": measure, **ends})
+        function = ElementTree.SubElement(
+            model, "fragilityFunction", id=identifier, format="continuous", shape="logncdf"
+        )
+        ElementTree.SubElement(function, "imls", imt=measure, minIML=f"{tried.min():.9g}", maxIML=f"{tried.max():.9g}")
         for name, cell in cells.items():
             beta = float(cell["dispersion"])
             mean = float(cell["median"]) * factor * math.exp(0.5 * beta**2)
-            numbers = {"mean": f"{mean:.9g}", "stddev": f"{mean * math.sqrt(math.expm1(beta**2)):.9g}"}
-            ElementTree.SubElement(function, "params", {"ls": name, **numbers})
+            deviation = mean * math.sqrt(math.expm1(beta**2))
+            ElementTree.SubElement(function, "params", ls=name, mean=f"{mean:.9g}", stddev=f"{deviation:.9g}")
     if model.find("fragilityFunction") is None:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
         raise InputError(
@@ -137,16 +139,6 @@ def export_nrml(
     with _written(path, target) as temporary:
         ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
     return left_out
-
-
-def _measure(cube: xr.Dataset, intensity: str) -> tuple[str, float]:
-    """Return what OpenQuake calls an intensity, and the factor to its unit there."""
-    periods = list(periods_of(cube, intensity).values())
-    if len(periods) > 1:
-        raise InputError(
-            f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
-        )
-    return (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY) if periods else _MEASURES[intensity]
 
 
 def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str, *, overwrite: bool = False) -> int:

@@ -63,11 +63,8 @@ def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bo
     lacking = [name for name in names if name not in stored]
     if stored if one else not lacking:
         return stored
-    several = len(lacking) > 1
-    which = "one of the outputs" if one and several else f"the output{'s' * several}"
     quoted = (" or " if one else ", ").join(map(repr, lacking))
-    remedy = "them" if several and not one else "it"
-    raise InputError(f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}")
+    raise InputError(f"{what} needs {quoted}, which this cube lacks; add to the outputs of the sweep and run it again")
 
 
 def chosen_variables(
@@ -179,8 +176,9 @@ def identity(cube: xr.Dataset) -> dict[str, Any]:
 
 def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Interpolate linearly along the last axis; nothing is extrapolated."""
-    places, first = np.unique(at, return_index=True)
-    places, table = places[np.isfinite(places)], table[..., first[np.isfinite(places)]]
+    known = np.isfinite(at)
+    places, first = np.unique(at[known], return_index=True)
+    table = table[..., known][..., first]
     result = np.full((*table.shape[:-1], len(targets)), np.nan)
     if not len(places):
         return result
@@ -213,18 +211,15 @@ def fractiles_over(
     part: xr.DataArray, over: Sequence[str], quantiles: Sequence[float], dim: str = "quantile"
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Return fractiles over dimensions taken together, along a first one of their own, and counts of their values."""
-    rows = part.stack(_together=list(over), create_index=False) if over else part.expand_dims("_together")
-    rows = rows.transpose("_together", ...)
-    ordered = np.sort(rows.values, axis=0)  # NaN sorts last; numpy's own nanquantile goes row by row
+    inner = part.isel(dict.fromkeys(over, 0), drop=True).reset_coords(drop=True)
+    rows = part.transpose(*over, ...).values.reshape(-1, *inner.shape)
+    ordered = np.sort(rows, axis=0)  # NaN sorts last; numpy's own nanquantile goes row by row
     count = np.sum(~np.isnan(ordered), axis=0)
     last = np.maximum(count - 1, 0)
     place = np.multiply.outer(np.asarray(quantiles, float), last)
     low = place.astype(np.intp)
     bottom, top = (np.take_along_axis(ordered, np.minimum(low + i, last), axis=0) for i in (0, 1))
-    inner = rows.isel(_together=0, drop=True).reset_coords(drop=True)
-    coords = {**inner.coords, dim: labelled(dim, quantiles, "share of the values below", "1")}
+    index = labelled(dim, quantiles, "share of the values below", "1")
     fractiles = bottom + (place - low) * (top - bottom)
-    return (
-        xr.DataArray(fractiles, coords, (dim, *inner.dims), attrs=part.attrs),
-        xr.DataArray(count, inner.coords, inner.dims),
-    )
+    coords = {**inner.coords, dim: index}
+    return xr.DataArray(fractiles, coords, (dim, *inner.dims), attrs=part.attrs), inner.copy(data=count)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from pounding_sweep.analysis.scenarios import labelled
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEP, STEPS_PER_PERIOD, oscillator_peaks, strengths_for
 from pounding_sweep.model.scene import Scene
@@ -86,19 +87,19 @@ def response_spectrum(
     >>> (spectrum["pseudo_acceleration"] / 9.81).round(3).values.tolist()
     [0.319, 0.919, 0.455]
     """
-    given: Any = motion
-    if isinstance(given, tuple) and len(given) == 2 and not isinstance(given[1], Record):
-        given = Record("motion", dt=given[1], acceleration=given[0])
-    records = [given] if isinstance(given, Record) else list(given)
+    single = isinstance(motion, Record)
+    records: list[Any] = [motion] if isinstance(motion, Record) else list(motion)
+    if isinstance(motion, tuple) and len(motion) == 2 and not isinstance(motion[1], Record):
+        records, single = [Record("motion", dt=motion[1], acceleration=np.asarray(motion[0], float))], True
     if not records or not all(isinstance(record, Record) for record in records):
         raise InputError(
             f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
         )
     at, ratios = _periods_and_ratios(periods, damping_ratio)
     ordinates = np.array([_ordinates(record.acceleration, record.dt, at, ratios) for record in records])
-    names = ("record", [record.name for record in records], {"long_name": "ground-motion record"})
+    names = labelled("record", (record.name for record in records), "ground-motion record")
     spectra = _spectra(("record",), np.moveaxis(ordinates, 1, 0), at, ratios, {"record": names}, damping_ratio)
-    return (spectra.isel(record=0) if isinstance(given, Record) else spectra).assign_attrs(
+    return (spectra.isel(record=0) if single else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence; peaks until the last point of the record"
     )
 
@@ -153,7 +154,7 @@ def floor_spectra(
     if time.size < 2:
         raise InputError(f"the histories have {time.size} time; a spectrum needs at least 2")
     dt = float(time[-1] - time[0]) / (time.size - 1)
-    if not (dt > 0 and np.allclose(np.diff(time), dt, rtol=_UNEVEN, atol=0)):
+    if not np.allclose(np.diff(time), dt, rtol=_UNEVEN, atol=0):
         raise InputError(
             "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
         )
@@ -172,22 +173,16 @@ def floor_spectra(
 
 def _periods_and_ratios(periods: Numbers | None, damping_ratio: Numbers) -> tuple[Array, Array]:
     """Return periods (s) and damping ratios, all valid."""
-    periods = usual_periods() if periods is None else periods
-    both = []
-    for given, what, upper, wrong, valid in (
-        (periods, "periods (s)", np.inf, "a period of the spectrum is {:g} s", "give finite ones, not negative"),
-        (damping_ratio, "damping ratios", 1.0, "damping ratio of the spectrum is {:g}", "it must be in [0, 1)"),
-    ):
-        try:
-            numbers = np.atleast_1d(np.asarray(given, dtype=float))
-        except (TypeError, ValueError):
-            raise InputError(f"{what} must be numbers, not {given!r}") from None
+    at = np.atleast_1d(np.asarray(usual_periods() if periods is None else periods, dtype=float))
+    ratios = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
+    for numbers, what in ((at, "periods (s)"), (ratios, "damping ratios")):
         if numbers.ndim != 1 or numbers.size == 0:
             raise InputError(f"{what} must be a number or a list of at least one, not of shape {numbers.shape}")
-        if not (valid_ones := (numbers >= 0.0) & (numbers < upper)).all():
-            raise InputError(f"{wrong.format(numbers[~valid_ones][0])}; {valid}")
-        both.append(numbers)
-    return both[0], both[1]
+    for period in at[~((at >= 0.0) & (at < np.inf))]:
+        raise InputError(f"a period of the spectrum is {period:g} s; give finite ones, not negative")
+    for ratio in ratios[~((ratios >= 0.0) & (ratios < 1.0))]:
+        raise InputError(f"damping ratio of the spectrum is {ratio:g}; it must be in [0, 1)")
+    return at, ratios
 
 
 def _ordinates(signal: Array, dt: float, periods: Array, ratios: Array) -> Array:
@@ -213,9 +208,8 @@ def _spectra(
     dims: tuple[Any, ...], ordinates: Array, periods: Array, ratios: Array, coords: dict[str, Any], asked: Numbers
 ) -> xr.Dataset:
     """Return labelled spectra; a damping ratio that was asked for as a number is a scalar coordinate."""
-    coords["period"] = ("period", periods, {"units": "s", "long_name": "natural period of the oscillator"})
-    about = {"units": "1", "long_name": "damping ratio of the oscillator"}
-    coords["damping_ratio"] = ("damping_ratio", ratios, about)
+    coords["period"] = labelled("period", periods, "natural period of the oscillator", "s")
+    coords["damping_ratio"] = labelled("damping_ratio", ratios, "damping ratio of the oscillator", "1")
     variables = {
         name: ((*dims, "damping_ratio", "period"), part, {"units": units, "long_name": long_name})
         for (name, (units, long_name)), part in zip(ORDINATES.items(), ordinates, strict=True)
@@ -272,20 +266,17 @@ def constant_ductility(
         raise InputError("no storey of this row yields; give its buildings yield_strengths")
     motions = resolve_records(records, folders=folders)
     rows = Variants(scene, *(np.repeat(column, len(targets), axis=0) for column in variants_of(scene).columns))
-    found = np.stack([np.stack(strengths_for(rows, motion, targets, dt), axis=-1) for motion in motions])
+    parts = np.stack([np.stack(strengths_for(rows, motion, targets, dt), axis=-1) for motion in motions])
     dims = ("record", "ductility", "building")
-    about = (
-        ("strength_factor", "factor on all yield strengths"),
-        ("strength_reduction", "strength at which it just stays elastic, over that of the factor"),
-    )
+    reduction = "strength at which it just stays elastic, over that of the factor"
     return xr.Dataset(
         {
-            name: (dims, found[..., i], {"units": "1", "long_name": long_name})
-            for i, (name, long_name) in enumerate(about)
+            "strength_factor": (dims, parts[..., 0], {"units": "1", "long_name": "factor on all yield strengths"}),
+            "strength_reduction": (dims, parts[..., 1], {"units": "1", "long_name": reduction}),
         },
         {
             "record": [motion.name for motion in motions],
-            "ductility": ("ductility", targets, {"units": "1", "long_name": "largest storey ductility"}),
+            "ductility": labelled("ductility", targets, "largest storey ductility", "1"),
             "building": [building.name for building in scene.buildings],
         },
     )

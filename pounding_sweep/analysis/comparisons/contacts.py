@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import check_needs, comparison, over_text
@@ -93,16 +92,15 @@ def impact_statistics(
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
     touch = touched(cube, "impact statistics")
     ok = trusted(cube).broadcast_like(touch.isel(pair=0, storey=0, drop=True, missing_dims="ignore"))
-    counts = {
-        "scenarios": (ok.sum(over).astype(np.int64), "scenarios that are ok"),
-        "left_out": ((~ok).sum(over).astype(np.int64), "scenarios left out: their status is not ok"),
+    result = {
+        "scenarios": described(ok.sum(over), "1", "scenarios that are ok", bare=True),
+        "left_out": described((~ok).sum(over), "1", "scenarios left out: their status is not ok", bare=True),
     }
     pair = touch.max("storey") if "storey" in touch.dims else touch
     for prefix, part, where in (("", touch, "the floors"), ("pair_", pair, "the pair")):
-        count = part.sum(over).where(part.notnull().any(over))
-        counts[f"{prefix}touching"] = count, f"scenarios in which {where} touch"
-        counts[f"{prefix}touching_share"] = part.mean(over), f"share of scenarios in which {where} touch"
-    result = {name: described(part, "1", text, bare=True) for name, (part, text) in counts.items()}
+        count, text = part.sum(over, min_count=1), f"scenarios in which {where} touch"
+        result[f"{prefix}touching"] = described(count, "1", text, bare=True)
+        result[f"{prefix}touching_share"] = described(part.mean(over), "1", f"share of {text}", bare=True)
     for name in present(cube, OUTPUTS):
         fractiles, _ = fractiles_over(values(cube, name).where(touch == 1.0), over, quantiles)
         result[f"{name}_fractiles"] = fractiles.assign_attrs(comment="over the scenarios in which these floors touch")
@@ -152,9 +150,9 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     what = "the energy budget"
     row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))
     pairs = ["pair"] if "pair" in cube.coords else []
-    terms = [*TERMS, *(["contact_work"] if pairs else []), *(name for name, text in BESIDE.items() if text in row)]
     check_needs(cube, what, axes=["building", *pairs])
-    need_variables(cube, what, terms)
+    work = ["contact_work"] if pairs else []
+    need_variables(cube, what, [*TERMS, *work, *(name for name, text in BESIDE.items() if text in row)])
     if "sweep" in cube.attrs:  # a selection that left buildings or pairs out does not balance
         scene = scene_of(stored_sweep(cube)["scene"])
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
@@ -166,26 +164,25 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     result = {name: values(cube, name) for name in present(cube, (*TERMS, *BESIDE))}
-    largest = xr.concat([abs(part).max("building") for part in result.values()], "term").max("term")
+    largest = [abs(part).max("building") for part in result.values()]
     transfer = result["energy_transfer"] = energy_transfer(result)
     result |= {name: values(cube, name) for name in present(cube, (*_EXTREMES, "contact_work"))}
     total = transfer.sum("building", skipna=False)
     taken = xr.zeros_like(total)
     if "contact_work" in result:
-        work = result["contact_work"]
-        taken = work.sum("pair").where(work.notnull().any("pair"))
-        most = abs(work).max("pair").fillna(0.0)
-        largest = largest.where(~(most > largest), most)
-    residual, given = total - taken, result["energy_input"]
-    relative = abs(residual) / largest.where(largest > 0.0)
-    for name, part, units, text in (
-        ("transfer_sum", total, "kN m", "energy given by all buildings"),
-        ("work_sum", taken, "kN m", "work taken by all contacts"),
-        ("residual", residual, "kN m", "energy given less work taken"),
-        ("residual_relative", relative, "1", "size of the residual over the largest energy"),
-        ("transfer_share", transfer / given.where(given != 0.0), "1", "share of the input given away"),
-    ):
-        result[name] = described(part, units, text)
+        taken = result["contact_work"].sum("pair", min_count=1)
+        largest.append(abs(result["contact_work"]).max("pair"))
+    residual, energy_input = total - taken, result["energy_input"]
+    relative = abs(residual) / xr.concat(largest, "term").max("term").where(lambda energy: energy > 0.0)
+    result |= {
+        "transfer_sum": described(total, "kN m", "energy given by all buildings"),
+        "work_sum": described(taken, "kN m", "work taken by all contacts"),
+        "residual": described(residual, "kN m", "energy given less work taken"),
+        "residual_relative": described(relative, "1", "size of the residual over the largest energy"),
+        "transfer_share": described(
+            transfer / energy_input.where(energy_input != 0.0), "1", "share of the input given away"
+        ),
+    }
     return xr.Dataset(result, attrs={"largest_residual_relative": float(relative.max())})
 
 
