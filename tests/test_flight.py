@@ -21,8 +21,7 @@ from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, TOUCH, TURN, WIDE, Flight, Layout
-from pounding_sweep.kernel.flight_blocks import Blocks
-from pounding_sweep.kernel.flight_tables import Tables
+from pounding_sweep.kernel.flight_tables import Blocks, Tables
 from pounding_sweep.kernel.lanes import Ledger
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall

@@ -11,8 +11,7 @@ from llvmlite import ir
 
 from pounding_sweep.kernel import march
 from pounding_sweep.kernel.flight import Flight, Layout, scratch
-from pounding_sweep.kernel.flight_blocks import Blocks
-from pounding_sweep.kernel.flight_tables import Tables
+from pounding_sweep.kernel.flight_tables import Blocks, Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (

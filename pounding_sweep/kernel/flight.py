@@ -327,7 +327,7 @@ class Flight:
         self.rated, self.weighed = (Cell(flag(self.trace, False)) for _ in range(2))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
-        self._mode_parts, self._watched_parts = (
+        self.mode_parts, self.watched_parts = (
             range(wide // self.lanes) for wide in (layout.wide_modes, layout.wide_watched)
         )
 
@@ -372,7 +372,7 @@ class Flight:
         """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
         many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
         h, leap = self.number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
-        for part in self._mode_parts:
+        for part in self.mode_parts:
             a = [load(wide, decays, own + (k * many + part * self.lanes), self.lanes) for k in range(4)]
             e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
             for k in count_to(leap + 1, self.trace):
@@ -424,7 +424,7 @@ class Flight:
         s, w, scale = self.group.state, self.rows, self.times.full(self.scale.now)
         tables = TO_FLOORS if self.layout.coupled else ("floors", "", "", "floors")
         for name in "qp":
-            for part in self._mode_parts:
+            for part in self.mode_parts:
                 w[f"whole_{name}", part] = fma(scale, self._still(name, t, part), w[name, part])
         whole = [partial(w.number, f"whole_{name}") for name in "qp"]
         for motion, by in (("u", tables[:2]), ("v", tables[2:])):
@@ -441,7 +441,7 @@ class Flight:
     def _mix(self, readers: Iterable[tuple[str, Callable[[Any], Any]]]) -> list[Any]:
         """Sum up what functions read, weighted by rows of tables ("": of none)."""
         mine = [(self.place_of(name), read) for name, read in readers if name]
-        sums = [Cell(self.times.full(0.0)) for _ in self._mode_parts]
+        sums = [Cell(self.times.full(0.0)) for _ in self.mode_parts]
         for i in self.each(self.layout.modes, len(sums) * len(mine)):
             for at, read in mine:
                 value = read(i)
@@ -581,7 +581,7 @@ class Flight:
     def _shift(self, lane: Any) -> None:
         """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
         s, w, layout = self.group.state, self.rows, self.layout
-        sums = [Cell(self.times.full(0.0)) for _ in self._watched_parts]
+        sums = [Cell(self.times.full(0.0)) for _ in self.watched_parts]
         for to_modes, to_watched in (("modal", "across"), ("modal_pu", "across_rate"))[: 1 + layout.coupled]:
             # of rates times the step
             unit = self.number(self.place_of("step")) if to_watched == "across_rate" else 1.0
@@ -644,7 +644,7 @@ class Flight:
                 self.steps.now = room
                 if blocks is not None:
                     blocks.know(blocks.of(t))
-                for part in () if windows or blocks is not None else self._watched_parts:
+                for part in () if windows or blocks is not None else self.watched_parts:
                     self.rows["asks", part] = self.times.full(1.0)
                 for _ in when(self._near(t, "most", "least")) if windows else range(1):
                     self._look(t)
@@ -693,7 +693,7 @@ class Flight:
             if each.storey < 0:
                 x = s.lane(each.most, lane)
                 highs[q], lows[q] = x, -x if each.sized else lows[q] if each.least < 0 else s.lane(each.least, lane)
-        for part in self._watched_parts:
+        for part in self.watched_parts:
             mine = slice(part * self.lanes, (part + 1) * self.lanes)
             w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
         for low, high, alike in self._runs:
@@ -730,7 +730,7 @@ class Flight:
         """Amplitudes of the modes, and the most that they add to what is watched."""
         w = self.rows
         slowness = self.place_of("slowness")
-        for part in self._mode_parts:
+        for part in self.mode_parts:
             q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
@@ -743,10 +743,10 @@ class Flight:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's `own`."""
         w, wide, zero = self.rows, self.layout.wide_watched, self.times.full(0.0)
         # all that follows waits for these sums: their parts do not wait for each other
-        sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self._watched_parts]
+        sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self.watched_parts]
         places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
-            for part in self._mode_parts if factor else ():
+            for part in self.mode_parts if factor else ():
                 each = self._vector(self.place_of(factor) + part * self.lanes)
                 w[f"amplitude_{factor}", part] = each * w["amplitude", part]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
@@ -762,7 +762,7 @@ class Flight:
     def _undisturbed(self) -> Any:
         """Whether nothing but the record moves the row."""
         w, most = self.rows, Cell(self.times.full(0.0))
-        for part in self._mode_parts:
+        for part in self.mode_parts:
             most.now = maximum(most.now, w["amplitude", part])
         return not_(any_lane(most.now > 0.0))
 
@@ -810,7 +810,7 @@ class Flight:
     def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
         scale, found = self.scale.now, []
-        for part in self._watched_parts:
+        for part in self.watched_parts:
             above, below = self._then(most, t, part), self._then(least, t, part)
             up = scale >= 0.0
             found.append((scale * where(up, above, below), scale * where(up, below, above)))
@@ -856,7 +856,7 @@ class Flight:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""
         w, m = self.rows, self.layout.wide_modes
         at = self.place_of("advance") + steps * (4 * m)
-        for part in self._mode_parts:
+        for part in self.mode_parts:
             q, p = w["q", part], w["p", part]
             e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
@@ -864,7 +864,7 @@ class Flight:
     def _survey(self) -> None:
         """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
         w, far = self.rows, self.group.limit.far
-        for part in self._watched_parts:
+        for part in self.watched_parts:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
         for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
@@ -876,7 +876,7 @@ class Flight:
                     w["trough", part] = minimum(w["trough", part], below)
                 block.now = block.now + 1
         for _ in when(block.now > 0):
-            for part in self._watched_parts:
+            for part in self.watched_parts:
                 less = self._own("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds reach so far beyond points
                 self._take_peaks(part, w["crest", part] - less, w["trough", part] + less)
 
@@ -1086,5 +1086,5 @@ def scratch(layout: Layout) -> dict[str, int]:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
     rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
-    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN) | {"decay": (layout.lanes + 1) * 4 * n}
+    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
     return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}

@@ -1,48 +1,79 @@
-"""The motion without pounding of a row of buildings, as exact flight reads it: at all points of a grid, and in windows.
+"""The motion without pounding of rows of buildings, as exact flight reads it: at all points of a grid, or by blocks.
 
 The modes move from point to point in double precision, whatever the number format of the
-kernel; what is watched, and its extremes in windows, follow side by side in the lanes.
+kernel; what is watched, and its extremes in windows or blocks, follow side by side in the lanes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from itertools import groupby
 from typing import Any
 
-from pounding_sweep.kernel.flight import ACCELERATION, HEAD, WIDE, Flight
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, WIDE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
+    Count,
+    Lookup,
     Tracer,
+    any_lane,
     count_to,
+    flag,
     fma,
+    lesser,
     load,
     load_one,
     maximum,
     minimum,
     narrow,
+    not_,
+    one,
+    real,
+    rounded,
     size,
     sqrt,
     store,
     store_one,
+    transposed,
     when,
     where,
     whole,
 )
+from pounding_sweep.kernel.modal_steps import MOVES, step
 from pounding_sweep.kernel.peaks import septic_extremes
 
+#: Groups of rows of buildings that are filled together, block by block.
+BUNDLE = 16
 
-class Tables:
-    """Fills the tables of flight for the rows of buildings of a call."""
 
-    # flight: whose tables they are
-    # decays: in double precision: the ground's acceleration at all points of the grid, then the rows of
-    #     `Layout.decays` of each row of buildings
+def _step(c: Mapping[str, Any], q: Any, p: Any, g0: Any, g1: Any) -> list[Any]:
+    """Return modes and their rates after a step, by `MOVES` and the ground at its ends."""
+    return [fma(c[x + "q"], q, fma(c[x + "p"], p, fma(c[x + "0"], g0, c[x + "1"] * g1))) for x in "qp"]
+
+
+class _Filler:
+    # flight: whose motions they are
+    # decays: numbers in double precision that they follow from
     # wide: double precision; None: NumPy
-    # margin: share of its largest size by which what is watched is widened in windows
+    # margin: share by which what is watched is widened for rounding
 
     def __init__(self, flight: Flight, decays: Any, wide: Tracer | None, margin: float) -> None:
         self.flight, self.layout, self.lanes = flight, flight.layout, flight.lanes
         self.trace, self.wide, self.decays, self.margin = flight.trace, wide, decays, margin
         self.points, self.last = flight.points, flight.last
+
+    def _wide(self, at: Any) -> Any:
+        return load(self.wide, self.decays, at, self.lanes)
+
+    def _ground(self, point: Any) -> Any:
+        return load_one(self.wide, self.decays, point + HEAD)
+
+
+class Tables(_Filler):
+    """Fills the tables of flight for the rows of buildings of a call, at all points of the grid."""
+
+    # decays: the ground's acceleration at all points of the grid, then the rows of `Layout.decays` of each row of
+    #     buildings
 
     def fill(self, rows: Any) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
@@ -51,25 +82,19 @@ class Tables:
             flight.base.now = self.layout.base(row, self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
             flight.put_decays(self.wide, self.decays, own)
-            for part in range(self.layout.wide_modes // self.lanes):
+            for part in flight.mode_parts:
                 self._move(own + part * self.lanes, part)
                 if "given" in self.layout.timed:
                     self._give_back(own + part * self.lanes, part)
-            for m in count_to(self.layout.modes, self.trace):
-                self._turn_over(m)
-            self._put_ground()
-            for part in range(self.layout.wide_watched // self.lanes):
+            self._turn_over()
+            for part in flight.watched_parts:
                 self._weigh_ground(part)
                 if flight.group.spec.windows:
                     self._follow(part)
                     self._widen(part)
 
-    def _ground(self, t: Any) -> Any:
-        return load_one(self.wide, self.decays, t + HEAD)
-
     def _constants(self, own: Any) -> dict[str, Any]:
-        names, many = self.layout.decays, self.layout.wide_modes
-        return {name: load(self.wide, self.decays, own + k * many, self.lanes) for k, name in enumerate(names)}
+        return {name: self._wide(own + k * self.layout.wide_modes) for k, name in enumerate(self.layout.decays)}
 
     def _put(self, name: str, t: Any, part: int, x: Any) -> None:
         at = self.flight.place_of(name) + t * self.layout.timed[name] + part * self.lanes
@@ -92,13 +117,11 @@ class Tables:
                 second = -fma(c["square"], q.now, c["damping"] * p.now) - c["push"] * g0
                 third = (-fma(c["square"], p.now, c["damping"] * second) - c["push"] * rise) * c["slowness"]
                 most.now = maximum(most.now, fma(second, second, third * third))
-                q0, p0 = q.now, p.now
-                q1 = fma(c["qq"], q0, fma(c["qp"], p0, fma(c["q0"], g0, c["q1"] * g1)))
-                p1 = fma(c["pq"], q0, fma(c["pp"], p0, fma(c["p0"], g0, c["p1"] * g1)))
+                q1, p1 = _step(c, q.now, p.now, g0, g1)
                 if energies:
                     h = load_one(self.wide, self.decays, whole(self.trace, 0))
-                    area = (p1 - p0) + c["damping"] * (q1 - q0) + c["push"] * ((g0 + g1) * (0.5 * h))
-                    gained = g0 * (q1 - q0) + (g1 - g0) * (q1 + c["area"] * area)
+                    area = (p1 - p.now) + c["damping"] * (q1 - q.now) + c["push"] * ((g0 + g1) * (0.5 * h))
+                    gained = g0 * (q1 - q.now) + (g1 - g0) * (q1 + c["area"] * area)
                     given.now = fma(c["weight"], gained, given.now)
                 q.now, p.now = q1, p1
         self.flight.rows["amplitude", part] = narrow(self.trace, sqrt(most.now))
@@ -118,28 +141,18 @@ class Tables:
             self._put("adjoint_q", t, part, q.now)
             self._put("adjoint_p", t, part, p.now)
 
-    def _turn_over(self, m: Any) -> None:
-        """Let a mode's values and rates lie one after another."""
+    def _turn_over(self) -> None:
+        """Let each mode's values and rates, and the ground's accelerations, lie one after another."""
         f, many = self.flight, self.points + self.lanes
         h = load_one(self.trace, f.tables, f.place_of("step"))
-        x, rate = (f.place_of(name) + m * many for name in ("x", "rate"))
-        q, p = (f.place_of(name) + m for name in ("q", "p"))
+        x, rate, ground = (f.place_of(name) for name in ("x", "rate", "ground"))
         for t in count_to(self.points, self.trace):
             at = t * self.layout.wide_modes
-            store_one(self.trace, f.tables, x + t, load_one(self.trace, f.tables, q + at))
-            store_one(self.trace, f.tables, rate + t, h * load_one(self.trace, f.tables, p + at))
-        for k in count_to(self.lanes, self.trace):
-            for row in (x, rate):
-                store_one(self.trace, f.tables, row + self.points + k, 0.0)
-
-    def _put_ground(self) -> None:
-        """Let the ground's accelerations lie beside the modes."""
-        f = self.flight
-        at = f.place_of("ground")
-        for t in count_to(self.points, self.trace):
-            store_one(self.trace, f.tables, at + t, narrow(self.trace, self._ground(t)))
-        for k in count_to(self.lanes, self.trace):
-            store_one(self.trace, f.tables, at + self.points + k, 0.0)
+            q, p = f.place_of("q") + at, f.place_of("p") + at
+            for m in count_to(self.layout.modes, self.trace):
+                store_one(self.trace, f.tables, x + m * many + t, load_one(self.trace, f.tables, q + m))
+                store_one(self.trace, f.tables, rate + m * many + t, h * load_one(self.trace, f.tables, p + m))
+            store_one(self.trace, f.tables, ground + t, narrow(self.trace, self._ground(t)))
 
     def _weigh_ground(self, part: int) -> None:
         """Find how far what is watched leaves its chords, and the hulls of cubics, at most, without pounding."""
@@ -155,77 +168,64 @@ class Tables:
                     total.now = fma(load(self.trace, f.tables, at + m * wide, self.lanes), a, total.now)
             store(self.trace, f.tables, f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
 
+    def _read(self, *names: str, at: Any = 0) -> list[Any]:
+        """Return one number of each of some tables."""
+        return [load_one(self.trace, self.flight.tables, self.flight.place_of(name) + at) for name in names]
+
+    def _across(self, name: str, m: Any, part: int) -> Any:
+        """Return what mode m adds to what is watched."""
+        f, place = self.flight, m * self.layout.wide_watched + part * self.lanes
+        return load(self.trace, f.tables, f.place_of(name) + place, self.lanes)
+
+    def _is_shaken(self, part: int) -> Any:
+        """Lanes in which total accelerations are watched."""
+        f = self.flight
+        return load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
+
     def _watched_at(self, t: Any, part: int) -> list[Any]:
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
         f, layout = self.flight, self.layout
-        names = (
-            "square",
-            "damping",
-            "push",
-            "inverse",
-            "step",
-            "across",
-            *(("across_rate",) if layout.coupled else ()),
-        )
-        of = {name: f.place_of(name) for name in names}
-        h, per = (load_one(self.trace, f.tables, of[name]) for name in ("step", "inverse"))
         ground = narrow(self.trace, self._ground(t))
         sums = [Cell(f.times.full(0.0)) for _ in range(4)]
-        shakes = any(each.kind == ACCELERATION for each in self._mine(part))
-        moves = any(each.kind != ACCELERATION for each in self._mine(part))
-        shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
-        at = t * layout.wide_modes
-        q_at, p_at = f.place_of("q") + at, f.place_of("p") + at
+        kinds = {each.kind for each in layout.watched[part * self.lanes : (part + 1) * self.lanes]}
+        h, per = self._read("step", "inverse")
+        shaken, at = self._is_shaken(part), t * layout.wide_modes
         for m in f.each(layout.modes, 4):
-            q = load_one(self.trace, f.tables, q_at + m)
-            rate = h * load_one(self.trace, f.tables, p_at + m)
-            stiff, damped, push = (
-                load_one(self.trace, f.tables, of[name] + m) for name in ("square", "damping", "push")
-            )
+            q, p = self._read("q", "p", at=at + m)
+            stiff, damped, push = self._read("square", "damping", "push", at=m)
+            rate = h * p
             total = -(stiff * q + damped * rate)
             second = total - push * ground
             third = -(stiff * rate + damped * second)
+            fourth = -(stiff * second + damped * third)
             values: list[Any] = [q, rate, second, third]
-            place = m * layout.wide_watched + part * self.lanes
             if layout.coupled:
-                higher = [rate, second, third, -(stiff * second + damped * third)]
-                own = load(self.trace, f.tables, of["across_rate"] + place, self.lanes)
-                for value, cell in zip(higher, sums, strict=True):
-                    cell.now = fma(own, value, cell.now)
-            elif shakes:
-                fourth = -(stiff * second + damped * third)
+                for value, cell in zip((rate, second, third, fourth), sums, strict=True):
+                    cell.now = fma(self._across("across_rate", m, part), value, cell.now)
+            elif ACCELERATION in kinds:
                 shake = [each * per for each in (total, third, fourth, -(stiff * third + damped * fourth))]
-                values = (
-                    [where(shaken, a, f.times.full(b)) for a, b in zip(shake, values, strict=True)] if moves else shake
-                )
-            weight = load(self.trace, f.tables, of["across"] + place, self.lanes)
+                for k, x in enumerate(shake):
+                    values[k] = where(shaken, x, f.times.full(values[k])) if len(kinds) > 1 else x
             for value, cell in zip(values, sums, strict=True):
-                cell.now = fma(weight, value, cell.now)
+                cell.now = fma(self._across("across", m, part), value, cell.now)
         return [cell.now for cell in sums]
 
     def _pushed(self, part: int) -> list[Any]:
         """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
         f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(2)]
-        per, across = load_one(self.trace, f.tables, f.place_of("inverse")), f.place_of("across") + part * self.lanes
-        shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
-        rates = f.place_of("across_rate") + part * self.lanes if self.layout.coupled else None
+        (per,), shaken, full = self._read("inverse"), self._is_shaken(part), f.times.full
         for m in f.each(self.layout.modes):
-            weight = load(self.trace, f.tables, across + m * self.layout.wide_watched, self.lanes)
-            stiff, damped, push = (
-                load_one(self.trace, f.tables, f.place_of(name) + m) for name in ("square", "damping", "push")
-            )
+            weight = self._across("across", m, part)
+            stiff, damped, push = self._read("square", "damping", "push", at=m)
             if self.layout.coupled:
-                own = load(self.trace, f.tables, rates + m * self.layout.wide_watched, self.lanes)
-                sums[0].now = fma(own, push, sums[0].now)
-                sums[1].now = fma(weight - damped * own, push, sums[1].now)
-                continue
-            lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
-            for value, other, cell in ((lift, 0.0, sums[0]), (lift5, push, sums[1])):
-                cell.now = fma(weight, where(shaken, f.times.full(value), f.times.full(other)), cell.now)
+                rates = self._across("across_rate", m, part)
+                terms = [(rates, push), (weight - damped * rates, push)]
+            else:
+                lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
+                terms = [(weight, where(shaken, full(x), full(y))) for x, y in ((lift, 0.0), (lift5, push))]
+            for cell, (share, x) in zip(sums, terms, strict=True):
+                cell.now = fma(share, x, cell.now)
         return [cell.now for cell in sums]
-
-    def _mine(self, part: int) -> list[Any]:
-        return self.layout.watched[part * self.lanes : (part + 1) * self.lanes]
 
     def _follow(self, part: int) -> None:
         """Extremes of what is watched in each step of the grid, and up to each point."""
@@ -277,3 +277,301 @@ class Tables:
             for _ in when(t + later < self.points):
                 best.now = better(best.now, load(self.trace, f.tables, at + (t + later) * width, self.lanes))
             self._put(to, t, part, best.now if margin is None else best.now + margin)
+
+
+class Blocks(_Filler):
+    """The motion of rows of buildings that each have one of their own: block by block, and in one point by point.
+
+    Where hardly any scenarios share a motion, tables of all its points would cost more than the
+    impacts. So many rows of buildings move side by side in the lanes, in double precision and in
+    steps as long as the ground allows; what is kept is their state at the beginning of each block
+    of the grid, and bounds of what is watched in it. A block that these don't rule out is gone
+    through again, point by point, for the one scenario that flies.
+    """
+
+    # decays: `HEAD` numbers, the ground's acceleration at all points of the grid, what it pushes each mode by, the rows
+    #     of `Layout.strides` of each group of rows of buildings, of which the first two are known, and room for those
+    #     of `Layout.decays` of each row of buildings and for states
+    # rows: rows of buildings
+    # cell: makes a variable that is there at the next call of flight, of a first value
+
+    def __init__(
+        self,
+        flight: Flight,
+        decays: Any,
+        wide: Tracer | None,
+        margin: float,
+        rows: Any,
+        cell: Callable[[Any], Cell],
+    ) -> None:
+        super().__init__(flight, decays, wide, margin)
+        step, per_stride, stride, length = (load_one(wide, decays, whole(self.trace, k)) for k in range(HEAD))
+        self.step, self.per_stride = narrow(self.trace, step), per_stride
+        #: Points of the grid in a long step, in a block, and long steps in a block.
+        self.stride, self.length = (rounded(narrow(self.trace, x)) for x in (stride, length))
+        self.steps = self.length // self.stride
+        #: By what the bulge of one step is less than that of a long one.
+        self.per_square = 1.0 / (real(self.stride) * real(self.stride))
+        self.blocks = (flight.last + (self.length - 1)) // self.length
+        self.groups = groups = (rows + (self.lanes - 1)) // self.lanes
+        self.push_at = flight.points + HEAD
+        self.strides_at = self.push_at + self.layout.wide_modes
+        self.modes_at = self.strides_at + groups * (len(self.layout.strides) * self.layout.modes * self.lanes)
+        self.states_at = self.modes_at + groups * (self.lanes * len(self.layout.decays) * self.layout.wide_modes)
+        #: Where the states of the modes of one row of buildings are put together.
+        self.desk = self.states_at + groups * (self.blocks * (self.layout.modes * STATE * self.lanes))
+        self.lows = Lookup(self.trace, [low for low, _ in self.layout.ranges] or [0])
+        self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
+        #: The block that lies point by point, and whose: where its tables begin.
+        self.known, self.owner = (cell(whole(self.trace, 0)) for _ in range(2))
+
+    def _own(self, number: Any) -> Any:
+        """Where the rows of modes of a row of buildings begin."""
+        return self.modes_at + number * (len(self.layout.decays) * self.layout.wide_modes)
+
+    def _state(self, group: Any, block: Any, m: Any) -> Any:
+        """Where the states of a mode at the beginning of a block lie."""
+        at = (group * self.blocks + block) * self.layout.modes + m
+        return self.states_at + at * (STATE * self.lanes)
+
+    # all of them -----------------------------------------------------------------------------------------------
+
+    def fill(self) -> None:
+        """Fill all blocks of all rows of buildings, as many side by side as there are lanes."""
+        f = self.flight
+        self.known.now = whole(self.trace, -1)
+        for name in ("above", "below", "swell"):
+            for q in count_to(self.layout.wide_watched, self.trace):
+                f.rows[name, q] = f.times.full(0.0)
+        for group in count_to(self.groups, self.trace):
+            self._prepare(group)
+        for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE, self.trace):
+            first = bundle * BUNDLE
+            for block in count_to(self.blocks, self.trace):
+                left = (f.last - block * self.length) // self.stride
+                for k in count_to(lesser(self.groups - first, whole(self.trace, BUNDLE)), self.trace):
+                    self._fill_block(first + k, block, lesser(left, self.steps))
+
+    def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
+        """Fill a block of a group; what moves as in the group before it has been found there."""
+        f = self.flight
+        f.base.now = self.layout.base(group * self.lanes, self.blocks)
+        for m in count_to(self.layout.modes, self.trace):
+            new = self._is_new(group, m)
+            for _ in when(new):
+                self._move(group, block, m, steps)
+            for _ in when(not_(new) & (block + 1 < self.blocks)):
+                here, there = (self._state(group - before, block + 1, m) for before in (0, 1))
+                for k in range(STATE):
+                    store(self.wide, self.decays, here + k * self.lanes, self._wide(there + k * self.lanes))
+        for (_, many, shaken), run in groupby(range(len(self.layout.watched)), self._kind):
+            mine = list(run)
+            for q in count_to(len(mine), self.trace):
+                new = flag(self.trace, False)
+                for k in range(many):
+                    new = new | self._is_new(group, self.lows[q + mine[0]] + k)
+                for _ in when(new):
+                    self._watch(q + mine[0], many, shaken, steps)
+        self._hand_out(block)
+
+    def _row(self, group: Any, name: str, m: Any) -> Any:
+        """Where a row of a mode of a group lies."""
+        row = group * len(self.layout.strides) + self.layout.strides.index(name)
+        return self.strides_at + (row * self.layout.modes + m) * self.lanes
+
+    def _is_new(self, group: Any, m: Any) -> Any:
+        """Whether a mode moves otherwise in a group than in the one before it."""
+        return load_one(self.wide, self.decays, self._row(group, "new", m)) > 0.5
+
+    # how their modes move ----------------------------------------------------------------------------------------
+
+    def _prepare(self, group: Any) -> None:
+        """Find how the modes of a group move, over one step and a long one, and let them be at rest."""
+        wide, h = self.wide, load_one(self.wide, self.decays, whole(self.trace, 0))
+        early = (group - group // BUNDLE * BUNDLE) == 0
+        for long in count_to(lesser(self.stride, whole(self.trace, 2)), self.trace):
+            steps = (self.stride - 1) * long + 1
+            length = h * (float(steps) if wide is None else real(Count(wide, steps.value)))
+            for m in count_to(self.layout.modes, self.trace):
+                w, c = (self._wide(self._row(group, name, m)) for name in ("w", "c"))
+                push = load_one(wide, self.decays, self.push_at + m)
+                for name, x in step(wide, w, c, push, length).items():
+                    store(wide, self.decays, self._row(group, name, m), x)
+            for _ in when(long == 0):
+                self._hand_over(group)
+        before = group - lesser(group, whole(self.trace, 1))
+        for m in count_to(self.layout.modes, self.trace):
+            (w, w0), (c, c0) = ([self._wide(self._row(g, name, m)) for g in (group, before)] for name in ("w", "c"))
+            new = early | any_lane(~(w == w0) | ~(c == c0))
+            store_one(wide, self.decays, self._row(group, "new", m), where(new, one(wide, 1.0), one(wide, 0.0)))
+            found = {"square": w * w, "slowness": 1.0 / w}
+            if self.shakes:
+                ratio = c / w
+                found["heft"] = w * w * sqrt(ratio * ratio + 1.0)
+            for name, x in found.items():
+                store(wide, self.decays, self._row(group, name, m), x)
+            for k in range(STATE):
+                store(wide, self.decays, self._state(group, whole(self.trace, 0), m) + k * self.lanes, w * 0.0)
+
+    def _hand_over(self, group: Any) -> None:
+        """Give each row of buildings how its modes move over one step, and how they decay over several."""
+        f, n, lanes, wide = self.flight, self.layout.modes, self.lanes, self.layout.wide_modes
+        for k in count_to(len(MOVES), self.trace):
+            first, at = self._row(group, MOVES[0], k * n), self._own(group * lanes) + k * wide
+            for part in f.mode_parts:
+                modes = [self._wide(first + m * lanes) for m in range(part * lanes, min(n, (part + 1) * lanes))]
+                modes += [modes[0] * 0.0] * (lanes - len(modes))
+                for lane, x in enumerate(transposed(modes)):
+                    store(self.wide, self.decays, at + part * lanes + len(MOVES) * wide * lane, x)
+        for lane in count_to(lanes, self.trace):
+            f.base.now = self.layout.base(group * lanes + lane, self.blocks)
+            f.put_decays(self.wide, self.decays, self._own(group * lanes + lane))
+
+    # through a block ---------------------------------------------------------------------------------------------
+
+    def _kind(self, q: int) -> tuple[int, int, bool]:
+        each = self.layout.watched[q]
+        return each.kind, self.layout.ranges[q][1], each.kind == ACCELERATION
+
+    def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
+        """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
+        f, n = self.flight, self.layout.modes
+        c = {name: self._wide(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")}
+        slowness = narrow(self.trace, c["slowness"])
+        pull, damp = (-narrow(self.trace, c[name]) for name in ("square", "c"))
+        push = -narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
+        rising = push * narrow(self.trace, self.per_stride)
+        slow_pull, slow_damp, slow_rising = (x * slowness for x in (pull, damp, rising))
+        at = self._state(group, block, m)
+        q, p = Cell(self._wide(at)), Cell(self._wide(at + self.lanes))
+        zero = f.times.full(0.0)
+        bends, reach, shook = Cell(zero), Cell(zero), Cell(zero)
+        row, start = m * SPAN, block * self.length
+
+        def keep(k: Any) -> tuple[Any, Any, Any]:
+            x, rate = narrow(self.trace, q.now), narrow(self.trace, p.now)
+            total = fma(pull, x, damp * rate)
+            f.rows["track", row + k] = x
+            reach.now = maximum(reach.now, size(x))
+            if self.shakes:
+                f.rows["shook", row + k] = total
+                shook.now = maximum(shook.now, size(total))
+            return x, rate, total
+
+        for k in count_to(steps, self.trace):
+            here = start + k * self.stride
+            g0, g1 = self._ground(here), self._ground(here + self.stride)
+            _, rate, total = keep(k)
+            second = fma(push, narrow(self.trace, g0), total)
+            third = fma(slow_pull, rate, fma(slow_damp, second, slow_rising * narrow(self.trace, g1 - g0)))
+            bends.now = maximum(bends.now, fma(second, second, third * third))
+            q.now, p.now = _step(c, q.now, p.now, g0, g1)
+        keep(steps)
+        for _ in when(block + 1 < self.blocks):
+            for k, cell in enumerate((q, p)):
+                store(self.wide, self.decays, self._state(group, block + 1, m) + k * self.lanes, cell.now)
+        f.rows["bends", m], f.rows["reaches", m] = sqrt(bends.now), reach.now
+        if self.shakes:
+            f.rows["bends", n + m] = sqrt(bends.now) * narrow(self.trace, c["heft"])
+            f.rows["reaches", n + m] = shook.now
+
+    def _watch(self, q: Any, many: int, shaken: bool, steps: Any) -> None:
+        """Bounds of what is watched in a block."""
+        f, n = self.flight, self.layout.modes
+        low = self.lows[q]
+        shape = [load_one(self.trace, f.tables, f.place_of("shape") + q * n + low + k) for k in range(many)]
+        track, most = "shook" if shaken else "track", n if shaken else 0
+        above, below = Cell(f.times.full(-f.group.limit.far)), Cell(f.times.full(f.group.limit.far))
+        for k in count_to(steps + 1, self.trace):
+            x = f.times.full(0.0)
+            for j, weight in enumerate(shape):
+                x = fma(weight, f.rows[track, (low + j) * SPAN + k], x)
+            above.now, below.now = maximum(above.now, x), minimum(below.now, x)
+        bends, reach = f.times.full(0.0), f.times.full(0.0)
+        for j, weight in enumerate(shape):
+            bends = fma(size(weight), f.rows["bends", low + most + j], bends)
+            reach = fma(size(weight), f.rows["reaches", low + most + j], reach)
+        long = self.step * real(self.stride)
+        swell = fma(bends, long * long * (0.125 * (1.0 + 10.0 * self.margin)), reach * (10.0 * self.margin))
+        f.rows["above", q], f.rows["below", q], f.rows["swell", q] = above.now + swell, below.now - swell, swell
+
+    def _hand_out(self, block: Any) -> None:
+        """Put the bounds of a block into the tables of each lane's row of buildings."""
+        f, lanes, apart = self.flight, self.lanes, self.layout.size(self.blocks)
+        for part in f.watched_parts:
+            for name, row in (("most", "above"), ("least", "below")):
+                those = transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
+                at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
+                for lane in range(lanes):
+                    store(self.trace, f.tables, at + apart * lane, those[lane])
+            # the most of all blocks so far lies there by what is watched, in the end by rows of buildings
+            at, missed = (f.place_of(name) + part * lanes for name in ("bulge0", "missed0"))
+            most = [f.rows["swell", part * lanes + q] for q in range(lanes)]
+            for q in range(lanes):
+                before = load(self.trace, f.tables, at + apart * q, lanes)
+                most[q] = maximum(most[q], where(block == 0, f.times.full(0.0), before))
+                store(self.trace, f.tables, at + apart * q, most[q])
+            for _ in when(block + 1 == self.blocks):
+                for lane, swell in enumerate(transposed(most)):
+                    bulge = swell * self.per_square
+                    share = load(self.trace, f.tables, missed + apart * lane, lanes)
+                    store(self.trace, f.tables, at + apart * lane, bulge)
+                    store(self.trace, f.tables, missed + apart * lane, share * bulge)
+
+    # one of them -----------------------------------------------------------------------------------------------
+
+    @property
+    def start(self) -> Any:
+        """First point of the block that is known."""
+        return self.known.now * self.length
+
+    def of(self, t: Any) -> Any:
+        """Block in which point t lies; of the last point, the one that ends there."""
+        return lesser(t // self.length, self.blocks - 1)
+
+    def know(self, block: Any) -> None:
+        """Go through a block of the scenario that flies, point by point, where it is not the last one that was."""
+        f = self.flight
+        same = (self.known.now == block) & (self.owner.now == f.base.now)
+        for _ in when(not_(same)):
+            self.known.now, self.owner.now = block, f.base.now
+            self._expand(block)
+
+    def _expand(self, block: Any) -> None:
+        f, layout, lanes = self.flight, self.layout, self.lanes
+        number = (f.base.now - layout.start) // layout.size(self.blocks)
+        group = number // lanes
+        lane, start = number - group * lanes, block * self.length
+        steps = lesser(f.last - start, self.length)
+        for m in count_to(layout.modes, self.trace):
+            for k in range(STATE):
+                x = load_one(self.wide, self.decays, self._state(group, block, m) + lane + k * lanes)
+                store_one(self.wide, self.decays, self.desk + m + k * layout.wide_modes, x)
+        for mine in (
+            f.mode_parts[k : k + 2] for k in f.mode_parts[::2]
+        ):  # two at a time wait less for each other's steps
+            own = [self._own(number) + part * lanes for part in mine]
+            moves = [{n: self._wide(at + k * layout.wide_modes) for k, n in enumerate(layout.decays)} for at in own]
+            state = [
+                [Cell(self._wide(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE)]
+                for part in mine
+            ]
+            for k in count_to(steps, self.trace):
+                g0, g1 = self._ground(start + k), self._ground(start + k + 1)
+                for part, c, (q, p) in zip(mine, moves, state, strict=True):
+                    self._keep(part, k, q.now, p.now)
+                    q.now, p.now = _step(c, q.now, p.now, g0, g1)
+            for part, (q, p) in zip(mine, state, strict=True):
+                self._keep(part, steps, q.now, p.now)
+                for name, row, unit in (("free_x", "point_q", 1.0), ("free_rate", "point_p", self.step)):
+                    for first in range(0, SPAN, lanes):
+                        rows = [f.rows[row, part * SPAN + first + k] for k in range(lanes)]
+                        for m, series in enumerate(transposed(rows)[: layout.modes - part * lanes]):
+                            place = (part * lanes + m) * layout.series_rows + first // lanes
+                            f.rows[name, place] = series * unit
+        for k in range(SPAN // lanes):
+            f.rows["free_ground", k] = narrow(self.trace, self._wide(start + (HEAD + k * lanes)))
+
+    def _keep(self, part: int, k: Any, q: Any, p: Any) -> None:
+        for name, x in (("point_q", q), ("point_p", p)):
+            self.flight.rows[name, k + part * SPAN] = narrow(self.trace, x)
