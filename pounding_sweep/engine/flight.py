@@ -28,8 +28,6 @@ LONGEST = 4
 LINE = 128
 #: Memory of each thread.
 _KEPT = threading.local()
-#: Filled tables that a thread keeps for its next calls, at most (bytes).
-FILLED_BYTES = 1 << 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,30 +61,16 @@ def aligned(numbers: int, precision: str) -> np.ndarray:
     return room[first : first + numbers]
 
 
-def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) -> np.ndarray:
+def flight_tables(layout: Layout, stops: int, fixed: Fixed) -> np.ndarray:
     """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
-    # those that do not `stay` stand until the thread's next call
+    # they stand until the thread's next call
     precision, count = str(fixed.own.dtype), len(fixed.own)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     numbers = layout.start + rows * int(layout.size(stops))
-    tables = aligned(numbers, precision) if stay else _room(numbers, precision, precision)
+    tables = _room(numbers, precision, precision)
     tables[: layout.start] = fixed.shared
     tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
     return tables
-
-
-def filled_tables(fixed: Fixed) -> np.ndarray | None:
-    """Return the tables that a call of this thread has filled with these `fixed` ones, if they are still there."""
-    kept: list[tuple[Fixed, np.ndarray]] = getattr(_KEPT, "filled", [])
-    return next((tables for of, tables in kept if of is fixed), None)
-
-
-def keep_tables(fixed: Fixed, tables: np.ndarray) -> None:
-    """Keep tables that are filled, the latest of this thread that find room."""
-    kept = [(fixed, tables), *((of, those) for of, those in getattr(_KEPT, "filled", []) if of is not fixed)]
-    while sum(those.nbytes for _, those in kept) > FILLED_BYTES:
-        kept.pop()
-    _KEPT.filled = kept
 
 
 def fixed_tables(

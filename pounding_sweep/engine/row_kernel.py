@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import Fixed, filled_tables, fixed_tables, flight_tables, keep_tables, stops_of
+from pounding_sweep.engine.flight import Fixed, fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -205,12 +205,8 @@ def _ground(record: Record, steps: int) -> np.ndarray:
     return np.append(inner.ravel(), motion[-1])
 
 
-@lru_cache(maxsize=8)
-def _fixed_tables_of_scene(
-    shape: KernelSpec, scene: Scene, record: Record, flight_substeps: int
-) -> tuple[Fixed, np.ndarray]:
-    """Those of a scene as given: all its runs under a record share them, whatever their sub-steps in contact."""
-    return _fixed_tables(shape, variants_of(scene), record, flight_substeps)
+#: Those of a scene as given: all its runs under a record share them, whatever their sub-steps in contact.
+_fixed_tables_of_scene = lru_cache(maxsize=8)(_fixed_tables)
 
 
 @dataclass(frozen=True)
@@ -299,7 +295,7 @@ class RowKernel:
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, groups_done, lasting = self._tables(record, flight_substeps, part, groups - first, twin)
+            tables, buildings, groups_done = self._tables(record, flight_substeps, part, groups - first)
             mine = slice(first * LANES, (first + groups_done) * LANES)
             inputs = {name: values[mine] for name, values in given.items()}
             lanes = self._lanes(
@@ -318,8 +314,6 @@ class RowKernel:
                 *tables,
                 len(inputs["scale"]),
             )
-            if lasting is not None:
-                keep_tables(lasting, tables[0])
             first += groups_done
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
@@ -335,11 +329,11 @@ class RowKernel:
         return found
 
     def _tables(
-        self, record: Record, flight_substeps: int, row: Variants, most_groups: int, twin: bool
-    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
-        """Tables of flight, which each scenario needs, groups (at most so many) they serve, and for what they last."""
+        self, record: Record, flight_substeps: int, row: Variants, most_groups: int
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
+        """Tables of flight, which of them each scenario needs, and how many groups (at most so many) they serve."""
         if not self.numerics.scheme.flies_exactly:
-            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups, None
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.scene)
@@ -350,15 +344,11 @@ class RowKernel:
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         rows: Any = needed if len(needed) < len(row) else slice(None)
-        if self.varied or self.shape.blocks:  # whose room is each thread's own
+        if self.varied or self.shape.blocks:
             fixed, decays = _fixed_tables(self.shape, row[rows], record, flight_substeps)
-            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
-        fixed, decays = _fixed_tables_of_scene(self.shape, self.scene, record, flight_substeps)
-        filled = None if twin else filled_tables(fixed)
-        if filled is not None:
-            return (filled, decays, 0), which, groups, None
-        tables = flight_tables(layout, stops, fixed, stay=not twin)
-        return (tables, decays, len(needed)), which, groups, None if twin else fixed
+        else:
+            fixed, decays = _fixed_tables_of_scene(self.shape, variants_of(self.scene), record, flight_substeps)
+        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups
 
     def _lanes(
         self,

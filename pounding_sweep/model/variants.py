@@ -79,25 +79,21 @@ class Variants:
 
     def scene_of(self, row: int) -> Scene:
         """Return the scene whose buildings have the properties of a row themselves."""
-
-        def scaled(b: int, item: Building) -> Building:
+        tables = {"masses": self.masses, "stiffnesses": self.elastic_stiffnesses, "dashpots": self.dashpots}
+        tables["yield_strengths"], scaled = self.yield_strengths, []
+        for b, item in enumerate(self.scene.buildings):
             floors = slice(*self.scene.offsets[b : b + 2])
-            ratio, hardening, changed = self.damping_ratio[row], self.hardening[row, b], dict[str, Any]()
-            values = {"masses": self.masses, "stiffnesses": self.elastic_stiffnesses, "dashpots": self.dashpots}
-            for name, table in {**values, "yield_strengths": self.yield_strengths}.items():
-                if getattr(item, name) is not None:
-                    changed[name] = table[row, floors].tolist()
+            own = {name: table[row, floors] for name, table in tables.items() if getattr(item, name) is not None}
             if item.column_stiffnesses is not None:
-                factor = float(self.stiffness_factor[row, b])
-                changed["column_stiffnesses"] = [factor * k for k in item.column_stiffnesses]
+                own["column_stiffnesses"] = self.stiffness_factor[row, b] * np.array(item.column_stiffnesses)
+            changed: dict[str, Any] = {name: values.tolist() for name, values in own.items()}
             if item.foundation is not None:
                 factors = float(self.mass_factor[row, b]), float(self.period_factor[row, b])
                 changed["foundation"] = item.foundation.scaled(*factors)
-            changed |= {} if np.isnan(ratio) else {"damping_ratio": float(ratio)}
-            changed |= {} if np.isnan(hardening) else {"hardening": float(hardening)}
-            return replace(item, **changed)
-
-        buildings = iter([scaled(b, item) for b, item in enumerate(self.scene.buildings)])
+            varied = {"damping_ratio": self.damping_ratio[row], "hardening": self.hardening[row, b]}
+            changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
+            scaled.append(replace(item, **changed))
+        buildings = iter(scaled)
         return replace(
             self.scene, row=[next(buildings) if isinstance(item, Building) else item for item in self.scene.row]
         )
@@ -107,12 +103,8 @@ class Variants:
         given = [*self.period_factor.T, np.where(np.isnan(self.damping_ratio), -1.0, self.damping_ratio)]
         given += [*self.mass_factor.T] if self.scene.links else []  # links are what they are
         columns = np.array([each for each in given if (each != each[0]).any()] or given[:1])
-        order = np.lexsort(columns)
-        new = np.append(True, np.any(columns[:, order[1:]] != columns[:, order[:-1]], axis=0))
-        first, which = order[new], np.empty(len(order), np.int64)
-        which[order] = np.cumsum(new) - 1
-        rank = np.argsort(np.argsort(first))
-        return np.sort(first), rank[which]
+        _, first, which = np.unique(columns, axis=1, return_index=True, return_inverse=True)
+        return np.sort(first), np.argsort(np.argsort(first))[which.reshape(-1)]
 
     def _floors(self, own: Iterable[Sequence[float]], factor: np.ndarray) -> np.ndarray:
         """Return values of all floors, building by building, times a factor (n, buildings), shape (n, floors)."""

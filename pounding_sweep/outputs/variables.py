@@ -736,97 +736,98 @@ _VARIABLES = (
         always=True,
     ),
 )
-#: Every reducer, in the order in which their slots lie.
-_REDUCERS = (
-    Reducer(
-        "displacement",
-        tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
-        follows=lambda group, straight: (
-            Motion(("umax", i), ("umin", i), False, partial(group.floor, i=i))
-            for i in group.each(group.spec.n_dof, straight)
+#: Every reducer by name, in the order in which their slots lie.
+REDUCERS: dict[str, Reducer] = {
+    reducer.name: reducer
+    for reducer in (
+        Reducer(
+            "displacement",
+            tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
+            follows=lambda group, straight: (
+                Motion(("umax", i), ("umin", i), False, partial(group.floor, i=i))
+                for i in group.each(group.spec.n_dof, straight)
+            ),
         ),
-    ),
-    Reducer(
-        "drift",
-        (Slot("drift", "floor"),),
-        follows=lambda group, _: (
-            Motion(("drift", i), None, True, partial(group.drift, i, below))
-            for i, below in group.each_storey(range(group.spec.n_dof))
+        Reducer(
+            "drift",
+            (Slot("drift", "floor"),),
+            follows=lambda group, _: (
+                Motion(("drift", i), None, True, partial(group.drift, i, below))
+                for i, below in group.each_storey(range(group.spec.n_dof))
+            ),
         ),
-    ),
-    Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
-    Reducer("residual", (Slot("slip", "floor"),), where="yields"),
-    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
-    Reducer(
-        "link_force",
-        (Slot("link_force", "link"),),
-        where="linked",
-        follows=lambda group, _: (
-            Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
-            for j, ends in group.each_link()
+        Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
+        Reducer("residual", (Slot("slip", "floor"),), where="yields"),
+        Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
+        Reducer(
+            "link_force",
+            (Slot("link_force", "link"),),
+            where="linked",
+            follows=lambda group, _: (
+                Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
+                for j, ends in group.each_link()
+            ),
+            step=links.sample,
         ),
-        step=links.sample,
-    ),
-    Reducer(
-        "foundation",
-        (Slot("sway", "base"), Slot("rotation", "base")),
-        where="founded",
-        follows=lambda group, _: (
-            Motion((name, q), None, True, partial(group.floor, i=i))
-            for q, b in enumerate(group.spec.foundations)
-            for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True)
+        Reducer(
+            "foundation",
+            (Slot("sway", "base"), Slot("rotation", "base")),
+            where="founded",
+            follows=lambda group, _: (
+                Motion((name, q), None, True, partial(group.floor, i=i))
+                for q, b in enumerate(group.spec.foundations)
+                for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True)
+            ),
         ),
-    ),
-    Reducer(
-        "closing",
-        (Slot("closing", "contact"),),
-        where="neighbours",
-        follows=lambda group, straight: (
-            Motion(("closing", j), None, False, partial(group.between, j=j))
-            for j in group.each_contact(straight, touching=False)
+        Reducer(
+            "closing",
+            (Slot("closing", "contact"),),
+            where="neighbours",
+            follows=lambda group, straight: (
+                Motion(("closing", j), None, False, partial(group.between, j=j))
+                for j in group.each_contact(straight, touching=False)
+            ),
         ),
-    ),
-    Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
-    Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
-    Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
-    Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
-    Reducer(
-        "first_time",
-        (Slot("tfirst", "contact", lambda group, j: -1.0),),
-        where="touch",
-        touch=lambda group, at: _first(group, at.j, at.lanes, group.clock(at.h)),
-        plain=lambda group, at: _first(group, at.j, at.fresh, at.time),
-    ),
-    Reducer(
-        "approach_speed",
-        (Slot("vmax", "contact"),),
-        where="touch",
-        touch=lambda group, at: _fastest(group, at.j, at.lanes, at.v),
-        plain=lambda group, at: _fastest(group, at.j, at.fresh, at.speed),
-    ),
-    Reducer(
-        "time",
-        (Slot("tclosed", "contact"),),
-        where="touch",
-        substep=_closed_substep,
-        plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
-    ),
-    Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
-    Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
-    Reducer(
-        "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
-    ),
-    Reducer("work", (Slot("work", "contact"),), where="touch"),
-    Reducer(
-        "transfer",
-        (Slot("tmax", "building"), Slot("tmin", "building")),
-        where="touch",
-        looks="ends",
-    ),
-)
-#: Every reducer by name.
-REDUCERS: dict[str, Reducer] = {reducer.name: reducer for reducer in _REDUCERS}
-_REDUCER_OF = {slot.name: reducer.name for reducer in _REDUCERS for slot in reducer.slots}
+        Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
+        Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
+        Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
+        Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
+        Reducer(
+            "first_time",
+            (Slot("tfirst", "contact", lambda group, j: -1.0),),
+            where="touch",
+            touch=lambda group, at: _first(group, at.j, at.lanes, group.clock(at.h)),
+            plain=lambda group, at: _first(group, at.j, at.fresh, at.time),
+        ),
+        Reducer(
+            "approach_speed",
+            (Slot("vmax", "contact"),),
+            where="touch",
+            touch=lambda group, at: _fastest(group, at.j, at.lanes, at.v),
+            plain=lambda group, at: _fastest(group, at.j, at.fresh, at.speed),
+        ),
+        Reducer(
+            "time",
+            (Slot("tclosed", "contact"),),
+            where="touch",
+            substep=_closed_substep,
+            plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
+        ),
+        Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
+        Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
+        Reducer(
+            "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
+        ),
+        Reducer("work", (Slot("work", "contact"),), where="touch"),
+        Reducer(
+            "transfer",
+            (Slot("tmax", "building"), Slot("tmin", "building")),
+            where="touch",
+            looks="ends",
+        ),
+    )
+}
+_REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
 #: Every output by name, with the reducer of its slot among its needs.
 VARIABLES: dict[str, Variable] = {
     variable.name: replace(variable, needs=variable.needs | {*filter(None, [_REDUCER_OF.get(str(variable.source))])})

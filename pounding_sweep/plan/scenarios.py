@@ -239,17 +239,9 @@ def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np
         first, inverse = np.zeros(1, np.int64), np.broadcast_to(np.int32(0), len(table))
     else:
         first, inverse = _distinct(_combine([_factors(column) for column in columns]))
-    n = len(first)
-    uncoupled = Scenarios(
-        law=np.full(n, no_pounding, np.int16),
-        record=table.record[first],
-        scale=table.scale[first],
-        stiffness=np.zeros(n),
-        restitution=np.ones(n),
-        gaps=np.full((n, table.gaps.shape[1]), np.inf),
-        variant=table.variant[first],
-    )
-    return uncoupled, inverse
+    runs, n = table[first], len(first)
+    ignored = {"stiffness": np.zeros(n), "restitution": np.ones(n), "gaps": np.full(runs.gaps.shape, np.inf)}
+    return replace(runs, law=np.full(n, no_pounding, np.int16), **ignored), inverse
 
 
 def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:
