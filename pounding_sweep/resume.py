@@ -154,7 +154,6 @@ class ChunkStore:
     @contextmanager
     def lock(self) -> Iterator[ChunkStore]:
         """Keep other runs out of the folder while the context is open."""
-        self._has_begun()
         with locked(self.folder):
             begun = self._has_begun()
             complete = [MANIFEST, *(self.path(key).name for key in self.completed())] if begun else []
@@ -178,11 +177,8 @@ class ChunkStore:
         if not sweeps or not any("key" in line for line in lines):
             return False
         there, here = sweeps[-1], self.details
-        short = {
-            text: text if len(text) <= LONGEST else f"{text[:12]}..." for text in (*there.values(), *here.values())
-        }
         differing = [
-            f"{key} ({short.get(there.get(key), 'none')} there, {short.get(here.get(key), 'none')} here)"
+            f"{key} ({there.get(key, 'none'):.{LONGEST}} there, {here.get(key, 'none'):.{LONGEST}} here)"
             for key in {**here, **there}
             if there.get(key) != here.get(key)
         ]

@@ -523,7 +523,7 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
-    with pytest.raises(InputError, match="all records of the earlier sweep must be in the new one"):
+    with pytest.raises(InputError, match="all its records must be in the new sweep"):
         sweep(**few, records=motions()[1:]).run(extend=tmp_path / "old.nc")
 
 

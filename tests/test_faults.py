@@ -145,7 +145,7 @@ CHANGES = {
     "nothing": (lambda folder: None, None),
     "a value of the sweep": (
         lambda folder: edit(folder / "sweep.toml", "0.005", "0.006"),
-        r"gaps \(\[0\.001, 0\.005, 1\.0\] there, \[0\.001, 0\.006, 1\.0\] here\), sweep \(\w{12}\.\.\. there",
+        r"gaps \(\[0\.001, 0\.005, 1\.0\] there, \[0\.001, 0\.006, 1\.0\] here\), sweep \(\w{60} there",
     ),
     "the step": (
         lambda folder: edit(folder / "sweep.toml", "1e-3", "5e-4"),
@@ -153,7 +153,7 @@ CHANGES = {
     ),
     "a value of the record": (
         lambda folder: edit(folder / "shake.csv", "0.50,-4.794621", "0.50,-4.794622"),
-        r"record shake \(\w{12}\.\.\. there, \w{12}\.\.\. here\), sweep \(",
+        r"record shake \(\w{60} there, \w{60} here\), sweep \(",
     ),
     "a kernel": (
         lambda folder: edit(
@@ -161,11 +161,11 @@ CHANGES = {
             '"elastic": "k*d", "elastic_slope": "k"}',
             '"elastic": "2.0*k*d", "elastic_slope": "2.0*k"}',
         ),
-        r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
+        r"source \(\w{60} there, \w{60} here\);",
     ),
     "what each scheme was measured to cost": (
         lambda folder: edit(folder / "package/pounding_sweep/data/measured.json", '"cost": {', '"cost":  {'),
-        r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
+        r"source \(\w{60} there, \w{60} here\);",
     ),
     "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\);"),
     "numba": (lambda folder: installed(folder, "numba"), r"libraries \(numba \S+, .* there, numba 9\.9, .* here\);"),

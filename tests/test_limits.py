@@ -371,6 +371,7 @@ def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
     write(tmp_path, TINY)
     parts = tmp_path / "out.nc.parts"
     parts.mkdir()
+    (parts / MANIFEST).touch()
     real = Path.read_bytes
 
     def closed(path):

@@ -87,12 +87,11 @@ def sync_folder(folder: Path) -> None:
 
 def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
-    with suppress(OSError):  # it may be written, but not listed
-        for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
-            with suppress(OSError):
-                lock = acquire_lock(left, 0.0)
-                shutil.rmtree(left, ignore_errors=True)
-                lock.release()
+    for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
+        with suppress(OSError):
+            lock = acquire_lock(left, 0.0)
+            shutil.rmtree(left, ignore_errors=True)
+            lock.release()
 
 
 @contextmanager

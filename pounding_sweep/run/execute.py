@@ -233,9 +233,7 @@ class _Stages:
         closing = np.full((n, len(contacts)), np.inf)
         status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
         runs, outputs = plan.uncoupled_runs, (*plan.outputs, "closing_max")
-        for rows, table, slots in self._run(
-            "no pounding", plan.uncoupled_to_run, runs, outputs, plan.uncoupled_chunks, closing=True
-        ):
+        for rows, table, slots in self._run("no pounding", plan.uncoupled_to_run, runs, outputs, plan.uncoupled_chunks):
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
             for j, contact in enumerate(contacts):
@@ -262,8 +260,6 @@ class _Stages:
         table: Scenarios,
         outputs: tuple[str, ...],
         cut: Callable[[np.ndarray], list[Chunk]],
-        *,
-        closing: bool = False,
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Take rows of a table from the store and the earlier cube, run the others in the chunks that `cut` makes.
 
@@ -271,6 +267,7 @@ class _Stages:
         """
         plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
         self.progress.stage(stage, len(rows))
+        closing = stage == "no pounding"
         missing, known = np.zeros(len(table), bool), list[Chunk]()
         missing[rows] = True
 

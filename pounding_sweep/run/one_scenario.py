@@ -15,8 +15,6 @@ from pounding_sweep.spec.spec import SweepSpec
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What of a scenario may be chosen otherwise than the sweep has it.
-SELECTORS = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
 #: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
 SCENARIO_ATTRIBUTE = "scenario"
 
@@ -40,7 +38,8 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
 
 def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
-    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in SELECTORS}
+    names = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
+    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
     for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by_building):
         if axis.by_building:
             mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
@@ -132,8 +131,13 @@ def simulate_one(
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
     law = next((law for law in spec.own_laws if law.key == chosen.law), None) or find_law(chosen.law)
-    if not choice.keys() & {"stiffness", "stiffness_factor"}:
-        _check_unit(spec, scenario, law)
+    given, exponent = values.get("stiffness"), spec.law(scenario["law"]).exponent
+    if "stiffness" not in choice and given and exponent and law.exponent and exponent != law.exponent:
+        raise InputError(
+            f"the stiffness of this scenario, {given:g} {_unit(exponent)}, is that of law {scenario['law']!r}, and law "
+            f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor "
+            "on the scene's reference"
+        )
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
     settings = ["method", "dt", "accuracy", "locate", "force_unstable", "restitution_basis", "precision"]
     settings += SCHEMES[spec.method].parameters if spec.method else ()
@@ -169,18 +173,6 @@ def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: 
 def _unit(exponent: float) -> str:
     """Return the unit of the contact stiffness of a law of that force exponent."""
     return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
-
-
-def _check_unit(spec: SweepSpec, scenario: Mapping[str, Any], law: Law) -> None:
-    """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
-    stiffness, exponent = scenario.get("stiffness"), spec.law(scenario["law"]).exponent
-    if stiffness is None or exponent is None or law.exponent is None or exponent == law.exponent:
-        return
-    raise InputError(
-        f"the stiffness of this scenario, {stiffness:g} {_unit(exponent)}, is that of law {scenario['law']!r}, and law "
-        f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor on "
-        "the scene's reference"
-    )
 
 
 def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mapping[str, Any]) -> Iterator[str]:

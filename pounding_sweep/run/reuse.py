@@ -190,10 +190,8 @@ class EarlierCube:
             what = "only one of the two sweeps varies building properties, which runs in kernels of its own"
         elif replace(old.numerics, dt=0.0) != replace(plan.numerics, dt=0.0):
             what = f"for its accuracy the new sweep takes another scheme: {plan.choice}"
-        elif spec.accuracy is not None and "merged_from" in cube.attrs:
-            what = "what was chosen for the accuracy in each of its parts is not known"
-        elif spec.accuracy is not None and old.digest != self.sha256:
-            what = "with an accuracy, all records of the earlier sweep must be in the new one, under the same names"
+        elif spec.accuracy is not None and ("merged_from" in cube.attrs or old.digest != self.sha256):
+            what = "with an accuracy, it must not be merged, and all its records must be in the new sweep"
         elif spec.accuracy is not None and ran != [plan.numerics.method, plan.numerics.precision]:
             what = f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
         if what:
