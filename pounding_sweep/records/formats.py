@@ -15,7 +15,6 @@ from pounding_sweep.base.files import expanded
 from pounding_sweep.records.reader import (
     HEAD,
     LAYOUTS,
-    LONGEST_WORD,
     NUMBER,
     RUN,
     UNITS,
@@ -274,8 +273,7 @@ def cells_of(line: str) -> tuple[list[str], list[float] | str]:
     """Split a row into cells and their numbers, or what of it is no number."""
     cells = _cells(line)
     if len(cells) == 1:  # fixed-width columns may touch
-        run = RUN.fullmatch(cells[0]) if len(cells[0]) <= LONGEST_WORD else None
-        cells = NUMBER.findall(cells[0]) if run else cells
+        cells = NUMBER.findall(cells[0]) if RUN.fullmatch(cells[0]) else cells
     values: list[float] = []
     for cell in cells:
         one = words(cell) if "," not in cell else cell
@@ -335,36 +333,30 @@ def _parse_esm(source: RecordText) -> Content:
 # --- COSMOS: a line of points, step and unit above the values --------------------------------------------------------
 
 _ABOVE = re.compile(
-    r"\s*(\d{1,9})\s+(\w+)\s+pts,\s*approx\s+(?P<seconds>[\d.]+)\s*secs?,\s*units\s*=\s*([^,(]+)(?:\((?P<code>\d+)\))?"
-    r"|\s*(\d{1,9})\s+points of (\w+) data equally spaced at\s*(?P<step>[\d.]+)\s*sec\w*[.,]?\s*(?:in\s+([^.()\s]+))?",
+    r"\s*(?P<points>\d{1,9})\s+(?:"
+    r"(?P<pts>\w+)\s+pts,\s*approx\s+[\d.]+\s*secs?,\s*units\s*=\s*(?P<units>[^,(]+)"
+    r"|points of (?P<data>\w+) data equally spaced at\s*(?P<step>[\d.]+)\s*sec\w*[.,]?\s*(?:in\s+(?P<in>[^.()\s]+))?)",
     re.IGNORECASE,
 )
-#: Units by their code in COSMOS's table.
-_CODES = {"02": "g", "04": "cm/s2", "05": "cm/s", "06": "cm", "10": "gal", "11": "mg", "50": "counts"}
 
 
 def _parse_cosmos(source: RecordText) -> Content:
     above = [(line, match) for line, text in enumerate(source.lines, 1) if (match := _ABOVE.match(text))]
-    blocks = [(line, match) for line, match in above if (match[2] or match[7]).lower().startswith("acc")]
+    blocks = [(line, match) for line, match in above if (match["pts"] or match["data"]).lower().startswith("acc")]
     if not blocks:
         line, match = above[0]
-        source.fail(not_acceleration((match[2] or match[7]).lower(), f"line {line}"))
+        source.fail(not_acceleration((match["pts"] or match["data"]).lower(), f"line {line}"))
     names = []
     for position, (line, _) in enumerate(blocks, 1):
         channels = (re.search(r"\bChan(?:nel)?\s*\d+", text) for text in source.lines[line - 2 :: -1])
         names.append(next((channel[0] for channel in channels if channel), f"channel {position}"))
     chosen = source.choose(names)
     line, match = blocks[chosen]
-    points, where = int(match[1] or match[6]), f"{' '.join(match[0].split())!r}, line {line}"
-    code = _CODES.get(match["code"], f"code {match['code']}") if match["code"] else None
-    units = [Stated(text.strip(), where) for text in (match[4], match[9], code) if text]
+    where, unit = f"{' '.join(match[0].split())!r}, line {line}", match["units"] or match["in"]
     steps = [StatedStep(float(match["step"]), where, firm=True)] if match["step"] else _real_header_step(source, line)
-    seconds = float(match["seconds"] or 0.0)
-    if steps and seconds and abs(points * steps[0].value - seconds) > 1.0 + 0.05 * seconds:
-        steps.append(StatedStep(seconds / points, where))
-    values, step = source.exactly(line + 1, points, f"line {line}"), choose_step(source, steps)
-    column = names[chosen] if len(names) > 1 else None
-    return Content(values, step, units, " ".join(source.lines[0].split()), column=column)
+    values = source.exactly(line + 1, int(match["points"]), f"line {line}")
+    column, units = names[chosen] if len(names) > 1 else None, [Stated(unit.strip(), where)] if unit else []
+    return Content(values, choose_step(source, steps), units, " ".join(source.lines[0].split()), column=column)
 
 
 def _real_header_step(source: RecordText, line: int) -> list[StatedStep]:
@@ -454,17 +446,13 @@ _AT2 = re.compile(r"^[^#%!]*\bNPTS\s*(?:[=:]|,\s*DT)", re.IGNORECASE)
 _POINTS = re.compile(r"\bNPTS\s*[=:]\s*(\d{1,12})(?!\d)", re.ASCII | re.IGNORECASE)
 _OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
 _PEER = re.compile(r"\bPEER\b|STRONG[ -]MOTION DATA", re.IGNORECASE)
-#: What follows the line of NPTS that is that of the values: perhaps a line of DT, then a number.
-_VALUES = re.compile(r"\s*(?:[^\n]*\bDT\b[^\n]*\s+)?[-+]?\.?\d", re.IGNORECASE)
 
 
 def _parse_peer(source: RecordText) -> Content:
     lines = list(enumerate(source.lines[:HEAD], 1))
-    places = [line for line, text in lines if _NPTS.search(text)]
-    # Where headers stand above each other, the last one is that of the values.
-    place = next(
-        (line for line in reversed(places) if _VALUES.match("\n".join(text for _, text in lines[line:]))), places[0]
-    )
+    place = [line for line, text in lines if _NPTS.search(text)][
+        -1
+    ]  # where headers stand above each other, the last one is that of the values
     text = lines[place - 1][1]
     old = _OLD.search(text)
     points = old or _POINTS.search(text)

@@ -24,8 +24,6 @@ MAX_FILE_BYTES = 64 * 2**20
 MOST_POINTS = 10_000_000
 """Longer records are refused: they are a day of motion at 100 points per second."""
 
-#: Longer words are no numbers.
-LONGEST_WORD = 4096
 #: Lines by which a format is told.
 HEAD = 100
 #: How the values of a component are laid out.
@@ -211,7 +209,7 @@ def words(line: str) -> list[float] | str:
     """Split a line into numbers, touching ones too; return the first word that isn't one."""
     values: list[float] = []
     for word in line.replace(",", " ").split():
-        if len(word) <= LONGEST_WORD and RUN.fullmatch(word):
+        if RUN.fullmatch(word):
             values += map(to_float, NUMBER.findall(word))
         elif _NOT_FINITE.fullmatch(word):
             values.append(float("nan" if "nan" in word.lower() else "inf"))
