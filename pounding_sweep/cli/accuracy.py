@@ -16,6 +16,7 @@ from pounding_sweep.cli.app import (
     NAME,
     AsJson,
     Folders,
+    Overwrite,
     Quiet,
     SweepFile,
     Workers,
@@ -50,7 +51,7 @@ def tradeoff_command(
     ] = None,
     folders: Folders = None,
     workers: Workers = None,
-    overwrite: Annotated[bool, Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -129,7 +130,7 @@ def extremes_command(
     ] = None,
     plot_file: Annotated[Path | None, Option("--plot", metavar="FILE", help=f"Draw that map: {FIGURE_FILE}")] = None,
     workers: Workers = None,
-    overwrite: Annotated[bool, Option("--overwrite", help="Replace MAP.nc if it exists.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from pounding_sweep.base.text import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, Quiet, command, progress_display, reporting, say
+from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, command, progress_display, reporting, say
 
 #: Name of the report in its folder.
 REPORT = "report.html"
@@ -31,7 +31,7 @@ def paper_command(
         ),
     ] = None,
     folders: Folders = None,
-    overwrite: Annotated[bool, Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app, reporting, say
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Overwrite, app, reporting, say
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record
@@ -96,10 +96,7 @@ def read_as(record: Record) -> dict[str, Any]:
         "dt": record.dt,
         "pga_g": record.pga / STANDARD_GRAVITY,
         "scale": record.scale,
-        "unit": reading.unit if reading else None,
-        "unit_from": reading.unit_from if reading else None,
-        "step_from": reading.step_from if reading else None,
-        "column": reading.column if reading else None,
+        **(asdict(reading) if reading else dict.fromkeys(("unit", "unit_from", "step_from", "column"))),
         "read": str(reading or record.source or "not from a file"),
         "source": record.source,
     }
@@ -147,7 +144,7 @@ def plot_command(
         Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),
     ] = None,
     data: Annotated[Path | None, Option(metavar="MOTIONS.nc", help="netCDF file for what is drawn.")] = None,
-    overwrite: Annotated[bool, Option("--overwrite", help="Replace MOTIONS.nc if it exists.")] = False,
+    overwrite: Overwrite = False,
     damping: Annotated[float, Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
     folders: Folders = None,
     column: Column = None,

@@ -87,7 +87,7 @@ def run_command(
     scheduler: Annotated[
         str, Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
     ] = "threads",
-    overwrite: Annotated[bool, Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
+    overwrite: Overwrite = False,
     extend: Annotated[
         Path | None, Option(metavar="OLD.nc", help="Reuse the results in this cube and run only the missing scenarios.")
     ] = None,
