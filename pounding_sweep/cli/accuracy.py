@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Exit, Option
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, printable, seconds_text
+from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.cli.app import (
     FAILED,
     FIGURE_FILE,
-    NAME,
     AsJson,
     Folders,
     Overwrite,
@@ -375,71 +374,36 @@ def doctor_command(
         if not no_check:
             from pounding_sweep.accuracy.self_check import TOLERANCE, self_check
 
-            if not as_json:
-                say("running the self-check")
             check = self_check()
-            error = finite(check.error_max)
-            state["self_check"] = asdict(check) | {"error_max": error, "passed": check.passed, "tolerance": TOLERANCE}
+            result = {**asdict(check), "error_max": finite(check.error_max), "tolerance": TOLERANCE}
+            state["self_check"] = result | {"passed": check.passed}
             if not as_json:
-                _print_self_check(state["self_check"])
+                _print_state({"self_check": state["self_check"]})
         if as_json:
             print_json(state)
-        if not no_check and not state["self_check"]["passed"]:
+        if not no_check and not check.passed:
             say("failed: this installation does not compute the stored values; install it again, or report this")
             raise Exit(FAILED)
 
 
 def _print_state(state: dict[str, Any]) -> None:
-    cpu, cache, memory, output = (state[name] for name in ("processor", "kernel_cache", "memory", "output"))
-    bits, free = cpu["vector_bits"], output["free_bytes"]
-    missing = {name: f"not installed; pip install '{NAME}[{extra}]'" for name, extra in state["optional"].items()}
-    limits = " ".join(f"{name}={value}" for name, value in state["threads"]["environment"].items())
-    default, every = (seconds_text(state["compile_seconds"][name]) for name in ("default", "all"))
-    compiling = f"about {default} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)"
-    vectors = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
-    space = "free space unknown" if free is None else f"{bytes_text(free)} free"
-    sections = {
-        "Versions": [(name, text or missing.get(name, "not installed")) for name, text in state["versions"].items()],
-        "Processor": [
-            ("system", state["system"]),
-            ("name", cpu["name"]),
-            ("vectors", vectors),
-            ("scenarios", f"{cpu['lanes_per_kernel']} side by side in a kernel"),
-            ("cores", f"{cpu['cores_usable']} usable of {cpu['cores']}"),
-            ("features", " ".join(cpu["features"])),
-        ],
-        "Threads": [("workers", str(state["threads"]["workers"])), ("limits", limits or "none set")],
-        "Memory": [("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})")],
-        "Kernel cache": [
-            ("folder", cache["folder"] or "none"),
-            ("kernels", f"{cache['kernels']}, {bytes_text(cache['bytes'])}"),
-            ("compiling", compiling),
-        ],
-        "Record folders": [(item["folder"], f"{item['files']} record files") for item in state["record_folders"]]
-        or [("none", "POUNDING_SWEEP_RECORDS is not set; el_centro is always there")],
-        "Output": [(output["folder"] or "none", space if output["writable"] else "can't be written")],
-    }
-    for heading, rows in sections.items():
-        print(heading)
-        print_pairs(rows, indent=2)
-    print("Problems" if state["problems"] else "No problems found")
-    for problem in state["problems"]:
-        print(f"  {printable(problem)}")
+    """Print what JSON has, in words: a heading for each part, a line for each value."""
+    for part, values in state.items():
+        print(part.replace("_", " ").capitalize())
+        items = [values] if isinstance(values, str) else values or ["none"]
+        lines = values.items() if isinstance(values, dict) else [("", item) for item in items]
+        print_pairs([(name, _in_words(f"{part}_{name}", value)) for name, value in lines], indent=2)
 
 
-def _print_self_check(check: dict[str, Any]) -> None:
-    print("Self-check")
-    largest = "infinite" if check["error_max"] is None else f"{check['error_max']:.1e}"
-    stored = f"converged values, themselves right to {check['error_stored']:.0e}"
-    print_pairs(
-        [
-            ("compared", f"{check['values']} numbers of {check['scenarios']} scenarios with {stored}"),
-            ("largest error", f"{largest} of the largest value; at most {check['tolerance']:g} is right"),
-            ("kernels", f"ready after {seconds_text(check['compile_seconds'])}"),
-            ("run", seconds_text(check["run_seconds"])),
-            ("result", "passed" if check["passed"] else "failed"),
-        ],
-        indent=2,
-    )
-    for fault in check["faults"]:
-        print(f"  {fault}")
+def _in_words(name: str, value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key}: {_in_words(key, inner)}" for key, inner in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        return "; ".join(_in_words(name, inner) for inner in value) or "none"
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "none"}[value]
+    if name.endswith("bytes"):
+        return bytes_text(value)
+    if "seconds" in name:
+        return seconds_text(value)
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
