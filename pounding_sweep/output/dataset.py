@@ -133,11 +133,10 @@ def _scene_coordinates(scene: Scene) -> Coordinates:
             scatter_contact(meets, scene),
             {"units": "m", "long_name": "elevation at which the floors of the pair meet"},
         )
+        storeys = np.concatenate([np.arange(1.0, building.n_storeys + 1) for building in scene.buildings])
         for side in ("left", "right"):
             floors = [getattr(contact, side) for contact in scene.contacts]
-            storeys = [at - max(first for first in scene.offsets if first <= at) + 1.0 for at in floors if at >= 0]
-            own = np.full(len(floors), np.nan)  # a wall has none
-            own[np.array(floors, int) >= 0] = storeys
+            own = np.array([storeys[at] if at >= 0 else np.nan for at in floors])  # a wall has none
             about = {"units": "1", "long_name": f"storey of the {side} building that meets there"}
             coordinates[f"{side}_storey"] = (("pair", "storey"), scatter_contact(own, scene), about)
     return coordinates
@@ -149,16 +148,15 @@ def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = L
     if len(dims) != 1 or not any(key in known for key in keys):
         return {}
 
-    def column(attribute: str) -> list[str]:
-        return [str(getattr(known[key], attribute)) if key in known else "" for key in keys]
-
-    where = tuple(dims)
-    model = {"law_model": (where, column("model"), {"long_name": "model number in Mate, Bakre & Jaiswal (2015)"})}
-    if where != ("law",):  # listed cases, of which there may be many
-        return model
-    return model | {
-        "law_title": (where, column("title"), {"long_name": "contact law in words"}),
-        "law_formula": (where, column("formula"), {"long_name": "contact force (kN) of penetration d and its rate v"}),
+    texts = {
+        "law_model": ("model", "model number in Mate, Bakre & Jaiswal (2015)"),
+        "law_title": ("title", "contact law in words"),
+        "law_formula": ("formula", "contact force (kN) of penetration d and its rate v"),
+    }
+    return {
+        name: (tuple(dims), [str(getattr(known.get(key), attribute, "")) for key in keys], {"long_name": text})
+        for name, (attribute, text) in texts.items()
+        if name == "law_model" or tuple(dims) == ("law",)  # else listed cases, of which there may be many
     }
 
 

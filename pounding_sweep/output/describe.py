@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -308,48 +307,39 @@ def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
     """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
-    names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
-    status, laws = arrays["status"], _texts(arrays["law"])
-    pairs = _texts(arrays["pair"]).tolist() if "pair" in arrays else []
+    if "pair" not in arrays:
+        return []
+    status, laws, pairs = arrays["status"], _texts(arrays["law"]), _texts(arrays["pair"]).tolist()
     titles = {key: law.title for key, law in LAWS.items()}
     if "law_title" in arrays:
         titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
     along = status.dimensions.index(arrays["law"].dimensions[0])
-    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
     each = max([1, *(arrays[name].dtype.itemsize * arrays[name].size // status.size for name in names)])
+    found: dict[str, list[list[np.ndarray]]] = {}
     for slab in slabs(status.shape, block_shape(status.shape, max(1, SLAB_BYTES // each))):
-        ok = np.moveaxis(status[slab] == Status.OK, along, 0)
         # the largest of all floors, shape (*scenarios, pair); missing where no floors meet
-        largest = {name: np.moveaxis(np.fmax.reduce(arrays[name][slab], axis=-1), along, 0) for name in names}
+        largest = [np.fmax.reduce(arrays[name][slab], axis=-1) for name in names]
+        by_law = np.expand_dims(laws[slab[along]], [axis for axis in range(status.ndim) if axis != along])
+        ok = status[slab] == Status.OK
         for law in dict.fromkeys(laws[slab[along]].tolist()):
-            some = ok & (laws[slab[along]] == law).reshape(-1, *(1,) * (ok.ndim - 1))
-            for p, pair in enumerate(pairs):
-                row = rows.setdefault((law, pair), {"number": 0, "touching": 0, "peak": -np.inf, "counts": Counter()})
-                row["number"] += int(some.sum())
-                at_pair = {name: values[some, p] for name, values in largest.items()}
-                if names:  # a pair touches where it is hit, or pressed
-                    row["touching"] += int((at_pair[names[-1]] > 0).sum())
-                if "impact_force_max" in at_pair:
-                    row["peak"] = np.fmax.reduce(at_pair["impact_force_max"], initial=row["peak"])
-                if "impact_count" in at_pair:
-                    numbers, times = np.unique(at_pair["impact_count"], return_counts=True)
-                    row["counts"].update(dict(zip(numbers.tolist(), times.tolist(), strict=True)))
-    for row in rows.values():
-        row["counts"].pop(INTEGER_FILL, None)
-        row["hits"] = np.repeat(*np.array([item for item in row["counts"].items() if item[0]], int).reshape(-1, 2).T)
-    return [
-        {
-            "law": law,
-            "title": titles.get(law, ""),
-            "pair": pair,
-            "scenarios": row["number"],
-            "touching": row["touching"] if names else None,
-            "peak_force": float(row["peak"]) if np.isfinite(row["peak"]) else None,
-            "impacts_max": max(row["counts"], default=None),
-            "impacts_median": float(np.median(row["hits"])) if len(row["hits"]) else None,
-        }
-        for (law, pair), row in rows.items()
-    ]
+            some = ok & (by_law == law)
+            found.setdefault(law, []).append([ok[some], *(values[some] for values in largest)])
+    rows = []
+    for law, parts in found.items():
+        scenarios, *values = (np.concatenate(part) for part in zip(*parts, strict=True))
+        for p, pair in enumerate(pairs):
+            at_pair = {name: column[:, p] for name, column in zip(names, values, strict=True)}
+            peak = np.fmax.reduce(at_pair.get("impact_force_max", []), initial=-np.inf)
+            counts = np.array(at_pair.get("impact_count", []))
+            row = {"law": law, "title": titles.get(law, ""), "pair": pair, "scenarios": len(scenarios)}
+            # a pair touches where it is hit, or pressed
+            row["touching"] = int((at_pair[names[-1]] > 0).sum()) if names else None
+            row["peak_force"] = float(peak) if np.isfinite(peak) else None
+            row["impacts_max"] = int(counts.max()) if (counts != INTEGER_FILL).any() else None
+            row["impacts_median"] = float(np.median(counts[counts > 0])) if (counts > 0).any() else None
+            rows.append(row)
+    return rows
 
 
 def _texts(variable: netCDF4.Variable) -> np.ndarray:

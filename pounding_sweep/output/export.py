@@ -226,14 +226,11 @@ def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
 
 def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
     """Return measures of the records as scaled."""
-    try:
-        records = {str(each["name"]): each for each in json.loads(cube.attrs["records"])}
-    except (KeyError, TypeError, ValueError):
-        return {}
+    records = {str(record["name"]): record for record in json.loads(cube.attrs.get("records", "[]"))}
     about = {each.name: each.metadata for each in fields(RecordMeasures)}
     measures = {}
     for name, power in _GROWS.items():
-        if "record" in cube.coords and all(name in each for each in records.values()):
+        if "record" in cube.coords and records and all(name in each for each in records.values()):
             record = cube["record"]
             values = [float(records[str(each)][name]) for each in np.ravel(record.values)]
             measure = xr.DataArray(np.reshape(values, record.shape), dims=record.dims)
@@ -482,10 +479,7 @@ def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
 def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
     outer = outer_dims(chosen.dims)
     sizes = [chosen.sizes[dim] for dim in outer]
-    largest = max(
-        array.nbytes // max(1, math.prod(array.sizes[dim] for dim in outer if dim in array.dims))
-        for array in chosen.data_vars.values()
-    )
+    largest = max(array.nbytes for array in chosen.data_vars.values()) // max(1, math.prod(sizes))
     block = dict(zip(outer, block_shape(sizes, BLOCK_BYTES // max(1, largest)), strict=True))
     encoding: Any = {}
     for name, array in chosen.data_vars.items():

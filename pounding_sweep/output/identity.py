@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -145,7 +144,7 @@ def library_versions() -> Mapping[str, str]:
     """Return the versions of the libraries that the bits of a result depend on."""
     from importlib.metadata import version
 
-    return MappingProxyType({name: version(name) for name in LIBRARIES})
+    return {name: version(name) for name in LIBRARIES}
 
 
 def libraries() -> str:
@@ -220,15 +219,11 @@ def other_values(path: str, name: str) -> InputError:
     return InputError(f"{path!r} has other values of {name} than its sweep; {REMEDY}")
 
 
-def recorded_axes(cube: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, Sequence[Any] | int]:
-    """Return the axes that a cube should have by what it says of its sweep, for `check_axes`."""
+def recorded_axes(sweep: Mapping[str, Any]) -> dict[str, Sequence[Any] | int]:
+    """Return the axes that the cube of a recorded sweep should have, for `check_axes`."""
     if sweep["cases"] is not None:
         return {"case": len(sweep["cases"])}
     arguments = axes.axes_of(sweep)
     found: dict[str, Any] = arguments.along(sweep["laws"], [record["name"] for record in sweep["records"]])
     found["gap"] = arguments.gaps or 1
-    properties = [(axis.kind, axis.values) for axis in axes.property_axes(arguments)]
-    others = [dim for dim in outer_dims(cube) if dim not in found]  # their names are made from those of the buildings
-    for i, (stem, values) in enumerate(properties):
-        found[others[i] if i < len(others) and others[i].startswith(stem) else stem] = values
-    return found
+    return found | {axis.dimension: axis.values for axis in axes.property_axes(arguments)}

@@ -30,6 +30,12 @@ if TYPE_CHECKING:
 #: Axes by dimension, of building properties by kind.
 _AXES = {axis.dimension: axis for axis in AXES.values()}
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
+_CONTACT_STIFFNESS = "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"
+_RESTITUTION = "coefficient of restitution"
+_REALISED = (
+    "restitution of two free masses under the damping that the sweep used (see restitution_basis); 1 for laws without "
+    "damping, missing without contact"
+)
 #: Kind of axis -> name, symbol, value as given, unit and long name of what it multiplies.
 _MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] = {
     "period_factor": ("period", "T", lambda building: float(building.periods[0]), "s", "fundamental period"),
@@ -128,57 +134,42 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
     for i, item in enumerate(own_laws):
         realised[law == i] = realised_restitution(item, nominal[law == i], spec.restitution_basis)
     touches = np.array([item.exponent is not None for item in own_laws])[requested.law]
-    # name -> values of the scenarios, the dimensions on which these depend, attributes
-    columns: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, str]]] = {
-        "law": (np.array(spec.laws)[requested.law], ("law",), {"long_name": _TEXTS["law"]}),
-        "record": (
-            np.array([record.name for record in spec.records])[requested.record],
-            ("record",),
-            {"long_name": _TEXTS["record"]},
-        ),
-        "scale": (
-            values["scale"],
-            ("record", scale.dimension),
-            {"units": "1", "long_name": "factor on the record"},
-        ),
-        "restitution": (
-            nominal,
-            ("restitution",),
-            {"units": "1", "long_name": "nominal coefficient of restitution"},
-        ),
-        "contact_stiffness": (
-            np.where(touches, values["stiffness"], np.nan),
-            ("law", stiffness.dimension),
-            {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
-        ),
+    names = np.array([record.name for record in spec.records])
+    contact = np.where(touches, values["stiffness"], np.nan)
+    gaps = np.broadcast_to(values["gap"], (*values["gap"].shape[:-1], len(spec.scene.pair_names)))
+    # values of the scenarios, the dimensions on which these depend, units, long name and comment
+    columns: dict[str, tuple[np.ndarray, tuple[str, ...], str, str, str]] = {
+        "law": (np.array(spec.laws)[requested.law], ("law",), "", _TEXTS["law"], ""),
+        "record": (names[requested.record], ("record",), "", _TEXTS["record"], ""),
+        "scale": (values["scale"], ("record", scale.dimension), "1", "factor on the record", ""),
+        "restitution": (nominal, ("restitution",), "1", f"nominal {_RESTITUTION}", ""),
+        "contact_stiffness": (contact, ("law", stiffness.dimension), "", "contact stiffness", _CONTACT_STIFFNESS),
         "restitution_realised": (
             realised,
             ("law", "restitution"),
-            {
-                "units": "1",
-                "long_name": "realised coefficient of restitution",
-                "comment": "restitution of two free masses under the damping that the sweep used (see "
-                "restitution_basis); 1 for laws without damping, missing without contact",
-            },
+            "1",
+            "realised coefficient of restitution",
+            _REALISED,
         ),
+        **{
+            axis.dimension: (
+                np.array([getattr(case, axis.dimension) for case in cases], float),
+                *((), axis.unit, axis.long_name, axis.comment),
+            )
+            for axis in AXES.values()
+            if axis.listed and any(getattr(case, axis.dimension) is not None for case in cases)
+        },
+        "pair_gap": (gaps[..., spec.scene.pair_of_label], ("gap", "pair"), "m", "gap of the pair", ""),
     }
-    for axis in AXES.values():
-        listed = [getattr(case, axis.dimension) for case in cases] if axis.listed else []
-        if any(value is not None for value in listed):
-            about = {"units": axis.unit, "long_name": axis.long_name, "comment": axis.comment}
-            columns[axis.dimension] = (np.array(listed, float), (), about)
-    if spec.scene.pair_names:
-        gaps = np.broadcast_to(values["gap"], (*values["gap"].shape[:-1], len(spec.scene.pair_names)))
-        about = {"units": "m", "long_name": "gap of the pair"}
-        columns["pair_gap"] = (gaps[..., spec.scene.pair_of_label], ("gap", "pair"), about)
-
+    if not spec.scene.pair_names:
+        columns.pop("pair_gap")
     extra = design_coordinates(spec)
     outer, n = tuple(axes), len(requested.shape)
-    for name, (column, dims, about) in columns.items():
-        whole = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
-        inner = tuple(dim for dim in dims if dim == "pair")
+    for name, (column, dims, units, text, comment) in columns.items():
+        whole, about = np.broadcast_to(column, (*requested.shape, *column.shape[n:])), {"units": units}
+        about |= {"long_name": text, "comment": comment}
         if cases:
-            extra[name] = (("case", *inner), whole, about)
+            extra[name] = (("case", *(dim for dim in dims if dim == "pair")), whole, about)
         elif name not in outer and (name != "contact_stiffness" or "stiffness" not in outer):
             at = tuple(slice(None) if i < len(outer) and outer[i] in dims else 0 for i in range(n))
             extra[name] = (dims, whole[at], about)

@@ -68,17 +68,14 @@ from pounding_sweep.spec.design import BLOCK, SAMPLE
 Parts = Mapping[str, "xr.Dataset"]
 #: Dimension of listed scenarios.
 CASE = "case"
-#: Global attributes that say how a part came to be, or are made anew.
+#: Global attributes that say how a part came to be, or are made anew, and how others of them begin.
 OWN_ATTRIBUTES = frozenset(
     {
         *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step"),
-        *("accuracy_choice", "accuracy_numbers"),
-        *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing"),
-        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
-        *MAKER_ATTRIBUTES,
-        *ORIGINS,
+        *("accuracy_choice", "accuracy_numbers", *MAKER_ATTRIBUTES, *ORIGINS),
     }
 )
+OWN_BEGINNINGS = ("scenarios_", "audit_")
 #: Values of an axis that differ by less than this were meant to be the same.
 NEARLY = 1e-9
 #: Scenarios, missing or in conflict, that are named.
@@ -98,7 +95,7 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
     (first, base), *_ = parts.items()
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        check_axes(name, cube, recorded_axes(cube, sweep))
+        check_axes(name, cube, recorded_axes(sweep))
         if (CASE in base.dims) != (CASE in cube.dims):
             cases, axes = (first, name) if CASE in base.dims else (name, first)
             raise InputError(
@@ -162,7 +159,7 @@ def _differences(
     ]
     for key in sorted(AXIS_KEYS):
         found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
-    for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):
+    for key in sorted({*shared(a), *shared(b)}):
         found.append((f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))))
     for name in INNER_DIMS:
         here, there = (cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
@@ -172,6 +169,11 @@ def _differences(
         here, there = (list(motion_of(each)) for each in (record, motions.get(record["name"], record)))
         found.append((f"record {record['name']!r}", here, there))
     return [each for each in found if each[1] != each[2]]
+
+
+def shared(cube: xr.Dataset) -> dict[str, Any]:
+    """Global attributes of a cube in which all parts agree."""
+    return {k: v for k, v in cube.attrs.items() if k not in OWN_ATTRIBUTES and not k.startswith(OWN_BEGINNINGS)}
 
 
 def scenario_variables(cube: xr.Dataset) -> list[str]:
@@ -295,8 +297,8 @@ def merge_attributes(
     text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
     all_runs = runs({file: cube.attrs for file, cube in parts.items()})
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-    attributes = {key: value for key, value in cubes[0].attrs.items() if key not in OWN_ATTRIBUTES or key == "title"}
-    attributes |= {
+    attributes = shared(cubes[0]) | {
+        **{key: cubes[0].attrs[key] for key in ("title",) if key in cubes[0].attrs},
         "records": json.dumps([described[name] for name in names], sort_keys=True),
         "sweep": text,
         "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(),
@@ -326,18 +328,17 @@ def merge_audits(cube: CubeParts, parts: Parts) -> None:
     audited = {file: part for file, part in parts.items() if has_audit(part)}
     if not audited:
         return
-    variables = [{n for n, v in part.variables.items() if {*AUDIT_DIMS} & {*v.dims}} for part in audited.values()]
-    names = set.intersection(*variables)
+    first = next(iter(audited.values()))
+    names = {name for name, variable in first.variables.items() if {*AUDIT_DIMS} & {*variable.dims}}
     whole = xr.concat(
         [part.drop_vars({*part.variables} - names).reset_coords() for part in audited.values()],
-        *("audit",),
+        "audit",
         data_vars="minimal",
         coords="minimal",
         compat="override",
         join="override",
         combine_attrs="override",
     )
-    first = next(iter(audited.values()))
     known = [name for name in names & {*first.coords} if name not in AUDIT_DIMS]
     keys = scenario_keys({str(name): whole[name].transpose("audit", ...).values for name in known})
     whole = whole.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))

@@ -81,7 +81,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given["own_laws"] = tuple(Law(**{key: value for key, value in law.items() if key != "sha256"}) for law in laws)
     given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     found = replace(spec, **given)
-    check_axes(path, cube, recorded_axes(cube, told))
+    check_axes(path, cube, recorded_axes(told))
     return found
 
 
