@@ -201,7 +201,7 @@ def test_laws_without_a_relation():
     np.testing.assert_array_equal(realised_number(jump, [0.0, 0.3]), [0.0, 0.3])
     unknown = replace(get_law("gonthier"), key="mine", relation="")
     assert np.isnan(realised_restitution(unknown, 0.5))
-    with pytest.raises(LawError, match=r"law 'mine' has damping but names no relation .*restitution_basis='published'"):
+    with pytest.raises(LawError, match=r"its damping has no known relation .*restitution_basis='published'"):
         realised_number(unknown, 0.5)
 
 

@@ -350,8 +350,7 @@ def _completed(law: Law) -> dict[str, Any]:
         "formula": law.formula or f"F = {shape}" + (f" + {law.damper}*v{phase}" if damper else ""),
         "number": number,
         "number_text": law.number_text or (number if isinstance(number, str) else ""),
-        "zero_restitution": law.zero_restitution
-        or (number == SOLVED and math.isfinite(RELATIONS[relation or ""].at_zero)),
+        "zero_restitution": law.zero_restitution or (number == SOLVED and RELATIONS[relation or ""].smallest == 0.0),
     }
 
 
@@ -784,7 +783,7 @@ def _checked(law: Law) -> Law:
     """Return a law of a user's own, if it can be one."""
     if LAWS.get(law.key) == law:
         return LAWS[law.key]
-    where = f"law {law.key!r}" + (f" of {law.source}" if law.source else "")
+    where = f"law {law.key!r}"
     if law.key in LAWS or law.key in LAW_GROUPS:
         raise LawError(f"{where} has the key of a law or group that is there already; give it another key")
     if law.damping not in ("none", "viscous", "elastic") or law.exponent is None:
@@ -813,10 +812,8 @@ def _load(given: str, base: Path | None) -> Law:
         found = runpy.run_path(str(file), run_name=file.stem)
     except (Exception, SystemExit) as error:  # a user's file may raise anything
         lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == str(file)]
-        lines += [error.lineno] if isinstance(error, SyntaxError) and error.filename == str(file) else []
-        said = f"{type(error).__name__}: {error.msg if isinstance(error, SyntaxError) else error}"
-        said = str(error) if isinstance(error, LawError) else said
-        raise LawError(f"law file {file!s}{f':{lines[-1]}' if lines else ''}: {said}") from None
+        line = getattr(error, "lineno", None) or (lines[-1] if lines else 1)
+        raise LawError(f"law file {file!s}:{line}: {type(error).__name__}: {error}") from None
     law = found.get(name)
     if not isinstance(law, Law):
         there = [key for key, each in found.items() if isinstance(each, Law)]
@@ -832,26 +829,22 @@ def realised_validity(law: Law) -> str:
         return law.validity
     if law.relation not in RELATIONS:
         return "none: its damping has no known relation to the realised restitution"
-    relation = RELATIONS[law.relation]
-    return "0 <= e <= 1" if math.isfinite(relation.at_zero) else f"{relation.smallest:g} <= e <= 1"
+    return f"{RELATIONS[law.relation].smallest:g} <= e <= 1"
 
 
 def check_realisable(law: Law, e: float) -> None:
     """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`."""
     if not law.takes_restitution or law.impulsive:
         return
-    if law.relation not in RELATIONS:
-        raise LawError(
-            f"law {law.key!r} has damping but names no relation to the realised restitution "
-            f"({', '.join(RELATIONS)}); give restitution_basis='published'"
-        )
-    relation = RELATIONS[law.relation]
-    smallest = 0.0 if math.isfinite(relation.at_zero) else relation.smallest
+    smallest = RELATIONS[law.relation].smallest if law.relation in RELATIONS else math.inf
     if not smallest <= e <= 1.0:
-        msg = f"restitution {e!r} can't be realised by law {law.key!r}; give {realised_validity(law)}"
-        if 0.0 <= e < smallest:
-            msg += ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
-        raise LawError(msg)
+        hint = (
+            ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
+            if 0.0 <= e < smallest < 1.0
+            else ""
+        )
+        valid = f"{realised_validity(law)}{hint}, or restitution_basis='published'"
+        raise LawError(f"restitution {e!r} can't be realised by law {law.key!r}; give {valid}")
 
 
 def realised_number(law: Law, e: Any) -> np.ndarray:

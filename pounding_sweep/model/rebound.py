@@ -72,7 +72,7 @@ class Relation:
     number: Callable[[np.ndarray], np.ndarray]
     #: Damping number that gives e = 0; infinite where none does.
     at_zero: float = math.inf
-    #: Smallest restitution that is solved for, where none does.
+    #: Smallest restitution that is solved for.
     smallest: float = SMALLEST
 
 
@@ -176,6 +176,7 @@ RELATIONS: dict[str, Relation] = {
         _tension_restitution,
         lambda e: -np.log(e) / np.hypot(math.pi, np.log(e)),
         at_zero=1.0,
+        smallest=0.0,
     ),
     "dashpot_clipped": Relation(
         "e = exp(-2 z acos(z) / sqrt(1 - z^2))",

@@ -69,22 +69,16 @@ class Axis:
     def check(self, value: Any, laws: Sequence[Law] = (), basis: str = "published") -> float:
         """Convert and check a value; a restitution is checked against the laws of the sweep as well."""
         result = self._number(value)
-        if self.dimension == "restitution":
-            check_laws_restitution(result, laws, basis)
+        realised, refused = basis == "realised", []
+        for law in laws if self.dimension == "restitution" else ():
+            try:
+                law.check_restitution(result, basis)
+            except LawError:
+                refused.append(f"law {law.key!r} ({realised_validity(law) if realised else law.validity})")
+        if refused:
+            fault = "can't be realised by" if realised else "is outside the validity of"
+            raise LawError(f"restitution {result!r} {fault} {', '.join(refused)}; change it or leave them out")
         return result
-
-
-def check_laws_restitution(value: float, laws: Sequence[Law], basis: str) -> None:
-    """Check a coefficient of restitution against every law of a sweep."""
-    realised, refused = basis == "realised", []
-    for law in laws:
-        try:
-            law.check_restitution(value, basis)
-        except LawError:
-            refused.append(f"law {law.key!r} ({realised_validity(law) if realised else law.validity})")
-    if refused:
-        fault = "can't be realised by" if realised else "is outside the validity of"
-        raise LawError(f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out")
 
 
 #: Property of `ContactProperties` that holds a force exponent's reference stiffness.

@@ -31,28 +31,18 @@ from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain
 _LEAST_WITHIN = 1e-6
 
 
-def _above_low(high: float | None, info: ValidationInfo) -> float | None:
-    low = info.data.get("low")
-    if high is not None and low is not None and low >= high:
-        raise InputError(f"is {high!r}; it must be above low = {low!r}")
-    return high
-
-
-_High = Annotated[Number, AfterValidator(_above_low)]
-
-
 class Distribution(Table):
     """What an input is drawn from: a distribution of scipy, cut off at `low` and `high` if they are given."""
 
     distribution: str = key("a name")
     low: Number | None = number("the lower end", None)
-    high: _High | None = number("the upper end", None)
+    high: Number | None = number("the upper end", None)
 
     @property
     def _frozen(self) -> Any:
         from scipy import stats
 
-        return _FROZEN[self.distribution](stats, self)
+        return _MADE[self.distribution][0](stats, self)
 
     @property
     def within(self) -> tuple[float, float]:
@@ -67,54 +57,41 @@ class Distribution(Table):
 
     @model_validator(mode="after")
     def _has_width(self) -> Distribution:
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise SceneError(f"is {self.high!r}; it must be above low = {self.low!r}", ("high",))
         first, last = self.within
         if last - first < _LEAST_WITHIN:
             raise InputError(f"has less than {_LEAST_WITHIN:g} of itself between low and high; give wider ends")
         return self
 
 
-class Uniform(Distribution):
-    """Every value between `low` and `high` is as likely."""
-
-    low: Number = number("the lower end")
-    high: _High = number("the upper end")
-
-
-class LogUniform(Distribution):
-    """The logarithm is uniform."""
-
-    low: Number = number("the lower end", gt=0.0)
-    high: _High = number("the upper end", gt=0.0)
-
-
-class Normal(Distribution):
-    """A normal distribution."""
-
-    mean: Number = number("the mean")
-    std: Number = number("the standard deviation", gt=0.0)
-
-
-class Lognormal(Distribution):
-    """The logarithm is normal, of standard deviation `dispersion`."""
-
-    median: Number = number("the median", gt=0.0)
-    dispersion: Number = number("the standard deviation of the logarithm", gt=0.0)
-    low: Number | None = number("the lower end", None, ge=0.0)
-
-
-#: Distribution -> what makes it of `scipy.stats`.
-_FROZEN: dict[str, Callable[[Any, Any], Any]] = {
-    "uniform": lambda stats, it: stats.uniform(it.low, it.high - it.low),
-    "log_uniform": lambda stats, it: stats.loguniform(it.low, it.high),
-    "normal": lambda stats, it: stats.norm(it.mean, it.std),
-    "lognormal": lambda stats, it: stats.lognorm(it.dispersion, scale=it.median),
+#: Distribution -> what makes it of `scipy.stats`, and its numbers.
+_MADE: dict[str, tuple[Callable[[Any, Any], Any], dict[str, Any]]] = {
+    "uniform": (
+        lambda stats, it: stats.uniform(it.low, it.high - it.low),
+        {"low": number("the lower end"), "high": number("the upper end")},
+    ),
+    "log_uniform": (
+        lambda stats, it: stats.loguniform(it.low, it.high),
+        {"low": number("the lower end", gt=0.0), "high": number("the upper end", gt=0.0)},
+    ),
+    "normal": (
+        lambda stats, it: stats.norm(it.mean, it.std),
+        {"mean": number("the mean"), "std": number("the standard deviation", gt=0.0)},
+    ),
+    "lognormal": (
+        lambda stats, it: stats.lognorm(it.dispersion, scale=it.median),
+        {
+            "median": number("the median", gt=0.0),
+            "dispersion": number("the standard deviation of the logarithm", gt=0.0),
+            "low": number("the lower end", None, ge=0.0),
+        },
+    ),
 }
-DISTRIBUTIONS: dict[str, type[Distribution]] = {
-    "uniform": Uniform,
-    "log_uniform": LogUniform,
-    "normal": Normal,
-    "lognormal": Lognormal,
+_TYPES: dict[str, dict[str, Any]] = {
+    name: {key: (Number | None, field) for key, field in numbers.items()} for name, (_, numbers) in _MADE.items()
 }
+DISTRIBUTIONS = {name: create_model(name, __base__=Distribution, **fields) for name, fields in _TYPES.items()}
 
 
 def read_distribution(value: dict[str, Any]) -> Distribution:
@@ -196,12 +173,6 @@ class Input:
     building: str | None  # name of the building that it belongs to
     distribution: Distribution | None  # None for the record: each is as likely
 
-    def told(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        drawn = self.distribution.model_dump(exclude_none=True) if self.distribution else {}
-        building = {"building": self.building} if self.building else {}
-        return {"name": self.name, "argument": self.argument, **building, **drawn}
-
 
 def named_inputs(drawn: dict[tuple[str, str | None], Distribution | None]) -> tuple[Input, ...]:
     """Return inputs by (argument, building), in the order of the axes and the row, named as axes are."""
@@ -259,7 +230,11 @@ class Design:
 
     def told(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
-        inputs = [each.told() for each in self.inputs]
+        inputs = []
+        for each in self.inputs:
+            building = {"building": each.building} if each.building else {}
+            drawn = each.distribution.model_dump(exclude_none=True) if each.distribution else {}
+            inputs.append({"name": each.name, "argument": each.argument, **building, **drawn})
         return {"kind": self.kind, "samples": self.samples, "seed": self.seed, "inputs": inputs}
 
     def cases(

@@ -116,16 +116,11 @@ class SweepSpec(AxisValues):
         raise KeyError(name)
 
 
-def check_accuracy(value: float) -> None:
-    """Raise `SweepError` unless an accuracy was measured."""
-    low, high = ACCURACY_RANGE
-    if not low <= value <= high:
-        raise SweepError(f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured")
-
-
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
     """Return a sweep that asks for a relative error in place of its own step; its scheme is kept."""
-    check_accuracy(accuracy)
+    low, high = ACCURACY_RANGE
+    if not low <= accuracy <= high:
+        raise SweepError(f"accuracy is {accuracy!r}; it must be in [{low:g}, {high:g}], the range that was measured")
     return replace(spec, accuracy=accuracy, dt=None)
 
 
