@@ -227,14 +227,16 @@ def called(function: Callable[..., T], table: Any, first: str = "", also: Collec
 
     The table may name the `first` anew, and keys that the caller takes out are in `also`.
     """
-    name, *names = (each for each in inspect.signature(function).parameters if each not in more)
-    keys = dict.fromkeys((first := first or name, *names, *also)) | {first: meanings(function).get(name)}
+    names = [name for name in inspect.signature(function).parameters if name not in more]
+    keys = dict.fromkeys((*([first, *names[1:]] if first else names), *also))
     if not isinstance(table, dict):
         raise InputError(f"must be a table of {', '.join(keys)}, not {shown(table)}")
+    if first:
+        keys[first] = meanings(function).get(names[0])
     named = {key: value for key, value in table.items() if key != first} | more
     with Faults() as faults:
         try:
-            given = ArgsKwargs((table[first],) if first in table else (), named)
+            given = ArgsKwargs((table[first],) if first else (), named)
             return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
         except ValidationError as error:
             faults.found += [worded(each, function, keys) for each in error.errors(include_url=False)]

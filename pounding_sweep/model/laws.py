@@ -838,11 +838,7 @@ def check_realisable(law: Law, e: float) -> None:
         return
     smallest = RELATIONS[law.relation].smallest if law.relation in RELATIONS else math.inf
     if not smallest <= e <= 1.0:
-        hint = (
-            ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
-            if 0.0 <= e < smallest < 1.0
-            else ""
-        )
+        hint = ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical" if smallest < 1.0 else ""
         valid = f"{realised_validity(law)}{hint}, or restitution_basis='published'"
         raise LawError(f"restitution {e!r} can't be realised by law {law.key!r}; give {valid}")
 
@@ -878,7 +874,7 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     if law.number is None:
         return np.zeros(values.shape)
     if law.impulsive:
-        return _published(law, values)
+        return damping_number(law, values)
     distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
     for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
         check_realisable(law, float(value))
@@ -895,17 +891,13 @@ def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
     if basis == "realised":
         return realised_number(law, e)
     values = np.asarray(e, dtype=float)
-    return np.zeros(values.shape) if law.number is None else _published(law, values)
-
-
-def _published(law: Law, e: np.ndarray) -> np.ndarray:
-    """Damping number by the published formula."""
+    if law.number is None:
+        return np.zeros(values.shape)
     if law.number == SOLVED:
-        return realised_number(law, e)
+        return realised_number(law, values)
     if isinstance(law.number, str):
-        return formulas.on_arrays(law.number, e=e) * np.ones(e.shape)
-    assert law.number is not None
-    return np.asarray(law.number(e), dtype=float)
+        return formulas.on_arrays(law.number, e=values) * np.ones(values.shape)
+    return np.asarray(law.number(values), dtype=float)
 
 
 def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:

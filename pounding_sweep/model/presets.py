@@ -25,37 +25,34 @@ class Preset:
     scene: Scene
 
 
-def _mate2015() -> Preset:
-    # Printed with transposed subscripts; read so that the columns' 12 E I / h^3 gives the stiffnesses.
-    left = Building("left", [173.331, 173.331, 133.956], [555.55e3] * 3, 0.05, [3.0] * 3)
-    middle = Building("middle", [175.661, 175.661, 136.286], [355.55e3] * 3, 0.05, [3.0] * 3)
-    right = Building("right", [182.041, 182.041, 140.641], [333.472e3] * 3, 0.05, [3.0] * 3)
-    contact = ContactProperties(linear_stiffness=2e6, hertz_stiffness=1.88e7, restitution=0.6)
-    return Preset(
-        key="mate2015",
-        title="three 3-storey shear buildings, gaps of 0.01 m (as printed)",
-        reference="Mate, Bakre & Jaiswal (2015), Asian Journal of Civil Engineering 16(3)",
-        scene=Scene([left, middle, right], gaps=[0.01, 0.01], contact=contact),
+# Printed with transposed subscripts; read so that the columns' 12 E I / h^3 gives the stiffnesses.
+_LEFT = Building("left", [173.331, 173.331, 133.956], [555.55e3] * 3, 0.05, [3.0] * 3)
+_MIDDLE = Building("middle", [175.661, 175.661, 136.286], [355.55e3] * 3, 0.05, [3.0] * 3)
+_RIGHT = Building("right", [182.041, 182.041, 140.641], [333.472e3] * 3, 0.05, [3.0] * 3)
+_CONTACT = ContactProperties(linear_stiffness=2e6, hertz_stiffness=1.88e7, restitution=0.6)
+# Values that the paper's tables fit, each with the slip that would explain it: a right building of twice the printed
+# stiffness; a gap stiffness of a tenth, 2e5 tonne-force per metre entered as kN/m; Hertz stiffness by Eqs 9 to 11 as
+# printed (square root, 1 - nu) with E = 25 000, as IS 456 gives it in N/mm2, entered as kN/m2.
+_STIFFER = replace(_RIGHT, stiffnesses=[2.0 * k for k in _RIGHT.stiffnesses])
+_AS_RUN = replace(_CONTACT, linear_stiffness=2e5, hertz_stiffness=2.79e4)
+
+PRESETS: dict[str, Preset] = {
+    preset.key: preset
+    for preset in (
+        Preset(
+            key="mate2015",
+            title="three 3-storey shear buildings, gaps of 0.01 m (as printed)",
+            reference="Mate, Bakre & Jaiswal (2015), Asian Journal of Civil Engineering 16(3)",
+            scene=Scene([_LEFT, _MIDDLE, _RIGHT], gaps=[0.01, 0.01], contact=_CONTACT),
+        ),
+        Preset(
+            key="mate2015_as_run",
+            title="the same row with the values that the paper's tables fit (as probably run)",
+            reference="inferred from Tables 3 to 5 of Mate, Bakre & Jaiswal (2015); stated nowhere in it",
+            scene=Scene([_LEFT, _MIDDLE, _STIFFER], gaps=[0.01, 0.01], contact=_AS_RUN),
+        ),
     )
-
-
-def _mate2015_as_run() -> Preset:
-    # Values that the paper's tables fit, each with the slip that would explain it: a right building of twice the
-    # printed stiffness; a gap stiffness of a tenth, 2e5 tonne-force per metre entered as kN/m; Hertz stiffness by
-    # Eqs 9 to 11 as printed (square root, 1 - nu) with E = 25 000, as IS 456 gives it in N/mm2, entered as kN/m2.
-    printed = _mate2015().scene
-    left, middle, right = printed.buildings
-    stiffer = replace(right, stiffnesses=[2.0 * k for k in right.stiffnesses])
-    contact = replace(printed.contact, linear_stiffness=2e5, hertz_stiffness=2.79e4)
-    return Preset(
-        key="mate2015_as_run",
-        title="the same row with the values that the paper's tables fit (as probably run)",
-        reference="inferred from Tables 3 to 5 of Mate, Bakre & Jaiswal (2015); stated nowhere in it",
-        scene=Scene([left, middle, stiffer], gaps=printed.gaps, contact=contact),
-    )
-
-
-PRESETS: dict[str, Preset] = {preset.key: preset for preset in (_mate2015(), _mate2015_as_run())}
+}
 """All presets by key."""
 
 

@@ -112,9 +112,8 @@ class BoucWen:
         return float((self.beta + self.gamma) ** (-1.0 / self.n))
 
 
-def _bouc_wen_of(given: Any) -> Any:
-    """Return the law of a list, as JSON holds it; anything else as it is."""
-    return BoucWen(*given) if isinstance(given, (list, tuple, np.ndarray)) else given
+#: Before a law of Bouc and Wen, which JSON has as a list.
+_ListedLaw = BeforeValidator(lambda given: BoucWen(*given) if isinstance(given, (list, tuple, np.ndarray)) else given)
 
 
 @checked
@@ -255,7 +254,7 @@ class Building:
     slab_depths: NotNegatives | None = field(default=None, kw_only=True)
     column_stiffnesses: Positives | None = field(default=None, kw_only=True)
     p_delta: Flag = field(default=False, kw_only=True)
-    bouc_wen: Annotated[BoucWen | None, BeforeValidator(_bouc_wen_of)] = field(default=None, kw_only=True)
+    bouc_wen: Annotated[BoucWen | None, _ListedLaw] = field(default=None, kw_only=True)
     dashpots: NotNegatives | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
 
@@ -781,9 +780,11 @@ class Contacts(tuple[Contact, ...]):
 
 
 def _kind_of(item: Any) -> str:
-    return "|wall" if isinstance(item, Wall) or (isinstance(item, dict) and item.get("wall") is True) else "|building"
+    wall = item.get("wall") is True if isinstance(item, dict) else isinstance(item, Wall)
+    return "|wall" if wall else "|building"
 
 
+_Item = Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|wall")], Discriminator(_kind_of)]
 #: Storeys by the names of pairs; JSON has them as a list of pairs.
 _Limits = Annotated[
     dict[str, Annotated[Sequence[Whole], Listed, Field(min_length=1)]],
@@ -837,12 +838,7 @@ class Scene:
     [(0, 1), (1, 1)]
     """
 
-    row: Annotated[
-        Sequence[
-            Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|wall")], Discriminator(_kind_of)]
-        ],
-        Listed,
-    ]
+    row: Annotated[Sequence[_Item], Listed]
     gaps: NotNegatives = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
     tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
@@ -980,7 +976,7 @@ class Scene:
                     labels.append((label, pair))
         struck = {(c.left, c.right)[c.struck]: c.pair for c in contacts if c.struck >= 0}
         for floor, pair in struck.items():
-            building = self.building_of(floor)
+            building = next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
             if self.yields[floor] or building.foundation or building.p_delta:
                 raise SceneError(
                     f"floors of pair {names[pair]!r} strike columns whose shape is not known: of a storey that may "
@@ -1073,10 +1069,6 @@ class Scene:
     def offsets(self) -> tuple[int, ...]:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
-
-    def building_of(self, floor: int) -> Building:
-        """Return the building of a degree of freedom."""
-        return next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
 
     def faced(self, pair: int) -> list[list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""

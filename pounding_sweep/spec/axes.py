@@ -149,16 +149,10 @@ def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Re
         )
 
 
-def _need_motion(argument: str) -> Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]]:
-    """Make a function that tells records that no factor gives a peak."""
-
-    def requires(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
-        still = [repr(record.name) for record in records if record.pga == 0.0]
-        if still:
-            text = f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead"
-            yield (argument,), text
-
-    return requires
+def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell records that no factor gives a peak."""
+    if still := [repr(record.name) for record in records if record.pga == 0.0]:
+        yield ("records",), f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead"
 
 
 def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any) -> float:
@@ -221,7 +215,7 @@ class AxisValues:
         "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
         "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
         "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
-        value=lambda value, record, **_: value / record.pga, requires=_need_motion("pgas"), unsaid=True,
+        value=lambda value, record, **_: value / record.pga, requires=_need_motion, unsaid=True,
     )})
     sas: Values = field(default=None, metadata={"axis": Axis(
         "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
@@ -229,7 +223,7 @@ class AxisValues:
         "is scaled to, in place of `scales`.",
         "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
         "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
-        value=_factor_to_spectrum, requires=_need_motion("sas"), parameter="sa_period", unsaid=True,
+        value=_factor_to_spectrum, requires=_need_motion, parameter="sa_period", unsaid=True,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "period_factor", "period_factor", "factor on periods", _FACTOR,

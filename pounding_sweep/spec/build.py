@@ -13,7 +13,7 @@ import math
 import os
 import textwrap
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -198,6 +198,16 @@ def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
     return (None if faults.found else spec), faults.found
 
 
+def _exclusions(chosen: Collection[str], named: str) -> Iterator[tuple[str, str, str]]:
+    """Tell of axes that exclude each other: the one, the other, and the fault, which names them as they are `named`."""
+    groups = [[name for name, axis in AXES.items() if axis.column == column] for column in COLUMNS]
+    for group in [*groups, *([name, axis.finds] for name, axis in AXES.items() if axis.finds)]:
+        one, two, *_ = [*(name for name in group if name in chosen), "", ""]
+        if two:
+            words = [name if named == "argument" else AXES[name].dimension for name in (one, two)]
+            yield one, two, f"{words[0]} and {words[1]} exclude each other; give one of them"
+
+
 def _no_axis(value: Any) -> None:
     if value is not None:
         raise InputError("listed cases take the place of laws and axes; leave it out, or leave out the cases")
@@ -237,10 +247,8 @@ class _Reader:
         assert self.records is not None
         values = AxisValues(**axes)
         names = [record.name for record in self.records], [building.name for building in self.scene.buildings]
-        if design is not None:
-            cases = design.cases(self.laws, names[0], values, names[1])
-        elif any(axis.listed and getattr(values, name) for name, axis in AXES.items()):
-            cases = product_cases(self.laws, names[0], values, names[1])
+        if design is not None or any(axis.listed and getattr(values, name) for name, axis in AXES.items()):
+            cases = product_cases(self.laws, names[0], values, names[1], design)
         spec = SweepSpec(
             **({} if cases is not None else axes),
             **settings,
@@ -453,25 +461,18 @@ class _Reader:
             if size <= most:
                 checked = faults.attempt(items[name, building][0], self._values, sequence, AXES[name])
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        for name, axis in AXES.items():
-            if not axis.finds or not (name in stated or (name, None) in drawn):
-                continue
-            faults.found += axis.requires(scene, laws, records) if scene is not None else ()
-            if any(other == axis.finds for other, _ in (*items, *drawn)):
-                faults.add((name,), f"{name} and {axis.finds} exclude each other; give one of them")
         self._check_parameters([AXES[name].dimension for name in stated])
-        for column in COLUMNS:
-            choices = {name: axis for name, axis in AXES.items() if axis.column == column}
-            chosen = [name for name in choices if name in stated or (name, None) in drawn]
-            if len(chosen) > 1:
-                text = f"{chosen[0]} and {chosen[1]} exclude each other; give one of them"
-                inner = ("design", "inputs", choices[chosen[1]].dimension)
-                faults.add(inner if (chosen[1], None) in drawn else (chosen[1],), text)
-                continue
-            default = [name for name, axis in choices.items() if axis.default is not None]
-            for name in chosen or default:
-                faults.found += choices[name].requires(scene, laws, records) if scene is not None else ()
-            values |= {name: choices[name].default for name in default if not chosen}
+        chosen = stated | {name for name, _ in drawn}
+        self.faults.found += [
+            (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
+            for _, two, text in _exclusions(chosen, "argument")
+        ]
+        for column in dict.fromkeys(axis.column for axis in AXES.values() if not axis.by_building):
+            names = [name for name, axis in AXES.items() if axis.column == column]
+            default = [name for name in names if AXES[name].default is not None and not chosen & {*names}]
+            for name in [name for name in names if name in chosen] or default:
+                faults.found += AXES[name].requires(scene, laws, records) if scene is not None else ()
+            values |= {name: AXES[name].default for name in default}
         if "restitutions" not in stated and ("restitutions", None) not in drawn and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             value = faults.attempt((), self._scene_restitution, taking) if taking else 1.0
@@ -508,11 +509,9 @@ class _Reader:
                 faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
             if law is not None and values["restitution"] is not None:
                 faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
-            for column in COLUMNS if values else ():
-                dimensions = [axis.dimension for axis in AXES.values() if axis.column == column]
-                chosen = [key for key in dimensions if values[key] not in (None, getattr(Case, key))]
-                if len(chosen) > 1:
-                    faults.add((chosen[0],), f"{chosen[0]} and {chosen[1]} exclude each other; give one of them")
+            dimensions = {name: axis.dimension for name, axis in AXES.items() if not axis.by_building and values}
+            stated = {name for name, key in dimensions.items() if values[key] not in (None, getattr(Case, key))}
+            faults.found += [((dimensions[one],), text) for one, _, text in _exclusions(stated, "dimension")]
             factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
             for (argument, name), (place, value) in self._by_building(values, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)

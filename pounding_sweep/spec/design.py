@@ -94,8 +94,10 @@ _TYPES: dict[str, dict[str, Any]] = {
 DISTRIBUTIONS = {name: create_model(name, __base__=Distribution, **fields) for name, fields in _TYPES.items()}
 
 
-def read_distribution(value: dict[str, Any]) -> Distribution:
+def read_distribution(value: Any) -> Distribution:
     """Check a distribution given as a table."""
+    if not isinstance(value, dict):
+        raise InputError(f"must be a table of a distribution, not {shown(value)}")
     kind, valid = value.get("distribution"), ", ".join(DISTRIBUTIONS)
     if not isinstance(kind, str) or kind not in DISTRIBUTIONS:
         text = unknown("distribution", kind, DISTRIBUTIONS) if kind is not None else f"is missing; give one of {valid}"
@@ -120,20 +122,13 @@ SAMPLE, BLOCK = "design_sample", "design_block"
 RECORD = "record"
 
 
-def _read_drawn(value: Any) -> Any:
-    """Return the distribution of a table; a fault stands where the table does."""
-    if not isinstance(value, dict):
-        raise InputError(f"must be a table of a distribution, not {shown(value)}")
-    return read_distribution(value)
-
-
 def _read_any_record(value: Any) -> str:
     if value != {"distribution": "any"}:
         raise InputError(f'records have no distribution but {{ distribution = "any" }}, not {shown(value)}')
     return RECORD
 
 
-_DRAWN: Any = Annotated[Any, PlainValidator(_read_drawn)]
+_DRAWN: Any = Annotated[Any, PlainValidator(read_distribution)]
 _INPUTS: dict[str, Any] = {
     RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None),
     **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by_building},
@@ -237,24 +232,20 @@ class Design:
             inputs.append({"name": each.name, "argument": each.argument, **building, **drawn})
         return {"kind": self.kind, "samples": self.samples, "seed": self.seed, "inputs": inputs}
 
-    def cases(
-        self, laws: Mapping[str, Law], records: Sequence[str], given: AxisValues, buildings: Sequence[str]
-    ) -> tuple[Case, ...]:
-        """Return every point with every law, record and value of the axes that are given, points innermost."""
-        columns = [self.values(i, records) for i in range(len(self.inputs))]
-        points = [tuple(zip(self.inputs, row, strict=True)) for row in zip(*columns, strict=True)]
-        drawn = {each.argument for each in self.inputs}
-        return product_cases(laws, [None] if "records" in drawn else records, given, buildings, points)
-
 
 def product_cases(
     laws: Mapping[str, Law],
-    records: Sequence[str | None],
+    records: Sequence[Any],
     given: AxisValues,
     buildings: Sequence[str],
-    points: Sequence[tuple[tuple[Input, Any], ...]] = ((),),
+    design: Design | None = None,
 ) -> tuple[Case, ...]:
     """Return each law, record and value of the axes as a listed case, with every point of a design innermost."""
+    inputs = design.inputs if design else ()
+    columns = [design.values(i, records) for i in range(len(inputs))] if design else []
+    points = [tuple(zip(inputs, row, strict=True)) for row in zip(*columns, strict=True)] or [()]
+    if any(each.argument == "records" for each in inputs):
+        records = [None]
     beside: list[list[tuple[Input, Any]]] = []
     for name, axis in AXES.items():
         values = getattr(given, name)
