@@ -241,9 +241,9 @@ def get_kernel(shape: KernelSpec) -> Callable[..., None]:
 
 def twin_of(shape: KernelSpec) -> Callable[..., None]:
     """Return what does the same as the kernel, slowly, in plain Python."""
-    from pounding_sweep.engine import twin
+    from pounding_sweep.engine.kernel import run_twin
 
-    return partial(twin.run, shape)
+    return partial(run_twin, shape)
 
 
 def compile_piece(piece: KernelSpec) -> Any:

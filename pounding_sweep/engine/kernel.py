@@ -1,12 +1,13 @@
-"""A kernel: one lane group after another over the record, traced into the body of a function that numba compiles."""
+"""A kernel: one lane group after another over the record, traced into a function that numba compiles; and its twin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import count
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
 from pounding_sweep.kernel import march
@@ -78,6 +79,32 @@ class Ground:
         return self._narrow(b.fmul(b.sitofp(number.value, _DOUBLE), h))
 
 
+class TwinGround:
+    """The record as the kernel's twin steps through it."""
+
+    def __init__(self, arrays: dict[str, Any]) -> None:
+        self._motion, self.track, self.steps, self.substeps = (
+            arrays[name] for name in ("motion", "track", "steps", "substeps")
+        )
+        self.h, self.long = arrays["length"] / self.steps, arrays["length"] / self.substeps
+        self.intervals = len(self._motion) - 1
+
+    def start(self) -> Any:
+        """Acceleration at the first point."""
+        return self._motion[0]
+
+    def _between(self, i: int, j: int) -> Any:
+        return self._motion[i] + (self._motion[i + 1] - self._motion[i]) * (j / self.steps)
+
+    def ends(self, i: int, j: int) -> tuple[Any, Any]:
+        """Accelerations at both ends of a step."""
+        return self._between(i, j), self._motion[i + 1] if j == self.steps - 1 else self._between(i, j + 1)
+
+    def time(self, number: int) -> float:
+        """Time (s) after so many steps."""
+        return number * self.h
+
+
 def width(precision: str) -> int:
     """Scenarios side by side in one vector: as many as a register of the processor holds."""
     return (64 if has_wide_registers() else 32) // (8 if precision == "float64" else 4)
@@ -108,6 +135,36 @@ def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> 
         note(Count(group.trace, _I64(0)) if group.trace else 0)
     group.scheme.march(group, ground, note)
     march.finish(group)
+
+
+@np.errstate(all="ignore")
+def run_twin(spec: KernelSpec, *numbers: Any) -> None:
+    """Do what the compiled kernel of `spec` does, by the same source on NumPy arrays in double precision."""
+    arrays = dict(zip(PARAMETERS, numbers, strict=False))
+    ground, constants, history = TwinGround(arrays), arrays["constants"], arrays["history"]
+
+    def put(row: int, column: int, value: np.ndarray) -> None:
+        history[row, column] = value[0]
+
+    def rows_of(slots: Slots, values: np.ndarray) -> Iterator[tuple[tuple[str, int], np.ndarray]]:
+        places = [(name, i) for name, n in slots.count.items() for i in range(n)]
+        return zip(places, values.reshape(-1, LANES), strict=True)
+
+    if spec.flies_exactly:
+        group = make_group(spec, None, width(spec.precision), constants)
+        note = noter(group, put, True) if spec.history else None
+        given = {**arrays, "memory": None} | {name: arrays[name].reshape(-1, LANES) for name in ("inputs", "results")}
+        counts = arrays["rows"], arrays["scenarios"], group.passing
+        flights = make_flights(group, ground, given, counts, note, Ledger(None))
+        Events(group, ground, flights.serve, flights.course, note).run()
+        return
+    for inputs, results in zip(arrays["inputs"], arrays["results"], strict=True):
+        group = make_group(spec, None, LANES, constants)
+        for place, row in rows_of(input_slots(spec), inputs):
+            group.state[place] = row
+        run_group(group, ground, noter(group, put, True) if spec.history else None)
+        for place, row in rows_of(output_slots(spec), results):
+            row[:] = group.state[place]
 
 
 def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
