@@ -14,7 +14,15 @@ from matplotlib.figure import Figure
 from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.select import RESPONSES, NothingToDrawError, law_name, record_name, result_of
+from pounding_sweep.figures.select import (
+    RESPONSES,
+    NothingToDrawError,
+    labels_with_values,
+    law_name,
+    record_name,
+    result_of,
+    use_logarithms,
+)
 from pounding_sweep.figures.style import COLOURS, MARKED, finish, join_nonempty, subplots
 from pounding_sweep.outputs.variables import get_variable
 
@@ -55,23 +63,24 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     if value not in (None, *names):
         raise InputError(unknown("value to draw", value, names))
     valued = [name for name in (*RESPONSES, *names) if name in names and result[f"{name}_total"].notnull().any()]
-    value = value or next(iter(valued or names))
-    total = result[f"{value}_total"]
-    if not total.notnull().any():
+    if not valued or value not in (None, *valued):
         raise NothingToDrawError
+    value = value or valued[0]
+    total, key = result[f"{value}_total"], f"{value}_total"
     per = next((dim for dim in ("pair", "building") if dim in total.dims), "")
-    places = []
-    for part in [result.sel({per: end}) for end in result[per].values] if per else [result]:
-        there = part[f"{value}_total"].notnull().any(["group", "input"])
-        places.append(part.isel(storey=int(np.flatnonzero(there)[-1]) if there.any() else 0) if there.ndim else part)
-    complete = np.any([place[f"{value}_total"].notnull().all("input") for place in places], axis=0)
+    ends = labels_with_values(result, per, [key]) if per else []
+    places = [result.sel({per: end}) for end in ends] or [result]
+    if "storey" in total.dims:
+        places = [part.dropna("storey", how="all", subset=[key]).isel(storey=-1) for part in places]
+    complete = np.any([part[key].notnull().all("input") for part in places], axis=0)
     groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
     shown = groups[:_GROUPS]
-    rank = np.mean([place[f"{value}_total"].isel(group=shown).mean("group") for place in places], axis=0)
+    rank = np.mean([part[key].isel(group=shown).mean("group") for part in places], axis=0)
     order = np.argsort(np.nan_to_num(rank), kind="stable")  # the largest last, at the top
     size = (2.2 + 2.4 * len(places), 1.5 + len(shown) * (0.6 + 0.3 * len(order)))
     figure, axes = subplots(len(shown), len(places), size, ax)
     varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
+    extremes = [0.0, 1.0]
     for (row, column), panel in np.ndenumerate(axes):
         part = places[column].isel(group=int(shown[row]), input=order)
         for name, (label, colour, marker, up) in _INDICES.items():
@@ -79,14 +88,13 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
             low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
             panel.hlines(at, low, high, color=colour, linewidth=1.0)
             panel.plot(part[f"{value}_{name}"], at, color=colour, marker=marker, linestyle="none", label=label)
+            extremes += [*low, *high]
         panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
         titles = [f"{dim} {part[dim].item()}" for dim in (per, "storey") if dim in part.coords]
         lines = [join_nonempty(*titles), _describe_group(part, varied)]
         panel.set_title("\n".join(fill(text, 34) for text in lines if text))
-    intervals = [part[f"{value}_{name}_interval"].isel(group=shown) for part in places for name in _INDICES]
-    ends = [0.0, 1.0, *(float(end) for interval in intervals for end in (interval.min(), interval.max()))]
     inputs = [str(name).replace("_", " ") for name in result["input"].values[order]]
-    limits = {"xlim": (np.nanmin(ends) - 0.03, np.nanmax(ends) + 0.03), "ylim": (-0.6, len(order) - 0.4)}
+    limits = {"xlim": (np.nanmin(extremes) - 0.03, np.nanmax(extremes) + 0.03), "ylim": (-0.6, len(order) - 0.4)}
     for panel in axes[:, 0]:
         panel.set(yticks=range(len(inputs)), yticklabels=inputs, **limits)
     what = str(total.attrs["long_name"]).removeprefix("total Sobol index: ")
@@ -119,14 +127,14 @@ def work_precision(trade: xr.Dataset) -> Figure:
     """
     check_trade(trade)
     chosen = trade.sel(population="steady", statistic="worst")
-    if not np.isfinite(chosen["error"] * chosen["cost"]).any():
+    valued = np.isfinite(chosen["error"]) & np.isfinite(chosen["cost"]) & (chosen["error"] > 0.0)
+    if not valued.any():
         raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
     outputs = leading_outputs(trade)
     figure, axes = subplots(1, len(outputs), (1.2 + 3.6 * len(outputs), 4.6))
     ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
     for ax, output in zip(axes[0], outputs, strict=True):
-        one = chosen.sel(output=output)
-        one = one.where((one["error"] > 0.0) & np.isfinite(one["error"]) & np.isfinite(one["cost"]))
+        one = chosen.where(valued).sel(output=output)
         kinds = product(one["scheme"].values, one["located"].values)
         for ((scheme, located), style), precision in product(zip(kinds, MARKED, strict=False), one["precision"].values):
             line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
@@ -137,15 +145,12 @@ def work_precision(trade: xr.Dataset) -> Figure:
         front = one.where(one["pareto"] == 1)
         cost, error = xr.broadcast(front["cost"], front["error"])
         ax.plot(cost.values.ravel(), error.values.ravel(), label="Pareto front", **ring)
-        ax.set(xscale="log", yscale="log", title=get_variable(output).long_name)
-        ax.xaxis.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter("")
+        ax.set(yscale="log", title=get_variable(output).long_name)
+        use_logarithms(ax.xaxis)
     bottom = axes[0, 0].get_ylim()[0]
     for ax, output in zip(axes[0], outputs, strict=True):
         limit = float(chosen["resolution"].sel(output=output).max())
-        if limit > bottom:
-            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
+        ax.axhspan(bottom, max(bottom, limit), color="0.9", zorder=0, linewidth=0)
     axes[0, 0].set_ylim(bottom=bottom)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
