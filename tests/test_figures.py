@@ -619,7 +619,6 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
         ((cube, "profiles", "-o", picture, "--at", "gap"), "AXIS=VALUE"),
         ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
         ((one, "histories", "-o", picture, "--x", "gap"), "'histories' takes no x; amplification, force-gap, law-comp"),
-        ((cube, "profiles", "-o", picture, *several), "3 values of gap are asked for, and this figure takes one value"),
     ):
         assert text in command("plot", *words, code=2).stderr
 

@@ -150,7 +150,6 @@ def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None)
     from pounding_sweep.analysis.comparisons import COMPARISONS, compared
     from pounding_sweep.analysis.scenarios import COMPARISON
     from pounding_sweep.figures import require
-    from pounding_sweep.figures.select import SEVERAL
     from pounding_sweep.output.select import select
     from pounding_sweep.outputs.variables import INNER_DIMS
 
@@ -159,9 +158,6 @@ def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None)
     if drawn is not None and not {*INNER_DIMS}.isdisjoint(values) and COMPARISON not in dataset.attrs:
         require(chosen, drawn.figure)
         chosen = compared(dataset, drawn, values)
-    for axis, texts in values.items():
-        if len(texts) > 1 and axis in chosen.coords:
-            chosen[axis].attrs[SEVERAL] = "yes"  # for figures that would draw one of them
     return chosen
 
 

@@ -104,7 +104,7 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
             from matplotlib.axes import Axes
 
-            from pounding_sweep.figures.select import NothingToDrawError, nothing_to_draw
+            from pounding_sweep.figures.select import NothingToDrawError, describe
             from pounding_sweep.figures.style import in_style
             from pounding_sweep.output.netcdf import with_texts
 
@@ -114,7 +114,11 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
                 try:
                     figure = draw(whole, **options)
                 except NothingToDrawError:
-                    raise InputError(nothing_to_draw(whole, key)) from None
+                    at = describe(whole)
+                    raise InputError(
+                        f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(whole)}; "
+                        "choose others with --at"
+                    ) from None
             if isinstance(figure, Axes):
                 return cast("Figure", figure.get_figure())
             figure._repr_png_ = partial(_png, figure)  # notebooks show it, though pyplot knows nothing of it
@@ -124,6 +128,16 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
         return drawn
 
     return register
+
+
+def _why_nothing(dataset: xr.Dataset) -> str:
+    """Return why a dataset has no values: how its scenarios ended."""
+    from pounding_sweep.outputs.variables import Status
+
+    codes = dataset["status"].values.ravel().tolist() if "status" in dataset.data_vars else []
+    counts = {status: codes.count(status) for status in Status if status != Status.OK}
+    failed = [f"{count} of {len(codes)} scenarios are {status.label}" for status, count in counts.items() if count]
+    return ", ".join(failed) or "none of its values is a number"
 
 
 def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:

@@ -13,16 +13,14 @@ import xarray as xr
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.figures.style import COLOURS, join_nonempty, unit_text
+from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
+from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 from pounding_sweep.spec.axes import AXES, DIMENSIONS
 
-#: Attribute of an axis of which several values were asked for: a figure that draws one of them refuses.
-SEVERAL = "several_asked"
-#: Lines in a panel at most, unless more were asked for.
+#: Lines in a panel at most.
 _LINES_SHOWN = 5
 #: Responses that are drawn, the first that is there, and what they are called.
 RESPONSES = {
@@ -54,23 +52,20 @@ def select_default(
     their median. The text names what was taken, and of how many.
     """
     drawn = [name for name in drawn if name in dataset]
-    place: dict[Any, int] = {}
     records = dataset.sizes.get("record", 1) if median else 1
     kept = {*keep, "record"} if records > 1 else {*keep}
     sizes = {dim: dataset.sizes[dim] for dim in scenario_dims(dataset) if dim not in kept}
-    for dim in sizes:
-        check_drawn(dataset, dim)
-    place |= {dim: (size - 1) // 2 for dim, size in sizes.items()}
+    place = {dim: (size - 1) // 2 for dim, size in sizes.items()}
     if _score(dataset.isel(place), drawn, ()).max() < 2:  # else all of a large cube would be read
         score = _score(dataset, drawn, sizes)
         if not score.any():
             raise NothingToDrawError
         for dim, middle in place.items():
             score = score - 1e-6 * abs(xr.DataArray(np.arange(sizes[dim]), dims=dim) - middle)
-        place = {dim: int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
+        place = {str(dim): int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
     dataset = dataset.isel(place)
     words = describe(dataset, sizes, but=keep)
-    return over_records(dataset, words, drawn, "median") if records > 1 else (dataset, words)
+    return over_records(dataset, words, drawn) if records > 1 else (dataset, words)
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
@@ -110,29 +105,10 @@ def coord_text(dataset: xr.Dataset, name: str, value: Any) -> str:
     return f"{name.replace('_', ' ')} {factor * value:.6g} {unit}".rstrip()
 
 
-def nothing_to_draw(dataset: xr.Dataset, key: str) -> str:
-    """Say that a figure has nothing to draw of a dataset, why, and what to do."""
-    status = dataset["status"].values if "status" in dataset.data_vars else np.array(int(Status.OK))
-    counts = {item.label: int((status == int(item)).sum()) for item in STATUS if item != Status.OK}
-    failed = [f"{count} of {status.size} scenarios are {label}" for label, count in counts.items() if count]
-    at = describe(dataset)
-    why = ", ".join(failed) or "none of its values is a number"
-    return f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {why}; choose others with --at"
-
-
-def check_drawn(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
-    """Raise `InputError` where more values of an axis were asked for than the figure draws."""
-    if axis in dataset.coords and SEVERAL in dataset[axis].attrs and dataset.sizes.get(axis, 1) > most:
-        shows = "takes one value of that axis" if most == 1 else f"shows {most} of them at most"
-        asked = f"{dataset.sizes[axis]} values of {axis} are asked for"
-        raise InputError(f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE")
-
-
 def select_lines(result: xr.Dataset, axis: str) -> list[int]:
-    """Return the places on an axis of which each has a line: all that were asked for, else five, evenly chosen."""
-    check_drawn(result, axis, len(COLOURS))
-    most = len(COLOURS) if axis in result.coords and SEVERAL in result[axis].attrs else _LINES_SHOWN
-    return [int(place) for place in np.unique(np.linspace(0, result.sizes[axis] - 1, most).round())]
+    """Return the places on an axis of which each has a line: five at most, evenly chosen."""
+    places = np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round()
+    return np.unique(places).astype(int).tolist()
 
 
 def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, panels: bool = False) -> list[Any]:
@@ -143,12 +119,11 @@ def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, 
     return labels or (dataset[axis].values.tolist() if panels else [])
 
 
-def over_records(result: xr.Dataset, words: str, drawn: Collection[str], what: str) -> tuple[xr.Dataset, str]:
-    """Take the median of several records, or the largest of what has a "worst", and say so before the words."""
+def over_records(result: xr.Dataset, words: str, drawn: Collection[str]) -> tuple[xr.Dataset, str]:
+    """Take the median of several records, and say so before the words."""
     records, valued = result.sizes["record"], len(labels_with_values(result, "record", drawn))
     of = "" if valued in (0, records) else f"{valued} of "
-    reduced = result.median("record", keep_attrs=True) if what == "median" else result.max("record", keep_attrs=True)
-    return reduced, join_nonempty(f"{what} of {of}{records} records", words)
+    return result.median("record", keep_attrs=True), join_nonempty(f"median of {of}{records} records", words)
 
 
 def with_dims(cube: xr.Dataset, *axes: str, absent: Any = None) -> xr.Dataset:
@@ -198,12 +173,10 @@ def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
 
 def law_name(cube: xr.Dataset | xr.DataArray, law: str) -> str:
     """Return what a contact law is called: by the registry, else by the cube, else its key."""
-    if law in LAWS:
-        return LAWS[law].title
-    titles = {law: law}
-    if {"law", "law_title"} <= {*cube.coords} and cube["law_title"].dims == cube["law"].dims:
-        titles |= dict(zip(*(np.atleast_1d(cube[name].values).tolist() for name in ("law", "law_title")), strict=True))
-    return str(titles[law])
+    if law in LAWS or "law_title" not in cube.coords:
+        return LAWS[law].title if law in LAWS else law
+    keys, titles = (np.atleast_1d(cube[name].values).tolist() for name in ("law", "law_title"))
+    return str(dict(zip(keys, titles, strict=False)).get(law, law))
 
 
 def record_name(key: str) -> str:
@@ -217,8 +190,7 @@ def scenario_title(one: xr.Dataset) -> str:
     if {"record", "law"} <= one.attrs.keys():
         title = f"{record_name(one.attrs['record'])}: {law_name(one, one.attrs['law'])}"
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
-    gaps = gaps if len({*gaps}) > 1 else gaps[:1]
-    words = f"gap{'s' * (len(gaps) > 1)} {', '.join(gaps)} mm" if gaps else ""
+    words = f"gaps {', '.join(gaps)} mm" if len({*gaps}) > 1 else "".join(f"gap {gap} mm" for gap in gaps[:1])
     return join_nonempty(title, words, one.attrs.get(SCENARIO_ATTRIBUTE, ""))
 
 

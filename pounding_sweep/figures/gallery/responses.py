@@ -38,6 +38,7 @@ from pounding_sweep.figures.style import (
     MARKED,
     cell_edges,
     finish,
+    join_nonempty,
     label_edges,
     legend_below,
     put_title,
@@ -301,7 +302,13 @@ def response_map(
     cube, shown = select_default(cube, (*order, *records), [name])
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
     if records:
-        cube, shown = over_records(cube, shown, [name], "worst" if name == "status" else "median")
+        if name == "status":
+            cube, shown = (
+                cube.max("record", keep_attrs=True),
+                join_nonempty(f"worst of {cube.sizes['record']} records", shown),
+            )
+        else:
+            cube, shown = over_records(cube, shown, [name])
     cube = cube.assign(share=touch.mean(records)).sortby([across.name, upward.name])
     valued = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"]
     laws, ends = valued[:_LAWS], labels_with_values(cube, per, [name], panels=True)

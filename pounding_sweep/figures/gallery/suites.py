@@ -15,7 +15,6 @@ from pounding_sweep.analysis.comparisons.suites import NO_FRACTILES, directions
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.select import (
-    check_drawn,
     choose_response,
     coord_text,
     first_varied,
@@ -142,7 +141,6 @@ def incremental(cube: xr.Dataset) -> Figure:
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
     result, shown = select_default(result, ("law", "record", scaled, "quantile", "level"), [name])
     laws = [law for law in labels_with_values(result, "law", [name]) if per == "building" or law != "none"]
-    check_drawn(result, "law", _LAWS)
     laws, ends = laws[:_LAWS], labels_with_values(result, per, [name], panels=True)
     ways, suite = directions(result[scaled].values), result.sizes["record"] > 1
     thin = {"color": "0.7", "linewidth": 0.8} if suite else {"color": COLOURS[0]}
