@@ -22,7 +22,7 @@ RUN = {
     "accuracy.certificate",
     "accuracy.tradeoff",
     "analysis.spectra",
-    "figures.gallery.row",
+    "figures.gallery.scenario",
     "run.one_scenario",
     "run.simulate",
 }

@@ -23,7 +23,7 @@ from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
-from pounding_sweep.figures.gallery.row import (
+from pounding_sweep.figures.gallery.scenario import (
     PERIODS,
     WATCHED,
     Stage,

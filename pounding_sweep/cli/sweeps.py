@@ -277,7 +277,7 @@ def animate_command(
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
     with reporting():
-        from pounding_sweep.figures.gallery.row import animate, check_movie
+        from pounding_sweep.figures.gallery.scenario import animate, check_movie
         from pounding_sweep.output.netcdf import check_output
 
         check_output(out, overwrite=True, netcdf=False)

@@ -227,7 +227,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
 def __getattr__(name: str) -> Any:
     """Load the figures, and `animate`, when they are first asked for (PEP 562)."""
     if name == "animate":
-        return import_module("pounding_sweep.figures.gallery.row").animate
+        return import_module("pounding_sweep.figures.gallery.scenario").animate
     key = name.replace("_", "-")
     if name != "FIGURES" and (name.startswith("_") or key not in _figures()):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -150,7 +150,8 @@ def work_precision(trade: xr.Dataset) -> Figure:
     bottom = axes[0, 0].get_ylim()[0]
     for ax, output in zip(axes[0], outputs, strict=True):
         limit = float(chosen["resolution"].sel(output=output).max())
-        ax.axhspan(bottom, max(bottom, limit), color="0.9", zorder=0, linewidth=0)
+        if limit > bottom:
+            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
     axes[0, 0].set_ylim(bottom=bottom)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
