@@ -41,6 +41,10 @@ def diagnose() -> dict[str, Any]:
         for name, installed in versions.items()
         if installed is None and name not in optional
     ]
+    folder = Path.cwd()
+    writable = os.access(folder, os.W_OK)
+    if not writable:
+        problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
     limits = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
     return {
         "versions": versions,
@@ -52,7 +56,7 @@ def diagnose() -> dict[str, Any]:
         "kernel_cache": _cache(problems),
         "compile_seconds": _compiling(),
         "record_folders": _record_folders(problems),
-        "output": _output(problems),
+        "output": {"folder": str(folder), "writable": writable, "free_bytes": shutil.disk_usage(folder).free},
         "problems": problems,
     }
 
@@ -104,14 +108,6 @@ def processor() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "features": features,
     }
-
-
-def _output(problems: list[str]) -> dict[str, Any]:
-    folder = Path.cwd()
-    writable = os.access(folder, os.W_OK)
-    if not writable:
-        problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-    return {"folder": str(folder), "writable": writable, "free_bytes": shutil.disk_usage(folder).free}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:

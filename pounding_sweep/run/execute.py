@@ -284,12 +284,22 @@ class _Stages:
                 self.progress.advance(int(new.sum()))
             return chunk.rows[new], found[new], slots[new]
 
-        for chunk, found, read, origin in () if store is None else self._stored(store, stage):
-            outcome.taken_from = outcome.taken_from or origin
-            # from the earlier cube that this one tells of, wherever it stands
-            is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
-            yield answer("taken" if is_taken else "reused", chunk, found, read)
-            known.append(chunk)
+        if store is not None:
+            for key, entry in sorted(store.completed().items()):
+                if entry["stage"] != stage:
+                    continue
+                try:
+                    found = store.read(key)
+                except ChunkCorrupt as error:
+                    store.path(key).unlink(missing_ok=True)
+                    warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+                    continue
+                origin = entry.get("origin")
+                outcome.taken_from = outcome.taken_from or origin
+                # from the earlier cube that this one tells of, wherever it stands
+                is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
+                known.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
+                yield answer("taken" if is_taken else "reused", known[-1], found, partial(store.read, key))
         if self.earlier is not None and not closing:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
                 yield answer("taken", chunk, found, origin=self.earlier.origin)
@@ -309,18 +319,3 @@ class _Stages:
                 self.progress.advance(len(chunk.rows))
             else:
                 yield answer("run", chunk, result)
-
-    def _stored(
-        self, store: ChunkStore, stage: str
-    ) -> Iterator[tuple[Chunk, np.ndarray, Callable[[], np.ndarray], Any]]:
-        """Go through the finished chunks of a stage: table, what reads it again, and the cube it was taken from."""
-        for key, entry in sorted(store.completed().items()):
-            if entry["stage"] == stage:
-                try:
-                    table = store.read(key)
-                except ChunkCorrupt as error:
-                    store.path(key).unlink(missing_ok=True)
-                    warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
-                else:
-                    chunk = Chunk(key, entry["law"], entry["record"], store.rows(key), 0)
-                    yield chunk, table, partial(store.read, key), entry.get("origin")
