@@ -37,7 +37,7 @@ def test_bars_are_shown_on_the_terminal_of_stderr(monkeypatch):
     progress.close()
     progress.close()
     assert "scenarios" in shown.getvalue()
-    assert "2,000/2,000" in shown.getvalue()
+    assert "2000/2000" in shown.getvalue()
 
 
 class Going(io.StringIO):

@@ -301,32 +301,18 @@ def _check_law(name: str, nominal: list[float] | tuple[float, ...], as_json: boo
     say_laws([law] if law.source else [])
     with progress_display() as progress:
         check = check_law(law, nominal, progress=progress)
+    about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
     if as_json:
-        about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
         rest = {name: getattr(check, name) for name in ("twin", "impacts", "faults")}
         print_json({"law": about, "rows": _rows(check.certificate, "solved"), **rest})
     else:
+        print_pairs([(name, str(value)) for name, value in about.items() if value not in ("", None, False)])
         _print_law_check(check)
     if check.faults:
         raise Exit(FAILED)
 
 
 def _print_law_check(check: LawCheck) -> None:
-    from pounding_sweep.model.rebound import RELATIONS
-
-    law = check.law
-    relation = RELATIONS[law.relation].text if law.relation else "none known: it may depend on the approach velocity"
-    factor = f", with {law.relation_factor:.6g} times the damping number" * (law.relation_factor != 1.0)
-    print_pairs(
-        [
-            ("law", f"{law.key}: {law.title}"),
-            ("force (kN)", law.formula),
-            ("slopes", f"dE/dd = {law.elastic_slope}" + f", dB/dd = {law.damper_slope}" * bool(law.damper)),
-            ("stiffness", f"k in {law.stiffness_unit}"),
-            ("damping", f"{law.damping}, {law.number_text}" if law.damper else "none"),
-            ("restitution", f"{law.validity}; closed form: {relation + factor if law.damper else 'e = 1'}"),
-        ]
-    )
     print()
     headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
     forms = {"damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}

@@ -6,17 +6,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, Any, cast
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
 from pounding_sweep.base.text import seconds_text
 from pounding_sweep.run.execute import Progress
-
-if TYPE_CHECKING:
-    from rich.progress import Task
 
 #: Seconds between two lines of progress.
 BETWEEN_LINES = 30.0
@@ -48,7 +45,7 @@ class _LenientStream:
 
 
 class ProgressDisplay(Progress):
-    """Stage, done and total, rate and time left on stderr, which are those of the last minute.
+    """Stage, done and total, and time left on stderr, by the rate of the last minute.
 
     On a terminal they are a bar; into a file or a pipe, a plain line at most every `BETWEEN_LINES` seconds, so that
     short runs say nothing. Steps of the first `TAKING_UP` seconds of a stage have no part in the rate.
@@ -60,8 +57,7 @@ class ProgressDisplay(Progress):
         self._bars = Bars(
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.fields[count]}", style="progress.download"),
-            TextColumn("{task.fields[rate]}", style="progress.data.speed"),
+            MofNCompleteColumn(),
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
@@ -79,9 +75,8 @@ class ProgressDisplay(Progress):
             self._bars.start()
         for task in self._bars.task_ids:
             self._bars.remove_task(task)
-        self._bars.add_task(STAGES.get(name, name), total=total or None, count="", rate="")
+        self._bars.add_task(STAGES.get(name, name), total=total or None)
         self._begun = self._clock()
-        self._describe()
         if name == "compiling" and not self._console.is_terminal:  # longer than many a run
             self._print("compiling kernels, once for sweeps of this kind")
 
@@ -94,7 +89,6 @@ class ProgressDisplay(Progress):
             task.completed += count  # without a rate
         else:
             self._bars.advance(task.id, count)
-        self._describe()
         if now - self._line >= BETWEEN_LINES and not self._console.is_terminal:
             self._line = now
             share = f" of {task.total:,.0f} ({task.percentage:.0f}%)" if task.total else ""
@@ -106,13 +100,6 @@ class ProgressDisplay(Progress):
         """Remove the display; may be called more than once."""
         if self._console.is_terminal:
             self._bars.stop()
-
-    def _describe(self) -> None:
-        """Show the count and the rate of the stage."""
-        task: Task = self._bars.tasks[0]
-        speed = task.finished_speed or task.speed
-        total = "" if task.total is None else f"/{task.total:,.0f}"
-        self._bars.update(task.id, count=f"{task.completed:,.0f}{total}", rate=f"{speed:,.0f}/s" if speed else "")
 
     def _print(self, text: str) -> None:
         print(text, file=self._console.file, flush=True)
