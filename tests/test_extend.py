@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import motions, row
@@ -683,7 +682,7 @@ def of_accuracy(job):
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     outcome = Outcome(results, np.ones(len(plan.unique), bool))
     more = {"package_sha256": sweeping.package_digest()}
-    return xr.Dataset(*cube_in_memory(plan, outcome, None, execute.Progress(), more))
+    return cube_in_memory(plan, outcome, None, execute.Progress(), more).to_dataset()
 
 
 @pytest.mark.slow  # processes are started

@@ -374,7 +374,7 @@ def test_a_cube_can_be_sent_to_another_process(tmp_path):
 def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
     """Arrays carry checksums, compressed or not: a value is as written, or can't be read."""
     values = np.random.default_rng(1).random((3, 3, 2))
-    x = ("gap", "building", "storey"), values, {}, {"_FillValue": None}
+    x = ("gap", "building", "storey"), values, {}
     blocks, slab = {"x": values.shape}, ((slice(None),), {"x": values})
     path = write_in_slabs(CubeParts({"x": x}, {}, {VERSION_ATTRIBUTE: "0.1.0"}), tmp_path / "cube.nc", blocks, [slab])
     data = bytearray(path.read_bytes())

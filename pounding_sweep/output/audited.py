@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.output.dataset import Coordinates, CubeParts, encoding_of
+from pounding_sweep.output.dataset import Coordinates, CubeParts
 from pounding_sweep.outputs.variables import CHANGE
 
 #: Dimensions of an audit; no scenario axes.
@@ -21,8 +21,7 @@ def add_audit(cube: CubeParts, arrays: Coordinates, touching: int, share: float)
     """Put the arrays of an audit into a cube, attributes on every output, and what of the sweep was run again."""
     for name, (dims, values, about) in arrays.items():
         part = cube.data_vars if name in _MEASURED else cube.coords
-        encoding = encoding_of(name, values.dtype, is_coordinate=part is cube.coords)
-        part[name] = (tuple(dims), values, dict(about), encoding)
+        part[name] = (tuple(dims), values, dict(about))
     error, undecided = arrays["audit_error"][1], arrays["audit_undecided"][1] != 0
     for i, name in enumerate(arrays["output"][1].tolist()):
         if not undecided.all() and name in cube.data_vars:

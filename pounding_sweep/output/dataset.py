@@ -11,7 +11,6 @@ import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -179,11 +178,20 @@ def as_stored(name: str, values: np.ndarray) -> np.ndarray:
 
 
 class CubeParts(NamedTuple):
-    """What `xarray.Dataset` is made of: (dimensions, values, attributes, encoding) by name, and global attributes."""
+    """What `xarray.Dataset` is made of: (dimensions, values, attributes) by name, and global attributes."""
 
-    data_vars: dict[str, tuple[tuple[str, ...], Any, dict[str, Any], dict[str, Any]]]
-    coords: dict[str, tuple[tuple[str, ...], Any, dict[str, Any], dict[str, Any]]]
+    data_vars: Coordinates
+    coords: Coordinates
     attrs: dict[str, Any]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the dataset, which knows how it is stored in a file."""
+        import xarray as xr
+
+        dataset = xr.Dataset(*self)
+        for name, variable in dataset.variables.items():
+            variable.encoding = encoding_of(str(name), variable.dtype, is_coordinate=name in self.coords)
+        return dataset
 
 
 def assemble(
@@ -194,10 +202,8 @@ def assemble(
     extra_coords: Coordinates | None = None,
 ) -> xr.Dataset:
     """Make a labelled dataset of results."""
-    import xarray as xr
-
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
-    return xr.Dataset(*label(scene, axes, data, attributes or {}, extra_coords or {}))
+    return label(scene, axes, data, attributes or {}, extra_coords or {}).to_dataset()
 
 
 def unfilled(name: str, shape: Sequence[int]) -> np.ndarray:
@@ -225,28 +231,17 @@ def label(
             if variable.flag_values:
                 values = np.array(variable.flag_values, dtype=np.int8)
                 flags = {"flag_values": values, "flag_meanings": variable.flag_meanings}
-            encoding = encoding_of(name, data[name].dtype)
-            parts.data_vars[name] = ((*axes, *variable.dims), data[name], about | flags, encoding)
+            parts.data_vars[name] = ((*axes, *variable.dims), data[name], about | flags)
     for name, (dims, raw, about) in {**coordinates, **_scene_coordinates(scene)}.items():
-        labels = coordinate_values(raw)
-        encoding = encoding_of(name, labels.dtype, is_coordinate=True)
-        parts.coords[name] = (tuple(dims), labels, _attributes({"long_name": name, **about}), encoding)
+        parts.coords[name] = (tuple(dims), coordinate_values(raw), _attributes({"long_name": name, **about}))
     return parts
 
 
-def encoding_of(
-    name: str, dtype: np.dtype, former: Mapping[Any, Any] = MappingProxyType({}), *, is_coordinate: bool = False
-) -> dict[str, Any]:
+def encoding_of(name: str, dtype: np.dtype, *, is_coordinate: bool = False) -> dict[str, Any]:
     """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
     if dtype.kind in "OSUT":
         return dict(TEXT)
-    if is_coordinate:
-        return {"_FillValue": None}
-    if name in VARIABLES:
-        variable = VARIABLES[name]
-        fill = variable.fill
-        return {"dtype": variable.dtype, "_FillValue": None if fill is None else np.dtype(variable.dtype).type(fill)}
-    kept = {key: former[key] for key in ("dtype", "_FillValue") if key in former}
-    if kept.get("_FillValue") is not None and np.issubdtype(kept.get("dtype", dtype), np.integer):
-        return kept
-    return {"_FillValue": dtype.type(np.nan) if dtype.kind == "f" else None}
+    if name in VARIABLES and not is_coordinate:
+        stored, fill = np.dtype(VARIABLES[name].dtype), VARIABLES[name].fill
+        return {"dtype": stored, "_FillValue": None if fill is None else stored.type(fill)}
+    return {"_FillValue": dtype.type(np.nan) if dtype.kind == "f" and not is_coordinate else None}

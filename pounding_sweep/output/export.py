@@ -484,7 +484,7 @@ def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
     encoding: Any = {}
     for name, array in chosen.data_vars.items():
         if array.dtype.kind not in "OSUT":
-            stored = encoding_of(str(name), array.dtype, array.encoding)
+            stored = encoding_of(str(name), array.dtype)
             encoding[name] = {key: value for key, value in stored.items() if value is not None}
     with replacing(path) as unfinished:
         # format 2: the later one has no agreed way to store text

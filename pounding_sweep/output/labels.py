@@ -266,6 +266,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
+        "sa_period": spec.sa_period,
+        "records_left_out": spec.records_left_out or None,
         **{f"{name}_version": version for name, version in library_versions().items()},
     }
     if spec.accuracy is None:
@@ -273,10 +275,6 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     else:
         numbers = json.dumps(plan.choice_numbers)
         found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice, "accuracy_numbers": numbers}
-    if spec.sa_period is not None:
-        found["sa_period"] = spec.sa_period
-    if spec.records_left_out:
-        found["records_left_out"] = spec.records_left_out
     if spec.title:
         found["title"] = spec.title
     return found

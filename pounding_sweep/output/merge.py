@@ -25,7 +25,6 @@ from pounding_sweep.output.dataset import (
     CubeParts,
     as_stored,
     coordinate_values,
-    encoding_of,
     package_version,
     unfilled,
 )
@@ -96,13 +95,6 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     (first, base), *_ = parts.items()
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
         check_axes(name, cube, recorded_axes(sweep))
-        if (CASE in base.dims) != (CASE in cube.dims):
-            cases, axes = (first, name) if CASE in base.dims else (name, first)
-            raise InputError(
-                f"{cases!r} lists its scenarios as cases, {axes!r} has axes. List those scenarios of the second that "
-                f"you want as cases, run that sweep with --extend {axes}, which takes their results from it, and merge "
-                "the cube so made with the first"
-            )
         for what, here, there in _differences(base, cube, sweeps[0], sweep):
             raise InputError(
                 f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
@@ -111,12 +103,6 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
         for key in ("law", "record") if CASE in cube.dims else ():
             if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
                 raise InputError(f"{name!r} has other cases than its sweep; {REMEDY}")
-        if ("period_factor" in cube.coords) != ("period_factor" in base.coords):
-            has, lacks = (first, name) if "period_factor" in base.coords else (name, first)
-            raise InputError(
-                f"{has!r} varies building properties and {lacks!r} doesn't, so they ran in different kernels: add "
-                "a case with such a property to the sweep of the second and run it again"
-            )
     return sweeps
 
 
@@ -126,7 +112,7 @@ def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
     for name, cube in others:
         released = plain(cube.attrs.get(VERSION_ATTRIBUTE)) == plain(base.attrs[VERSION_ATTRIBUTE])
         both = makers(base.attrs) | makers(cube.attrs)
-        if released and (mix_sources or (len(both) == 1 and all(maker[0] is not None for maker in both))):
+        if released and (mix_sources or len(both) == 1):
             continue
         remedy = (
             "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
@@ -152,9 +138,11 @@ def _made_by(cube: xr.Dataset) -> str:
 def _differences(
     a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
 ) -> list[tuple[str, Any, Any]]:
+    varying = "period_factor" in a.coords, "period_factor" in b.coords
     found: list[tuple[str, Any, Any]] = [
         ("the list of axes", outer_dims(a), outer_dims(b)),
         ("the list of variables", scenario_variables(a), scenario_variables(b)),
+        ("whether building properties vary, in kernels of their own,", *varying),
         *differing_sweeps(one, two),
     ]
     for key in sorted(AXIS_KEYS):
@@ -482,10 +470,9 @@ class _Merge:
             values = unfilled(name, (*self.sizes, *self.inner[name]))
             attributes = {key: v for key, v in base[name].attrs.items() if not str(key).startswith("audit_")}
             dims = (*self.axes, *VARIABLES[name].dims)
-            self.cube.data_vars[name] = (dims, values, attributes, encoding_of(name, values.dtype))
+            self.cube.data_vars[name] = (dims, values, attributes)
         for name, label in self.labels.items():
-            encoding = encoding_of(name, label.dtype, is_coordinate=True)
-            self.cube.coords[name] = (tuple(map(str, label.dims)), label.values, label.attrs, encoding)
+            self.cube.coords[name] = (tuple(map(str, label.dims)), label.values, label.attrs)
         merge_audits(self.cube, self.parts)
 
     def slabs(self) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:

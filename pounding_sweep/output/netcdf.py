@@ -215,21 +215,12 @@ def _encoded(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
 
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
+    loaded = dataset.compute(scheduler="synchronous")  # other threads of dask would wait for the lock
     parts = CubeParts({}, {}, dataset.attrs)
-    # computed in this thread: other threads of dask would wait for the lock
-    for name, variable in dataset.compute(scheduler="synchronous").variables.items():
+    for name, variable in loaded.variables.items():
+        part = parts.coords if name in dataset.coords else parts.data_vars
         values = variable.values.astype("i1") if variable.dtype.kind == "b" else variable.values
-        is_coordinate = name in dataset.coords
-        encoding = encoding_of(str(name), values.dtype, variable.encoding, is_coordinate=is_coordinate)
-        dtype = np.dtype(encoding.get("dtype", values.dtype))
-        if dtype.kind == "i" and values.dtype.kind == "f":
-            fill = encoding["_FillValue"]
-            with np.errstate(invalid="ignore"):
-                whole = np.where(np.isnan(values), fill or 0, values).astype(dtype)
-            if not np.array_equal(np.where(whole == fill, np.nan, whole), values, equal_nan=True):
-                encoding = {"_FillValue": np.nan}  # such as the median of numbers of impacts
-        dims = tuple(map(str, variable.dims))
-        (parts.coords if is_coordinate else parts.data_vars)[str(name)] = (dims, values, variable.attrs, encoding)
+        part[str(name)] = (tuple(map(str, variable.dims)), values, variable.attrs)
     return write_in_slabs(parts, path, {}, (), overwrite=overwrite)
 
 
@@ -275,16 +266,20 @@ def _write(
     file.set_fill_off()
     # all are made before values are written: what is made later costs the library as much as many values
     declared = {}
-    for name, (outer, raw, attributes, encoding) in {**cube.data_vars, **cube.coords}.items():
+    for name, (outer, raw, attributes) in {**cube.data_vars, **cube.coords}.items():
         dims, values, text = outer, raw, {}
         if raw.dtype.kind in "OSUT":
             texts = np.char.encode(raw.astype(str), ENCODING)
             values = texts.reshape(*texts.shape, 1).view("S1")
             dims = (*outer, f"string{values.shape[-1]}")
             text = {"_Encoding": ENCODING} if outer in ((), (name,)) else {}
+        encoding = encoding_of(name, raw.dtype, is_coordinate=name in cube.coords)
         fill, dtype = encoding["_FillValue"], np.dtype(encoding.get("dtype", values.dtype))
         if dtype.kind == "i" and raw.dtype.kind == "f" and name not in blocks:
-            values = np.where(np.isnan(raw), fill, raw)
+            with np.errstate(invalid="ignore"):
+                values = np.where(np.isnan(raw), fill or 0, raw).astype(dtype)
+            if not np.array_equal(np.where(values == fill, np.nan, values), raw, equal_nan=True):
+                values, fill, dtype = raw, np.nan, raw.dtype  # such as the median of numbers of impacts
         for dim, size in zip(dims, values.shape, strict=True):
             if dim not in file.dimensions:
                 file.createDimension(dim, size)

@@ -28,10 +28,10 @@ def cube_in_memory(
     cube, sizes = _labelled(plan, outcome, more)
     for name in outcome.results.names:
         if name in cube.data_vars:
-            dims, values, attributes, encoding = cube.data_vars[name]
-            cube.data_vars[name] = (dims, np.empty(values.shape, values.dtype), attributes, encoding)
+            dims, values, attributes = cube.data_vars[name]
+            cube.data_vars[name] = (dims, np.empty(values.shape, values.dtype), attributes)
     for slab, arrays in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
-        for name, (_, values, *_) in cube.data_vars.items():
+        for name, (_, values, _) in cube.data_vars.items():
             values[slab] = as_read(name, arrays[name])
     return add_to_cube(cube, plan, found)
 

@@ -189,12 +189,10 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
         may be waited for meanwhile: they would wait for the lock.
         """
-        import xarray as xr
-
         from pounding_sweep.output.netcdf import open_cube
 
         cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend)
-        return xr.Dataset(*cube) if out is None else open_cube(out)
+        return cube.to_dataset() if out is None else open_cube(out)
 
     def make_cube(
         self,
