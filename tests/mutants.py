@@ -21,7 +21,7 @@ MUTANTS = (
     # sub-steps of a stiff contact ten times as long
     ("kernel/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 2.5", "test_kernels.py"),
     # touches that are over before the step's end are not looked for
-    ("kernel/located.py", "maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1)))", "d1", "test_kernels.py"),
+    ("kernel/march.py", "maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1)))", "d1", "test_kernels.py"),
     # the weights of Newmark's average acceleration, the wrong way round
     ("schemes/newmark.py", "h * (1.0 - gamma)", "h * gamma * 0.99", "test_analytic.py"),
     # idle lanes hold the first scenario, not the last

@@ -21,13 +21,13 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group, LaneLaw
 from pounding_sweep.kernel.lanes import (
     Cell,
     fma,
     maximum,
     minimum,
+    power,
     roughly_power,
     size,
     sqrt,
@@ -36,6 +36,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.model.laws import RESTING_SPEED
+from pounding_sweep.model.rebound import YIELD_SHARE
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged), and what one counts that no event
 #: ends: beside contacts of high rates many are needed, in long steps.
@@ -174,7 +175,7 @@ def measure(group: Group) -> Any:
                 p = law.pressing(s["kl", j], s["cl", j], d1, v1)
                 may = may | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
             if law.shape.yields:
-                may = may | yielding.may_change(group, j, mode, d1, early, late, v1)
+                may = may | _may_slip(group, j, mode, d1, early, late, v1)
             if is_capped(group):
                 cap, mass, deep = group.prop("cap"), group.prop("reduced", j), maximum(d0, d1)
                 may = may | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
@@ -239,7 +240,7 @@ def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
         sooner = busy & (slows | speeds) & (t < when)
         when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
     if law.shape.yields:
-        t = yielding.event(group, j, busy & closed, (d0, d1, v0, v1), depth)
+        t = _slips(group, j, busy & closed, (d0, d1, v0, v1), depth)
         sooner = busy & closed & (t < when)
         when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
     if law.shape.clips:
@@ -413,10 +414,10 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
                 note_touch(group, j, touches, touches, v, h)
                 s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
                 if law.shape.yields:
-                    yielding.begin(group, j, touches, k, c, v, mass)
+                    _begin_yielding(group, j, touches, k, c, v, mass)
             k, c = s["kl", j], s["cl", j]
             if law.shape.yields:
-                yielding.switch(group, j, due, mode, target)
+                _switch_yielding(group, j, due, mode, target)
             else:
                 s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
                 s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
@@ -457,3 +458,111 @@ def is_near(group: Group, h: Any) -> Any:
     for j in group.each_contact(straight=True):
         found.now = found.now | (fma(time, group.between("v", j), penetration(group, j)) > 0.0)
     return found.now
+
+
+# contacts that yield -------------------------------------------------------------------------------------------------
+#     F = KL d + CL (d - s),    0 <= d - s <= YIELD
+#
+# The plastic part s of the penetration stands still while the contact sticks (mode 1). While
+# it slips (mode 2) the yielding part holds its force: its yield force as d grows, or, once it
+# has given back all, none as d falls; it sticks again where v turns. In either mode the force
+# is KE d + CE.
+
+
+def _may_slip(group: Group, j: Any, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
+    """Lanes in which a closed contact may slip, or stick again."""
+    s = group.state
+    low = s["plastic", j]
+    top, slips = low + s["yield", j], s["ce", j] > 0.0
+    leaves = (maximum(d1, minimum(early, late)) > top) | (minimum(d1, maximum(early, late)) < low)
+    return ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
+
+
+def _begin_yielding(group: Group, j: Any, lanes: Any, k: Any, loss: Any, v: Any, mass: Any) -> None:
+    """Properties of a contact that begins at the rate v, meant for the depth of an elastic Hertz contact."""
+    s = group.state
+    speed = maximum(v, RESTING_SPEED)
+    deepest = power(1.25 * mass * speed * speed / k, 0.4)
+    effective = k * sqrt(deepest)
+    lost = 0.4 * loss * effective
+    yields = where(loss > 0.0, YIELD_SHARE * deepest, group.limit.far)
+    for name, value in (
+        ("kl", effective - lost / (1.0 - YIELD_SHARE)),
+        ("cl", lost / (YIELD_SHARE * (1.0 - YIELD_SHARE))),
+        ("yield", yields),
+        ("plastic", 0.0),
+    ):
+        s[name, j] = where(lanes, value, s[name, j])
+    stick(group, j, lanes)
+
+
+def set_plastic(group: Group, j: Any, lanes: Any, d: Any) -> None:
+    """Plastic part of a contact that has slipped to the penetration d."""
+    s = group.state
+    s["plastic", j] = where(lanes, where(s["ce", j] > 0.0, d - s["yield", j], d), s["plastic", j])
+
+
+def stick(group: Group, j: Any, lanes: Any) -> None:
+    """Let the plastic part stand still from here on."""
+    s = group.state
+    s["ke", j] = where(lanes, s["kl", j] + s["cl", j], s["ke", j])
+    s["ce", j] = where(lanes, -s["cl", j] * s["plastic", j], s["ce", j])
+
+
+def slip(group: Group, j: Any, lanes: Any, d: Any) -> None:
+    """Let the yielding part hold the force that it has reached: all of it or none."""
+    s = group.state
+    deep = d - s["plastic", j] > 0.5 * s["yield", j]
+    s["ke", j] = where(lanes, s["kl", j], s["ke", j])
+    s["ce", j] = where(lanes, where(deep, s["cl", j] * s["yield", j], 0.0), s["ce", j])
+
+
+def _switch_yielding(group: Group, j: Any, due: Any, mode: Any, target: Any) -> None:
+    """Go over to another mode, in the lanes in which that is due."""
+    s = group.state
+    d = penetration(group, j)
+    opens, sticks, slips = due & (target == 0.0), due & (target == 1.0), due & (target == 2.0)
+    for name in ("ke", "ce"):
+        s[name, j] = where(opens, 0.0, s[name, j])
+    set_plastic(group, j, sticks & (mode > 0.0), d)
+    stick(group, j, sticks)
+    slip(group, j, slips, d)
+
+
+def held_force(group: Group, j: Any, d: Any) -> Any:
+    """Force at penetration d, the plastic part being what it must be there."""
+    s = group.state
+    stretch = minimum(maximum(d - s["plastic", j], 0.0), s["yield", j])
+    return where(d > 0.0, s["kl", j] * d + s["cl", j] * stretch, 0.0)
+
+
+def settle_yielding(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
+    """Mode of a contact that went to the penetration d by `held_force`."""
+    s = group.state
+    stretch, top = d - s["plastic", j], s["yield", j]
+    plastic = where(stretch > top, d - top, where(stretch < 0.0, d, s["plastic", j]))
+    s["plastic", j] = where(lanes, plastic, s["plastic", j])
+    slips = lanes & (((stretch >= top) & (v > 0.0)) | ((stretch <= 0.0) & (v < 0.0)))
+    slip(group, j, slips, d)
+    stick(group, j, lanes & ~slips)
+    return where(slips, 2.0, group.full(1.0))
+
+
+def _slips(group: Group, j: Any, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
+    """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
+    s, (d0, d1, v0, v1) = group.state, ends
+    slipping, slips = s["mode", j] == 2.0, s["ce", j] > 0.0
+    falls = asks & slipping & slips & (v1 < 0.0)
+    grows = asks & slipping & ~slips & (v1 > 0.0)
+    low = s["plastic", j]
+    toward = where(falls, -1.0, group.full(1.0))
+    found = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
+    # it sticks where v is zero and d at one of both limits: rounding there is no crossing
+    margin = group.limit.at_release * s["yield", j]
+    for sign, limit, may in ((1.0, low + s["yield", j], asks), (-1.0, low, asks & (low > 0.0))):
+        crosses = sign * (d1 - limit) > margin
+        turns = ~crosses & (sign * v0 > 0.0) & (sign * v1 < 0.0)
+        begun = depth.begun(sign * minimum(sign * (d0 - limit), 0.0))
+        when = first_crossing(group, may & ~slipping, begun, sign, crosses, turns, least=margin)
+        found = minimum(found, when)
+    return found

@@ -1,12 +1,16 @@
-"""A lane group's life: begin, step over the record, finish."""
+"""A lane group's life: begin, step over the record, finish; steps that contacts may cut.
+
+There each lane goes through its step in sub-steps that end at its events.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, located, transfers
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse, links, transfers
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     any_lane,
@@ -26,6 +30,8 @@ from pounding_sweep.kernel.peaks import each_step, largest_accelerations, sample
 from pounding_sweep.kernel.row import each_given, kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
+#: Landings on the same touch that Newton improves, and those in all.
+MAX_NEWTON, MAX_LANDINGS = 4.0, 40.0
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
@@ -131,8 +137,228 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
 
 
-def _always(x: Any) -> Callable[[], Any]:
-    return lambda: x
+def kind_of(group: Group) -> ModuleType:
+    """Return the module of the contacts: those that press by a law, or those whose floors rest on each other."""
+    return impulse if group.spec.impulsive else forces
+
+
+def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
+    """Begin a step of length h, the ground moving from `ga` to `gb`, in some lanes."""
+    s = group.state
+    for name, value in (("time_left", h), ("ga", ga), ("gb", gb), ("tries", 0.0), ("land", 0.0)):
+        s[name] = value if lanes is None else where(lanes, value, s[name])
+
+
+def look_ahead(group: Group, h: Any) -> None:
+    """Length and ground of every lane's next trial."""
+    s = group.state
+    most = group.longest(h)
+    rest, longest = s["time_left"], forces.longest_substep(group, most) if group.touching else group.full(most)
+    if group.spec.smooth:
+        longest = minimum(longest, bouc_wen.longest(group, most))
+    if group.spec.staged:  # two equal ones rather than a long one and what is left
+        longest = where(longest < rest, minimum(longest, 0.5 * rest), longest)
+    ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
+    length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
+    ga, gb, done = s["ga"], s["gb"], h - rest
+    s["h"] = length
+    s["g0"] = where(done <= 0.0, ga, ga + (gb - ga) * (done / h))
+    s["g1"] = where(length >= rest, gb, ga + (gb - ga) * ((done + length) / h))
+
+
+def refuse(group: Group, lanes: Any) -> None:
+    """Lanes that refuse their trial return to its start."""
+    s, spec = group.state, group.spec
+    s["land"] = s["land"] + where(lanes, 1.0, 0.0)
+    s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
+    floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.implicit else [])
+    contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
+    for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
+        for now, before in pairs:
+            for i in group.each(n, straight=False):
+                s[now, i] = where(lanes, s[before, i], s[now, i])
+    if spec.smooth:
+        bouc_wen.return_to_start(group, lanes)
+
+
+def _cuts(group: Group) -> bool:
+    """Whether a trial may end at its first event: sums over its stages know no part of it."""
+    sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
+    return group.spec.staged and not (group.spec.yielding or sums)
+
+
+def cut(group: Group, lanes: Any) -> None:
+    """Lanes end their trial at its first event."""
+    s, t = group.state, group.state["fraction"]
+    h = t * s["h"]
+    for i in group.each(group.spec.n_moving, straight=False):
+        sped, moved, power = s["a0", i], 0.5 * s["a0", i], t
+        for n, name in enumerate(BENDS, 3):
+            bend = power * s[name, i]
+            sped, moved, power = fma(float(n), bend, sped), moved + bend, t * power
+            s[name, i] = where(lanes, bend, s[name, i])
+        s["u", i] = where(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), s["u", i])
+        s["v", i] = where(lanes, fma(h, sped, s["v0", i]), s["v", i])
+    for j in group.each_contact():
+        s["d1", j], s["w1", j] = forces.penetration(group, j), group.between("v", j)
+    s["g1"] = where(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), s["g1"])
+    s["land"], s["h"] = where(lanes, 1.0, s["land"]), where(lanes, h, s["h"])
+
+
+def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
+    """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
+    s, h = group.state, group.state["h"]
+    ongoing = s["time_left"] > 0.0
+    s["taken"] = where(ongoing, 1.0, 0.0 * h)
+    landing = s["land"] > 0.0
+    asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
+    if group.spec.implicit and group.touching:
+        # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
+        lands = ongoing & landing & (s["land"] <= MAX_NEWTON)
+        with when_any(lands):
+            change = group.scheme.touch_miss(group)
+            again = lands & ~(change == 0.0)
+            s["ahead"] = where(again, minimum(maximum(h - change, 0.0), s["time_left"]), s["ahead"])
+            with when_any(again):
+                refuse(group, again)
+        # on the way that Newton changed, another contact may have touched before
+        again = Cell(ongoing & landing & (s["taken"] > 0.0) & (s["land"] <= MAX_LANDINGS))
+        with when_any(again.now):
+            again.now = again.now & forces.is_late(group)
+        asks = asks | again.now
+    with when_any(asks):
+        fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
+        if group.spec.yielding:
+            fraction = minimum(fraction, hysteresis.first_event(group, asks))
+        if group.spec.smooth:
+            fraction = minimum(fraction, bouc_wen.first_event(group, asks))
+        early = asks & (fraction < 1.0)
+        s["fraction"] = where(early, fraction, s["fraction"])
+        s["ahead"] = where(early, h * fraction, s["ahead"])
+        with when_any(early):
+            (cut if _cuts(group) else refuse)(group, early)
+
+
+def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
+    """Do what a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
+    s = group.state
+    taken = s["taken"] > 0.0
+    if "transfer" in group.asked and not group.spec.series:
+        transfers.substep(group, taken)
+    lands = taken & (s["land"] > 0.0)
+    implicit = group.spec.implicit and not group.spec.impulsive
+    switched = Cell(lands & ~lands)
+    if implicit and group.touching:
+        stiff = taken & (s["stiff"] > 0.0)
+        with when_any(stiff):
+            group.scheme.settle(group, stiff)
+            switched.now = stiff
+    with when_any(lands):
+        s["land"] = where(lands, 0.0, s["land"])
+        if group.spec.yielding:
+            switched.now = switched.now | hysteresis.apply_events(group, lands)
+        if group.touching:
+            switched.now = switched.now | kind.apply_events(group, lands, h)
+    if implicit:
+        with when_any(switched.now):
+            group.scheme.balance(group, switched.now)
+
+
+def substep(group: Group, h: Any) -> None:
+    """One trial sub-step of every lane that has some of its step of length h left."""
+    s, kind, r = group.state, kind_of(group), group.asked
+    look_ahead(group, h)
+    if group.spec.impulsive:
+        for j in group.each(len(group.contacts)):
+            s["f0", j] = s["f1", j]
+    elif group.spec.implicit and group.touching:
+        group.scheme.soften(group)
+    add = group.scheme.trial(group)
+    look = kind.measure(group) if group.touching else group.lanes_where(False)
+    if group.spec.yielding:
+        look = look | storeys_may_change(group, s["h"])
+    accept_substep(group, look, kind)
+    if group.touching:
+        kind.ends(group, group.longest(h))
+    turns(group)
+    if group.spec.impulsive:
+        samples(group)  # a motion may turn in a velocity jump
+    add()
+    if "acceleration" in r:
+        hold = impulse.hold if group.spec.impulsive else None
+        largest_accelerations(group, located=True, pressed=group.presses, hold=hold)
+    each_step(group)
+    close(group, kind, h)
+
+
+def close(group: Group, kind: ModuleType, h: Any) -> None:
+    """Conclude a sub-step: time goes on, lanes that land change their modes."""
+    s = group.state
+    s["tries"] = s["tries"] + where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
+    for reducer in group.reducers:
+        if reducer.substep:
+            reducer.substep(group)
+    if any(law.graded for law in group.laws) and not group.spec.impulsive:
+        for j in group.each(len(group.contacts)):
+            s["age", j] = s["age", j] + s["h"]
+    if group.spec.yielding:
+        hysteresis.follow(group)
+    if group.spec.smooth:
+        bouc_wen.settle(group)
+    rest = s["time_left"] - s["h"]
+    s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
+    finalize_substep(group, kind, h)
+    keep_start(group)
+    late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
+    s["fallback"] = where(late, 1.0, s["fallback"])
+
+
+def keep_start(group: Group) -> None:
+    """Let the present state be the start of the next step."""
+    names = ("u", "v", "a") if group.spec.implicit else ("u", "v")
+    for i in group.each(group.spec.n_moving):
+        for name in names:
+            group.state[f"{name}0", i] = group.state[name, i]
+    if group.spec.smooth:
+        bouc_wen.keep(group)
+
+
+def clear_forces(group: Group, lanes: Any) -> None:
+    """Flight goes on without contact forces, in some lanes."""
+    for j in group.each(len(group.contacts)):
+        for name in ("f0", "f1", "q0", "q1"):
+            group.state[name, j] = where(lanes, 0.0, group.state[name, j])
+
+
+def needs_ends(group: Group) -> bool:
+    """Whether contact forces at the ends of a sub-step are asked for."""
+    return group.touching and not group.spec.series and group.looks("ends")
+
+
+def may_change(group: Group, h: Any) -> Any:
+    """Lanes in which floors may touch, or storeys change their phase, in the step just flown."""
+    if not group.spec.yielding:
+        return may_touch(group, h)
+    yields = storeys_may_change(group, h)
+    return yields | may_touch(group, h) if group.touching else yields
+
+
+def storeys_may_change(group: Group, h: Any) -> Any:
+    """Lanes in which storeys that yield ask for the step just taken to be cut."""
+    found = hysteresis.may_change(group, h)
+    return found | bouc_wen.may_change(group, h) if group.spec.smooth else found
+
+
+def may_touch(group: Group, h: Any) -> Any:
+    """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
+    u0, v0, u, v = (name if group.long else group.floors(name) for name in ("u0", "v0", "u", "v"))
+    hit = Cell(group.full(-1.0))
+    for j in group.each_contact(straight=True):
+        gap = group.gap(j)
+        d0, d1 = group.between(u0, j) - gap, group.between(u, j) - gap
+        w0, w1 = group.between(v0, j), group.between(v, j)
+        hit.now = maximum(hit.now, maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1))))
+    return hit.now > 0.0
 
 
 class FixedSteps:
@@ -150,10 +376,10 @@ class FixedSteps:
             for j in count_to(ground.steps, group.trace):
                 ga, gb = ground.ends(i, j)
                 number = i * ground.steps + j
-                group.number = _always(number)
+                group.number = lambda: number  # noqa: B023
                 s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
                 if not group.eventful:
-                    self._fly()
+                    self._reduce(group.scheme.flight(group, ground.h), turning(group))
                 elif group.spec.located:
                     self._locate(closed, flowing, ga, gb)
                 else:
@@ -174,40 +400,35 @@ class FixedSteps:
         if "acceleration" in group.asked:
             largest_accelerations(group, group.spec.located)
 
-    def _fly(self) -> None:
-        group = self.group
-        add = group.scheme.flight(group, self.ground.h)
-        self._reduce(add, turning(group))
-
     def _locate(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
         group, s, h = self.group, self.group.state, self.ground.h
         touched = Cell(flag(group.trace, True))
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
-            touched.now = any_lane(located.may_change(group, h))
+            touched.now = any_lane(may_change(group, h))
             for _ in when(not_(touched.now)):
                 if flowing is not None:
                     for _ in when(flowing.now):
                         hysteresis.follow(group)
                 self._reduce(add, turned)
         for _ in when(closed.now):
-            located.keep_start(group)
+            keep_start(group)
         for _ in when(touched.now):
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
                 for k in group.each(group.spec.n_moving):
                     s[now, k] = s[before, k]
             if group.spec.smooth:
                 bouc_wen.return_to_start(group)
-            located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
+            begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
-                located.substep(group, h)
+                substep(group, h)
             closed.now = any_lane(forces.is_closed(group))
             if flowing is not None:
                 flowing.now = any_lane(hysteresis.is_yielding(group))
-            if located.needs_ends(group):
+            if needs_ends(group):
                 for _ in when(not_(closed.now)):
-                    located.clear_forces(group, s["scale"] == s["scale"])
+                    clear_forces(group, s["scale"] == s["scale"])
 
     def _plain(self, number: Any) -> None:
         group, h = self.group, self.ground.h

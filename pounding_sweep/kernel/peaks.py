@@ -213,8 +213,8 @@ def largest_accelerations(
         if group.spec.smooth:
             bouc_wen.linearise(group, u[1:])
         put_accelerations(group, f"acc{end}", u, v)
-        if group.touching:
-            add_forces(group, f"acc{end}", f"f{end}")
+    for end, *_ in ends if group.touching else ():
+        add_forces(group, f"acc{end}", f"f{end}")
     if not located:
         for i in group.each(group.spec.n_dof):
             s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
@@ -227,12 +227,12 @@ def largest_accelerations(
         if group.spec.smooth:
             bouc_wen.linearise(group, v[1:])
         put_accelerations(group, f"rate{end}", v, partial(relative, end, ground), rates=True)
-        if group.touching:
-            if hold is not None:
-                hold(group, end)
-            add_forces(group, f"rate{end}", f"q{end}")
     if group.spec.smooth:
         bouc_wen.settle(group)
+    for end, *_ in ends if group.touching else ():
+        if hold is not None:
+            hold(group, end)
+        add_forces(group, f"rate{end}", f"q{end}")
     h = s["h"]
     closed = forces.is_closed(group) & (h > 0.0) if pressed else group.lanes_where(False)
     again = Cell(group.lanes_where(False))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, hysteresis, links, located, transfers
+from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
@@ -68,7 +68,7 @@ def _is_product(group: Group, j: Any) -> bool:
 
 def substep(group: Group, h: Any) -> None:
     """One sub-step of every lane that has some of its step of length h left: to the first event, at most."""
-    located.look_ahead(group, h)
+    march.look_ahead(group, h)
     _expand(group)
     _meet(group)
     _place(group)
@@ -80,7 +80,7 @@ def substep(group: Group, h: Any) -> None:
     _integrate(group)
     if "acceleration" in group.asked:
         _take_accelerations(group)
-    located.close(group, forces, h)
+    march.close(group, forces, h)
 
 
 def _expand(group: Group) -> None:

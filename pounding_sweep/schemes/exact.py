@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, hysteresis, located, series
+from pounding_sweep.kernel import forces, hysteresis, march, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
@@ -39,7 +39,6 @@ from pounding_sweep.kernel.lanes import (
     while_any,
     whole,
 )
-from pounding_sweep.kernel.march import begin, conclude
 from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.scene import Scene
@@ -221,7 +220,7 @@ class Flights:
                     course.left.put_lane(lane, real(self.short))
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(hits)):
-                    conclude(group)
+                    march.conclude(group)
                     number = course.scenario.lane(lane)
                     for row, mine in self._each(self._results, number):
                         self._results.put_lane(mine, self._column(number), group.state.lane(row, lane))
@@ -265,7 +264,7 @@ class Flights:
         course.busy.put_lane(lane, 1.0)
         course.at.put_lane(lane, whole(group.trace, 0))
         course.next.now = number + 1
-        begin(group, self.ground.start(), lane_numbers(group.trace, group.lanes) == real(lane))
+        march.begin(group, self.ground.start(), lane_numbers(group.trace, group.lanes) == real(lane))
         if self.note is not None:
             self.note(whole(group.trace, 0))
         self._leave(lane, whole(group.trace, 0))
@@ -303,8 +302,8 @@ class Events:
                 starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
                 with when_any(starts):
                     at = course.at.now
-                    located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
-                (series if group.spec.series else located).substep(group, self.ground.h)
+                    march.begin_step(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
+                (series if group.spec.series else march).substep(group, self.ground.h)
                 self._go_on()
 
     def _ground(self, places: Any) -> Any:
@@ -329,7 +328,7 @@ class Events:
                 assert self.note is not None
                 self.note(first_lane(at))
             course.leaves.now = ends | (whole_step & ~stays)
-            if located.needs_ends(group):
-                located.clear_forces(group, over & ~closed)
+            if march.needs_ends(group):
+                march.clear_forces(group, over & ~closed)
             with when_any(ends):
                 samples(group, ends)

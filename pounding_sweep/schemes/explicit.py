@@ -13,7 +13,7 @@ import numpy as np
 from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
-from pounding_sweep.kernel.located import keep_start
+from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Part, Pushes, accelerations, each_given, powers
 from pounding_sweep.schemes.base import Scheme
 

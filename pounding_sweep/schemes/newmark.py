@@ -19,11 +19,25 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, impulse, links, yielding
-from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, contact_rate, is_closed, penetration
+from pounding_sweep.kernel import bouc_wen, impulse, links
+from pounding_sweep.kernel.forces import (
+    OPEN,
+    PRESSING,
+    REBOUND,
+    SIDES,
+    SLACK,
+    contact_rate,
+    held_force,
+    is_closed,
+    penetration,
+    set_plastic,
+    settle_yielding,
+    slip,
+    stick,
+)
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, flag, fma, maximum, minimum, size, when_any, where, while_any
-from pounding_sweep.kernel.located import keep_start
+from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import (
     Part,
     Pushes,
@@ -240,7 +254,7 @@ def _unit(group: Group, j: Any) -> Any:
     return unit
 
 
-def solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
+def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
     """Force F with F = law(d - bg F, v - gg F), in the lanes that ask."""
     bg, gg = share
     f0 = law(d, v)
@@ -285,38 +299,33 @@ def correct(group: Group, h: Any) -> None:
         some.now = some.now | (~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0)
     live = some.now & (h > 0.0)
     with when_any(live):
-        _sweep(group, live, h)
+        be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+        share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
+        for j in group.each_contact():
+            with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
+                for first, floors, _ in _sides(group, j):
+                    _keep_compliance(group, first, floors, h)
 
+        def force_of(j: Any) -> Callable[[Any, Any], Any]:
+            law = group.law_of(j)
 
-def _sweep(group: Group, live: Any, h: Any) -> None:
-    s, spec = group.state, group.spec
-    be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-    share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
-    for j in group.each_contact():
-        with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
-            for first, floors, _ in _sides(group, j):
-                _keep_compliance(group, first, floors, h)
+            def force(d: Any, v: Any) -> Any:
+                if not spec.located:
+                    return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
+                pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
+                return where(s["stiff"] > 0.0, held_force(group, j, d), pressed) if law.shape.yields else pressed
 
-    def force_of(j: Any) -> Callable[[Any, Any], Any]:
-        law = group.law_of(j)
+            return force
 
-        def force(d: Any, v: Any) -> Any:
-            if not spec.located:
-                return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
-            pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
-            return where(s["stiff"] > 0.0, yielding.held_force(group, j, d), pressed) if law.shape.yields else pressed
+        def update(j: Any, here: Any) -> tuple[Any, Any]:
+            unit = _unit(group, j) * share
+            old = s["force", j]
+            d = penetration(group, j) + be * unit * old
+            v = group.between("v", j) + ga * unit * old
+            new = where(here, _solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+            return new, new - old
 
-        return force
-
-    def update(j: Any, here: Any) -> tuple[Any, Any]:
-        unit = _unit(group, j) * share
-        old = s["force", j]
-        d = penetration(group, j) + be * unit * old
-        v = group.between("v", j) + ga * unit * old
-        new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
-        return new, new - old
-
-    _iterate(group, live, share, (be, ga), update)
+        _iterate(group, live, share, (be, ga), update)
 
 
 def _iterate(
@@ -394,11 +403,11 @@ def soften(group: Group) -> None:
             law, here = group.law_of(j), closed & (s["mode", j] > OPEN)
             d, v = penetration(group, j), group.between("v", j)
             if law.shape.yields:
-                yielding.set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
+                set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
             # the clip and the phase are those of the end, which `closed_force` knows
             s["ke", j], s["ce", j] = where(here, s["kl", j], s["ke", j]), where(here, s["cl", j], s["ce", j])
             if law.shape.yields:
-                yielding.stick(group, j, here)
+                stick(group, j, here)
             ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
             hard.now = hard.now | (
                 here & (h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE)
@@ -411,7 +420,7 @@ def soften(group: Group) -> None:
             s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
             s["ke", j] = where(slack, 0.0, s["ke", j])
             if group.law_of(j).shape.yields:
-                yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
+                slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
         with when_any(stiff):
             balance(group, stiff, end="0")
             for i in group.each(group.spec.n_moving):
@@ -444,7 +453,7 @@ def settle(group: Group, lanes: Any) -> None:
         s["ke", j] = where(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), s["ke", j])
         s["ce", j] = where(here, where(pressing, s["cl", j], 0.0), s["ce", j])
         if law.shape.yields:
-            mode = where(here & pressing, yielding.settle(group, j, here & pressing, d, v), mode)
+            mode = where(here & pressing, settle_yielding(group, j, here & pressing, d, v), mode)
         s["mode", j] = where(here, mode, s["mode", j])
 
 

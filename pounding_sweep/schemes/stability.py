@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.model.laws import LAWS, Law
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Exact
@@ -52,42 +52,25 @@ def largest_step(
     links = _link_weights(scene)
     if law.has_contact and not scheme.flies_exactly:
         links = links + _bumper_weights(variants, basis)
-    dashed = not scene.has_own_modes or links.any()
     for index, building in enumerate(scene.buildings):
         a, b = variants.rayleigh(index)
+        floors, masses = slice(*scene.offsets[index : index + 2]), np.asarray(building.masses)
+        period, mass = variants.period_factor[:, index], variants.mass_factor[:, index]
+        pulls = np.vstack([weights[floors], links[:, floors]]) / masses
         if building.foundation is not None:
-            floors = slice(*scene.offsets[index : index + 2])
-            contact, *link = _largest_pulls(building, weights[floors], links[:, floors])
-            mass, own_rate = variants.mass_factor[:, index], _largest_rate(variants, index)
-            most = np.square(variants.frequencies[index][:, -1])
+            contact, *link = pulls.max(axis=1)
+            most, own_rate = np.square(variants.frequencies[index][:, -1]), _largest_rate(variants, index)
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, own_rate + (link[1] + contact_c * contact) / mass)
             continue
-        masses = np.asarray(building.masses)
         rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
-        if dashed:
-            floors = slice(*scene.offsets[index : index + 2])
-            dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
-            dampers = (dampers[:-1] + 2.0 * dampers[1:] + np.append(0.0, dampers[1:-1])) / masses
-            each = zip(rows, weights[floors] / masses, links[:, floors].T / masses[:, None], dampers, strict=True)
-            period, mass = variants.period_factor[:, index], variants.mass_factor[:, index]
-            for own, weight, link, damper in each:
-                stiff, contact = own / np.square(period), weight / mass
-                w2 = np.maximum(w2, stiff + link[0] / mass + contact_k * contact)
-                rate = np.maximum(rate, a + b * stiff + damper / period + link[1] / mass + contact_c * contact)
-            continue
-        # floors that differ only in a smaller row sum or weight can't decide
-        for own, weight in _decisive(rows, weights[scene.offsets[index] : scene.offsets[index + 1]] / masses):
-            stiff = own / np.square(variants.period_factor[:, index])
-            contact = weight / variants.mass_factor[:, index]
-            w2 = np.maximum(w2, stiff + contact_k * contact)
-            rate = np.maximum(rate, a + b * stiff + contact_c * contact)
+        dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
+        dampers = (dampers[:-1] + 2.0 * dampers[1:] + np.append(0.0, dampers[1:-1])) / masses
+        for own, damper, contact, *link in _decisive(np.vstack([rows, dampers, pulls]).T):
+            stiff = own / np.square(period)
+            w2 = np.maximum(w2, stiff + (link[0] + contact_k * contact) / mass)
+            rate = np.maximum(rate, a + b * stiff + damper / period + (link[1] + contact_c * contact) / mass)
     return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
-
-
-def _largest_pulls(building: Building, contacts: np.ndarray, links: np.ndarray) -> np.ndarray:
-    """Largest row sums over the masses of contacts, by the stiffness of one, and of links' stiffness and damping."""
-    return np.asarray((np.vstack([contacts, links]) / np.asarray(building.masses)).max(axis=1))
 
 
 def _largest_rate(variants: Variants, index: int) -> np.ndarray:
@@ -138,14 +121,10 @@ def _link_weights(scene: Scene) -> np.ndarray:
     return weights
 
 
-def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, float]]:
-    """Row sums of stiffness and of contact, over the mass, of those floors that no other exceeds in both."""
-    pairs = sorted(set(zip(stiffness.tolist(), weights.tolist(), strict=True)), reverse=True)
-    kept: list[tuple[float, float]] = []
-    for pair in pairs:
-        if not kept or pair[1] > kept[-1][1]:
-            kept.append(pair)
-    return kept
+def _decisive(floors: np.ndarray) -> list[np.ndarray]:
+    """Rows of those floors that no other one reaches in all columns."""
+    floors = np.unique(floors, axis=0)
+    return [row for row in floors if (floors >= row).all(axis=1).sum() == 1]
 
 
 def longest_substep(row: Variants, dt: float, rough: bool, reducers: frozenset[str]) -> np.ndarray:
