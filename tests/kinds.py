@@ -263,27 +263,23 @@ FEATURES = {
         replace(pair(), row=[replace(b, yield_strengths=[np.inf] * 2, hardening=0.3) for b in pair().row]),
         {"yielding": (0, 1, 2)},
         {"shear", "residual", "hysteretic"},
-        ("yield_strengths",),
     ),
     "links": (
         LINKED,
         replace(pair(), row=[replace(b, dashpots=[0.0, 0.0]) for b in pair().row]),
         {"dashpots": (0,), "links": ((1, 3),)},
         {"links", "link_force"},
-        ("dashpots", "links"),
     ),
-    "foundations": (FOUNDED, pair(), {"foundations": (0,), "n_moving": 6}, {"foundation"}, ("foundation",)),
-    "bumpers": (BUMPED, pair(), {"bumped": (1, 1, 0, 0, 2, 0)}, set(), ("bumpers",)),
+    "foundations": (FOUNDED, pair(), {"foundations": (0,), "n_moving": 6}, {"foundation"}),
+    "bumpers": (BUMPED, pair(), {"bumped": (1, 1, 0, 0, 2, 0)}, set()),
     "columns": (
         STAGGERED,
         replace(pair(), contacts="floors and columns"),
         {"struck": (1, 0, 0, -1)},
         set(),
-        ("contacts", "column"),
     ),
-    "weights": (LEANING_YIELDS, pair(), {"p_delta": True}, set(), ("p_delta",)),
-    "smooth": (SMOOTH, pair(), {"smooth": ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0)), "bilinear": ()}, set(),
-               ("bouc_wen",)),
+    "weights": (LEANING_YIELDS, pair(), {"p_delta": True}, set()),
+    "smooth": (SMOOTH, pair(), {"smooth": ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0)), "bilinear": ()}, set()),
 }  # fmt: skip
 _MOTION = ps.Record("cut", 0.02, ps.find_record("el_centro").acceleration[50:151])
 _LINKED_SWEEP = {

@@ -27,7 +27,7 @@ from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.plan.advice import shortest_contact
 from pounding_sweep.plan.plan import untouched
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import overview, scene_data
+from pounding_sweep.spec.spec import overview
 
 GAP, K = 0.012, 3e8
 SCENE = pair(GAP)
@@ -242,7 +242,6 @@ def test_a_scene_without_bumpers_asks_for_the_kernel_that_it_had():
     plain = kernel_shape(replace(BUMPED, bumpers=[]), LAWS["linear"], numerics, reducers_for(OUTPUTS))
     assert (plain.bumpers, plain.bumped, plain.n_gaps) == ((), (), 3)
     assert [gap for *_, gap in plain.contacts] == [0, 0, 1, 1, 2, 2]
-    assert "bumpers" not in scene_data(pair())
     mine = kernel_shape(BUMPED, LAWS["linear"], numerics, reducers_for(OUTPUTS))
     assert mine.bumped == (1, 1, 0, 0, 2, 0)
     assert from_json(json.loads(json.dumps(to_json(mine)))) == mine

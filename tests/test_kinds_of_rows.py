@@ -137,7 +137,7 @@ def test_a_mirrored_row_moves_as_its_image(name, method):
 
 @pytest.mark.parametrize("name", FEATURES)
 def test_a_scene_without_it_asks_for_the_kernel_that_it_had(name):
-    scene, none, shape, reducers, words = FEATURES[name]
+    scene, none, shape, reducers = FEATURES[name]
     for law, method in itertools.product(("none", "linear"), ("rk4", "exact")):
         asked = [kernel_shape(s, LAWS[law], Numerics(method, 1e-3), reducers_for(EVERY)) for s in (none, pair())]
         assert asked[0] == asked[1]
@@ -148,7 +148,6 @@ def test_a_scene_without_it_asks_for_the_kernel_that_it_had(name):
     assert reducers <= asked.reducers
     few = kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(["displacement_max"]))
     assert not reducers & few.reducers
-    assert not any(word in json.dumps(scene_data(pair())) for word in words)
 
 
 def toml(value):
@@ -167,8 +166,6 @@ def test_a_row_comes_back_from_files(name, tmp_path):
     if not scene.bumpers:  # whose laws a sweep file names, and a pickle can't hold
         path, laws = tmp_path / "sweep.toml", '[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
         data |= {"storeys": dict(data["storeys"])} if "storeys" in data else {}
-        for building in (building for building in data["row"] if "bouc_wen" in building):
-            building["bouc_wen"] = dict(zip(("n", "beta", "gamma"), building["bouc_wen"], strict=True))
         path.write_text("[scene]\n" + "".join(f"{key} = {toml(value)}\n" for key, value in data.items()) + laws)
         again += [pickle.loads(pickle.dumps(scene)), ps.load_sweep(path).spec.scene]
     for each in again:

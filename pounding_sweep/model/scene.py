@@ -702,16 +702,6 @@ class Bumper:
     def _e(self) -> float:
         return 1.0 if self.restitution is None else self.restitution
 
-    @property
-    def data(self) -> dict[str, Any]:
-        """The bumper as JSON holds it, arguments of its own."""
-        law: Law = self.law
-        return {
-            **vars(self),
-            "law": law.key if LAWS.get(law.key) is law else law.described,
-            "storeys": list(self.storeys),
-        }
-
 
 #: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.
 CONTACTS = ("floors", "floors and columns")

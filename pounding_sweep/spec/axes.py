@@ -55,9 +55,6 @@ class Axis:
     of_buildings: bool = False  # whether it changes buildings
     by_building: bool = False  # whether it is given for each building by name
     parameter: str = ""  # argument of `build_spec` that the axis needs, and that is given with it only
-    #: whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
-    #: without them stay what they were
-    unsaid: bool = False
     #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
     finds: str = ""  # argument of the axis by building whose values it finds, and excludes
@@ -215,7 +212,7 @@ class AxisValues:
         "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
         "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
         "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
-        value=lambda value, record, **_: value / record.pga, requires=_need_motion, unsaid=True,
+        value=lambda value, record, **_: value / record.pga, requires=_need_motion,
     )})
     sas: Values = field(default=None, metadata={"axis": Axis(
         "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
@@ -223,7 +220,7 @@ class AxisValues:
         "is scaled to, in place of `scales`.",
         "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
         "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
-        value=_factor_to_spectrum, requires=_need_motion, parameter="sa_period", unsaid=True,
+        value=_factor_to_spectrum, requires=_need_motion, parameter="sa_period",
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "period_factor", "period_factor", "factor on periods", _FACTOR,
@@ -247,14 +244,14 @@ class AxisValues:
     strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
         "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
-        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
+        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True,
     )})
     hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
         "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
-        of_buildings=True, by_building=True, unsaid=True,
+        of_buildings=True, by_building=True,
     )})
     ductilities: Values = field(default=None, metadata={"axis": Axis(
         "ductility", "ductility", "ductility", {"ge": 1.0},
@@ -262,7 +259,7 @@ class AxisValues:
         "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
         "largest storey ductility without pounding",
         comment="the coordinate strength_factor has the factor on the yield strengths of each building",
-        requires=_need_yielding, of_buildings=True, unsaid=True, listed=True, finds="strength_factors",
+        requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
     )})
     # fmt: on
 
@@ -373,13 +370,12 @@ class PropertyAxis:
 def axes_of(told: Mapping[str, Any]) -> AxisValues:
     """Return the axes of a sweep that JSON describes."""
     given: dict[str, Any] = {
-        name: tuple((building, tuple(values)) for building, values in told[name])
+        name: tuple((building, tuple(values)) for building, values in told.get(name, ()))
         if axis.by_building
-        else None
-        if told[name] is None
         else tuple(told[name])
+        if told.get(name) is not None
+        else None
         for name, axis in AXES.items()
-        if name in told or not axis.unsaid
     }
     return AxisValues(**given)
 
@@ -468,5 +464,5 @@ class Case:
 def case_of(told: Mapping[str, Any]) -> Case:
     """Return a listed case that JSON describes."""
     factors = {key: tuple((name, factor) for name, factor in told.get(key, ())) for key in FACTOR_KINDS}
-    gap = told["gap"]
+    gap = told.get("gap")
     return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

@@ -9,16 +9,16 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SceneError, SweepError
-from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.model.scene import CONTACTS, Building, Scene, Wall
+from pounding_sweep.model.laws import LAWS, Law, get_law
+from pounding_sweep.model.scene import Building, Contacts, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, Axis, AxisValues, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import Axis, AxisValues, Case, PropertyAxis, property_axes
 from pounding_sweep.spec.design import Design
 
 #: Time-stepping schemes by name.
@@ -71,7 +71,7 @@ class SweepSpec(AxisValues):
     records_left_out: tuple[str, ...] = ()
     own_laws: tuple[Law, ...] = ()  # those laws that are not in the registry
     sa_period: float | None = None  # period (s) of the axis `sas`
-    design: Design | None = None  # what the cases were drawn by; the JSON of a sweep without one is silent of it
+    design: Design | None = None  # what the cases were drawn by
 
     def scale(self, axis: Axis, value: float, record: Record) -> float:
         """Return the factor on a record that a value of an axis means."""
@@ -134,39 +134,18 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
-#: What of a building is always stored, and of one that yields too; the rest only if it is not the default.
-_BUILDING = ("name", "masses", "stiffnesses", "storey_heights", "damping_ratio")
-_OF_YIELDING = ("hardening", "damping_stiffness")
-
-
-def _data(item: Building | Scene, always: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arguments of a building or scene that are not the default, and those that are always stored."""
-    values = {each.name: (getattr(item, each.name), each.default) for each in fields(item) if each.init}
-    return {name: value for name, (value, default) in values.items() if name in always or value != default}
-
-
-def _item_data(item: Building | Wall) -> dict[str, Any]:
-    if isinstance(item, Wall):
-        return {"wall": True, "name": item.name}
-    data = _data(item, _BUILDING if item.yield_strengths is None else (*_BUILDING, *_OF_YIELDING))
-    if item.yield_strengths is not None:  # null of storeys that never yield
-        data["yield_strengths"] = [each if math.isfinite(each) else None for each in item.yield_strengths]
-    if item.bouc_wen is not None:
-        data["bouc_wen"] = list(vars(item.bouc_wen).values())
-    return data | ({"foundation": vars(item.foundation)} if item.foundation else {})
-
-
-def scene_data(scene: Scene) -> dict[str, Any]:
-    """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
-    data = _data(scene, ("gaps",)) | {"row": [_item_data(item) for item in scene.row], "contact": vars(scene.contact)}
-    data["contacts"] = scene.contacts.asked
-    if scene.contacts.asked == CONTACTS[0]:
-        del data["contacts"]
-    if scene.links:
-        data["links"] = [vars(link) for link in scene.links]
-    if scene.bumpers:
-        data["bumpers"] = [bumper.data for bumper in scene.bumpers]
-    return data
+def scene_data(item: Any) -> Any:
+    """Return a row, or a part of it, as JSON holds it: arguments by name, null for what is infinite."""
+    if isinstance(item, Law):
+        return item.key if LAWS.get(item.key) is item else item.described
+    if isinstance(item, Contacts):
+        return item.asked
+    if isinstance(item, (tuple, list)):
+        return [scene_data(each) for each in item]
+    if is_dataclass(item):
+        wall = {"wall": True} if isinstance(item, Wall) else {}
+        return wall | {each.name: scene_data(getattr(item, each.name)) for each in fields(item) if each.init}
+    return None if item == math.inf else item
 
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
@@ -177,17 +156,8 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
-    unsaid = {name: name if axis.by_building else axis.dimension for name, axis in AXES.items() if axis.unsaid}
-    for name in unsaid:
-        if not data[name]:
-            del data[name]
-    if data["sa_period"] is None:
-        del data["sa_period"]
-    if own := data.pop("own_laws"):
-        data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in own}
-    del data["design"]
-    if spec.design is not None:
-        data["design"] = spec.design.told()
+    data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in spec.own_laws}
+    data["design"] = spec.design.told() if spec.design else None
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
@@ -195,8 +165,7 @@ def to_json(spec: SweepSpec) -> str:
     ]
     if spec.cases is not None:
         data["cases"] = [
-            {key: value for key, value in vars(case).items() if value not in (None, ()) or key not in unsaid.values()}
-            for case in spec.cases
+            {key: value for key, value in vars(case).items() if value not in (None, ())} for case in spec.cases
         ]
     return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
