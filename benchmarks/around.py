@@ -26,7 +26,7 @@ import numpy as np
 import pounding_sweep as ps
 from benchmarks.million import SWEEP
 from pounding_sweep.base.text import bytes_text
-from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine import compile
 from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec
 from pounding_sweep.run.sweep import load_sweep
 
@@ -47,11 +47,11 @@ class Replay:
 
     def __init__(self) -> None:
         self.seconds, self.each = 0.0, 0.0
-        self._real, self._lock = cache.get_kernel, threading.Lock()
+        self._real, self._lock = compile.get_kernel, threading.Lock()
         self._known: dict[KernelSpec, np.ndarray] = {}
 
     def get_kernel(self, shape: KernelSpec) -> Callable[..., None]:
-        """Stand in for `cache.get_kernel`."""
+        """Stand in for `compile.get_kernel`."""
         real = self._real(shape)
 
         def run(*arguments: Any) -> None:
@@ -84,7 +84,7 @@ class Replay:
 def replayed() -> Iterator[Replay]:
     """Have such kernels in this process for a while."""
     replay = Replay()
-    with patch.object(cache, "get_kernel", replay.get_kernel), patch.object(compile, "get_kernel", replay.get_kernel):
+    with patch.object(compile, "get_kernel", replay.get_kernel):
         yield replay
 
 

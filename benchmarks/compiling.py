@@ -21,8 +21,7 @@ from functools import partial
 import numpy as np
 
 import pounding_sweep as ps
-from pounding_sweep.engine.cache import CACHE_VARIABLE, get_kernel
-from pounding_sweep.engine.compile import COMPILING, compiling_parts, compiling_seconds
+from pounding_sweep.engine.compile import CACHE_VARIABLE, COMPILING, compiling_parts, compiling_seconds, get_kernel
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 from pounding_sweep.model.laws import LAWS

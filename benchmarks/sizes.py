@@ -15,8 +15,7 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.engine import OUTPUTS, run_chunks
-from pounding_sweep.engine.cache import CACHE_VARIABLE
-from pounding_sweep.engine.compile import to_json
+from pounding_sweep.engine.compile import CACHE_VARIABLE, to_json
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.plan.plan import Plan
 from pounding_sweep.records import Record
@@ -64,7 +63,7 @@ class Start:
 
 _LOAD = """
 import json, sys, time
-from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.engine.compile import get_kernel
 from pounding_sweep.engine.compile import from_json
 shape = from_json(json.load(sys.stdin))
 started = time.perf_counter()

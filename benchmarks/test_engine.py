@@ -15,7 +15,7 @@ from benchmarks.start import COMMANDS, loaded_by, start_seconds
 from benchmarks.throughput import grid_sweep, plan_seconds, run_sweep
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
-from pounding_sweep.engine.cache import CACHE_VARIABLE
+from pounding_sweep.engine.compile import CACHE_VARIABLE
 from pounding_sweep.run.sweep import load_sweep
 
 EXACT = {"method": "exact", "dt": 2.5e-3}

@@ -13,7 +13,7 @@ from benchmarks.engine import OUTPUTS, run_chunks
 from benchmarks.sizes import row_of
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
-from pounding_sweep.engine.cache import CACHE_VARIABLE, compile_piece
+from pounding_sweep.engine.compile import CACHE_VARIABLE, compile_piece
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.run.sweep import Sweep
 

@@ -38,10 +38,10 @@ class Throughput:
 @contextmanager
 def kernel_clock() -> Iterator[Callable[[], float]]:
     """Count the seconds that all threads of this process spend in compiled kernels."""
-    from pounding_sweep.engine import cache
+    from pounding_sweep.engine import compile
 
     lock, total = threading.Lock(), 0.0
-    find = cache.get_kernel
+    find = compile.get_kernel
 
     def get_kernel(shape: Any) -> Callable[..., None]:
         kernel = find(shape)
@@ -56,7 +56,7 @@ def kernel_clock() -> Iterator[Callable[[], float]]:
 
         return run
 
-    with mock.patch.object(cache, "get_kernel", get_kernel):
+    with mock.patch.object(compile, "get_kernel", get_kernel):
         yield lambda: total
 
 

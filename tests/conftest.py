@@ -21,7 +21,7 @@ from kernels_used import SIMULATED, UNLOCATED, kernels
 from stub_engine import installed
 
 from pounding_sweep import resume
-from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine import compile
 
 # nothing that is imported or collected is garbage
 gc.disable()
@@ -45,7 +45,7 @@ def pytest_configure(config):
     counting.pytest_configure(config)
     resume.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
     settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
-    ask = cache.get_kernel
+    ask = compile.get_kernel
 
     def get_kernel(shape):
         if NOW and shape not in kernels():
@@ -54,7 +54,7 @@ def pytest_configure(config):
 
     if "not slow" in config.option.markexpr:
         get_kernel.cache_clear = getattr(ask, "cache_clear", None)
-        cache.get_kernel = compile.get_kernel = get_kernel
+        compile.get_kernel = get_kernel
 
 
 #: Modules whose tests compile kernels of their own, each in a fraction of a second.
@@ -103,7 +103,7 @@ def pytest_sessionstart(session):
     given = session.config.option
     whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
     if whole and getattr(given, "numprocesses", None):
-        compile.prepare([kernel for kernel in kernels() if not cache.is_cached(kernel)], workers=2)
+        compile.prepare([kernel for kernel in kernels() if not compile.is_cached(kernel)], workers=2)
 
 
 @pytest.fixture(scope="session")

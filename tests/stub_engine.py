@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from pounding_sweep import resume
-from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine import compile
 from pounding_sweep.kernel.march import FLAG_DIVERGED
 from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
 from pounding_sweep.outputs.variables import output_slots
@@ -59,7 +59,7 @@ class StubEngine:
         return sum(len(np.unique(inputs, axis=0)) for _, inputs in self.ran)
 
     def get_kernel(self, shape: KernelSpec) -> Callable[..., None]:
-        """Stand in for `cache.get_kernel`."""
+        """Stand in for `compile.get_kernel`."""
         if shape not in self.compiled:
             self.compiled.append(shape)
 
@@ -72,18 +72,16 @@ class StubEngine:
         return run
 
     def is_loaded(self, shape: KernelSpec) -> bool:
-        """Stand in for `cache.is_loaded` and `cache.is_cached`."""
+        """Stand in for `compile.is_loaded` and `compile.is_cached`."""
         return shape in self.compiled
 
 
 def install(put: Callable[[Any, str, Any], None] = setattr) -> StubEngine:
     """Put a stand-in in the place of compiled kernels, in this process."""
     stub = StubEngine()
-    for module in (cache, compile):
-        put(module, "get_kernel", stub.get_kernel)
-        put(module, "is_cached", stub.is_loaded)
-        put(module, "is_loaded", stub.is_loaded)
-        put(module, "is_piece_cached", stub.is_loaded)
+    put(compile, "get_kernel", stub.get_kernel)
+    for name in ("is_cached", "is_loaded", "is_piece_cached"):
+        put(compile, name, stub.is_loaded)
     put(resume, "HELD_SECONDS", 0.0)
     put(compile, "shares", lambda shapes, n: [list(shapes)] if shapes else [])  # no child compiles
     return stub

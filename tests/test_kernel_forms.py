@@ -14,9 +14,9 @@ from numba import config
 from scenes import pair
 
 import pounding_sweep as ps
-from pounding_sweep.engine import cache
+from pounding_sweep.engine import compile
 from pounding_sweep.engine import kernel as emitter
-from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.engine.compile import get_kernel
 from pounding_sweep.engine.kernel import width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes, spec
@@ -131,8 +131,8 @@ def results(law, method, precision="float64", storeys=(2, 3, 2), walls=False, va
 
 def another_machine(monkeypatch, name):
     """Keep kernels that are compiled from now on apart."""
-    surroundings = cache._surroundings() + name
-    monkeypatch.setattr(cache, "_surroundings", lambda: surroundings)
+    surroundings = compile._surroundings() + name
+    monkeypatch.setattr(compile, "_surroundings", lambda: surroundings)
     get_kernel.cache_clear()
 
 

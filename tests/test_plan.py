@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scenes import OUTPUTS, motions, row
 
 import pounding_sweep as ps
-from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
@@ -133,13 +133,12 @@ def test_kernels_are_known_beforehand(law, n_gaps, accuracy, expected):
 def test_no_other_kernel_is_asked_for_where_scenarios_are_refined(monkeypatch, tmp_path):
     gaps = np.linspace(0.004, 0.02, 64)
     sweep = ps.Sweep("mate2015", "el_centro", "hertz_damped", gaps=gaps, accuracy=1e-3, outputs=["impact_force_max"])
-    asked, ask = set(), cache.get_kernel
+    asked, ask = set(), compile.get_kernel
 
     def get_kernel(shape):
         asked.add(shape)
         return ask(shape)
 
-    monkeypatch.setattr(cache, "get_kernel", get_kernel)
     monkeypatch.setattr(compile, "get_kernel", get_kernel)
     sweep.run(tmp_path / "cube.nc", scheduler="synchronous").close()
     assert asked == set(sweep.plan().shapes())

@@ -17,7 +17,7 @@ from scenes import EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.tradeoff import find_touching
-from pounding_sweep.engine import cache
+from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
@@ -162,7 +162,7 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
 
         return run
 
-    monkeypatch.setattr(cache, "get_kernel", kernel_of)
+    monkeypatch.setattr(compile, "get_kernel", kernel_of)
     pairs = len(kernel.scene.pair_names)
     given = {"scale": np.ones(n), "gaps": np.full((n, pairs), 0.01), "stiffness": np.full(n, 2e5)}
     kernel.run(record, **given, restitution=np.full(n, 0.5), variants=variants)

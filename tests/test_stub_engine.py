@@ -18,7 +18,7 @@ SWEEP = {"scene": pair(), "records": motions(), "laws": ["none", "kelvin_voigt"]
 
 def test_a_sweep_runs_without_a_compiler(stub_engine, monkeypatch):
     """No kernel is asked of the cache; numbers are finite, energies balance, and a pair out of reach is untouched."""
-    monkeypatch.setattr("pounding_sweep.engine.cache._load", None)
+    monkeypatch.setattr("pounding_sweep.engine.compile._load", None)
     outputs = [*EVERY, "energy_residual"]
     cube = ps.Sweep(**SWEEP, stiffness_factors=[1.0, 2.0], outputs=outputs).run(progress=False)
     assert len(stub_engine.compiled) == 2

@@ -276,7 +276,7 @@ class RowKernel:
         twin: bool = False,
     ) -> dict[str, np.ndarray]:
         """Integrate scenarios over a record, by the compiled kernel or its twin in plain Python."""
-        from pounding_sweep.engine.cache import get_kernel, twin_of
+        from pounding_sweep.engine.compile import get_kernel, twin_of
 
         n = len(scale)
         groups = -(-n // LANES)

@@ -111,12 +111,9 @@ def processor() -> dict[str, Any]:
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.engine.cache import CACHE_VARIABLE, lasting_folder
+    from pounding_sweep.engine.compile import CACHE_VARIABLE, cache_folder
 
-    folder, anew = lasting_folder(), "so every run compiles its kernels anew; name"
-    if folder is None:
-        problems.append(f"no home folder is known, {anew} a folder for them in {CACHE_VARIABLE}")
-        return {"folder": None, "kernels": 0, "bytes": 0}
+    folder, anew = cache_folder(), "so every run compiles its kernels anew; name"
     parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
         problems.append(f"the kernel cache {str(folder)!r} can't be written, {anew} another folder in {CACHE_VARIABLE}")
