@@ -385,9 +385,9 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
     gamma = np.einsum("nmi,ni->nm", left[:, :, n:], load.astype(complex))
     # real modes lie in pairs of those that the ground moves alike; conjugate ones do from the start
     order = np.argsort(np.where(values.imag == 0.0, -np.abs(gamma), 1.0), axis=1, kind="stable")
-    values, gamma = (np.take_along_axis(each, order, 1).reshape(count, n, 2) for each in (values, gamma))
-    right = np.moveaxis(np.take_along_axis(right, order[:, None, :], 2).reshape(count, 2 * n, n, 2), 3, 1)
-    left = np.moveaxis(np.take_along_axis(left, order[:, :, None], 1).reshape(count, n, 2, 2 * n), 2, 1)
+    pairs = np.arange(count)[:, None], order
+    values, gamma = (own[pairs].reshape(count, n, 2) for own in (values, gamma))
+    left, right = (own[pairs].reshape(count, n, 2, 2 * n) for own in (left, np.swapaxes(right, 1, 2)))
     w = np.sqrt(np.prod(values, axis=2).real)
     c = np.maximum(-values.sum(axis=2).real, 0.0)
     turned = np.where(values.imag[..., :1] == 0.0, 1.0, 1.0j)
@@ -395,19 +395,19 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
     t = np.where(still, 1.0, turned * gamma[..., ::-1] * np.array([1.0, -1.0]))
     with np.errstate(all="ignore"):
         per = 1.0 / (t * (values[..., ::-1] - values))
-        x = np.stack([np.einsum("njim,nmj->nim", right, part).real for part in (per * values[..., ::-1], -per)], 1)
-        size = 0.5 * (np.linalg.norm(x[:, 0], axis=1) / w + np.linalg.norm(x[:, 1], axis=1))
-        x, t = x / size[:, None, None, :], t * size[..., None]
-        y = np.stack([np.einsum("njmi,nmj->nmi", left, part).real for part in (t, t * values)], 1)
+        x = np.stack([np.einsum("nmji,nmj->nim", right, part).real for part in (per * values[..., ::-1], -per)], 1)
+        unit = np.stack([w, np.ones_like(w)], 1)
+        spread = np.linalg.norm(x, axis=2) / unit
+        size = 0.5 * spread.sum(axis=1)
+        x, t, spread = x / size[:, None, None, :], t * size[..., None], spread / size[:, None]
+        y = np.stack([np.einsum("nmji,nmj->nmi", left, part).real for part in (t, t * values)], 1)
         push = np.sum(t * values * gamma, axis=2).real
         again = x[:, 0] @ y[:, 1] - (x[:, 1] * (w**2)[:, None, :]) @ y[:, 0] - (x[:, 1] * c[:, None, :]) @ y[:, 1]
         missed = np.abs(again - a).max(axis=(1, 2)) / np.abs(a).max(axis=(1, 2))
         missed = np.maximum(missed, np.abs(x[:, 0] @ y[:, 0] + x[:, 1] @ y[:, 1] - np.eye(2 * n)).max(axis=(1, 2)))
-        spread = np.concatenate([np.linalg.norm(x[:, 0], axis=1) / w, np.linalg.norm(x[:, 1], axis=1)], 1)
-        back = np.concatenate([np.linalg.norm(y[:, 0], axis=2) * w, np.linalg.norm(y[:, 1], axis=2)], 1)
-        error = np.maximum(missed, rounding * (spread * back).sum(axis=1))
+        back = np.linalg.norm(y, axis=3) * unit
+        error = np.maximum(missed, rounding * (spread * back).sum(axis=(1, 2)))
     slow = np.argsort(w, axis=1)
-
     w, c, push = (np.take_along_axis(each, slow, 1) for each in (w, c, push))
     x, y = np.take_along_axis(x, slow[:, None, None, :], 3), np.take_along_axis(y, slow[:, None, :, None], 2)
     return [w, c, push, x, y, np.where(np.isfinite(error), error, np.inf)]
