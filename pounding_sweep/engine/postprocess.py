@@ -64,41 +64,29 @@ def energy_limit(
 
 def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
-    variants = variants_of(row)
-    if any(variants.scene.yields):
-        return _yielding_limit(variants, np.asarray(energy)[:, None])
-    # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
-    softness = [
-        np.cumsum(1.0 / np.asarray(b.lateral_stiffnesses)) + np.square(_moves_with_base(b)).sum(axis=0)
-        for b in variants.scene.buildings
-    ]
-    reach = np.concatenate(
-        [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
-    )
-    return np.asarray(np.sqrt(2.0 * np.asarray(energy)[:, None] * reach))
+    variants, twice = variants_of(row), 2.0 * np.asarray(energy)[:, None]
+    scene, k, r = variants.scene, variants.stiffnesses, variants.hardenings
+    factor = k / np.concatenate([b.lateral_stiffnesses for b in scene.buildings])
+    moves = np.concatenate([_moves_with_base(b) for b in scene.buildings], axis=1)
 
+    def summed(storeys: np.ndarray) -> np.ndarray:
+        """Sum what storeys add, from the ground up."""
+        parts = np.split(storeys, scene.offsets[1:-1], axis=1)
+        return np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)
 
-def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
-    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground."""
-    # No energy bounds the drift of one that softens under its weight: it has fallen where that is its height.
-    k, r = variants.stiffnesses, variants.hardenings
+    if not any(scene.yields):
+        # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
+        return np.asarray(np.sqrt(twice * (summed(1.0 / k) + np.square(moves).sum(axis=0) / factor)))
     # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
-    held = np.sqrt(2.0 * energy / k)
+    held = np.sqrt(twice / k)
     with np.errstate(divide="ignore"):
         hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
     soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
     # what a smooth storey loses on its way is not known by its drift
-    slid = np.where(variants.scene.smooth, np.inf, held + 2.0 * energy / soft)
+    slid = np.where(scene.smooth, np.inf, held + twice / soft)
+    # no energy bounds the drift of one that softens under its weight: it has fallen where that is its height
     drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
-    parts = np.split(drift, variants.scene.offsets[1:-1], axis=1)
-    each = zip(variants.scene.buildings, parts, variants.stiffness_factor.T, strict=True)
-    return np.concatenate(
-        [
-            np.cumsum(part, axis=1) + np.sqrt(2.0 * energy / factor[:, None]) * _moves_with_base(b).sum(axis=0)
-            for b, part, factor in each
-        ],
-        axis=1,
-    )
+    return summed(drift) + np.sqrt(twice / factor) * moves.sum(axis=0)
 
 
 def _moves_with_base(building: Building) -> np.ndarray:
