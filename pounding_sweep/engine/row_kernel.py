@@ -253,12 +253,11 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
+        frequencies = row.frequencies
         if self.shape.coupled:
             w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
-            need = np.max([_flight_rate(w[:, low:high]) for low, high in pairwise(at)], axis=0)
-        else:
-            own = [_flight_rate(building.frequencies) for building in self.scene.buildings]
-            need = (own / row.period_factor).max(axis=1)
+            frequencies = [w[:, low:high] for low, high in pairwise(at)]
+        need = np.max([_flight_rate(w) for w in frequencies], axis=0)
         need *= record.dt * min(self.numerics.refinement, FINEST_FLIGHT)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
@@ -290,17 +289,15 @@ class RowKernel:
         steps = flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record)
         track = _ground(record, steps) if self.shape.flies_exactly else np.zeros(1)
         track = track.astype(self.shape.precision)
-        e = np.asarray(restitution, float)
-        given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
+        given = {"scale": scale, "gaps": gaps, "stiffness": stiffness, "restitution": restitution}
+        given = {name: np.asarray(values, float) for name, values in given.items()}
         first = 0
         while first < groups:
             part = row[first * LANES :]
             tables, buildings, groups_done = self._tables(record, flight_substeps, part, groups - first)
             mine = slice(first * LANES, (first + groups_done) * LANES)
             inputs = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(
-                buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], rough=record.is_rough, **inputs
-            )
+            lanes = self._lanes(buildings, row=row[mine], rough=record.is_rough, **inputs)
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
@@ -318,10 +315,10 @@ class RowKernel:
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
-        found["scale"] = np.asarray(scale, float)[:, None]
+        found["scale"] = given["scale"][:, None]
         if self.shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
             quickening = np.ones((n, len(self.shape.laws)))
-            quickening[:, 0] = self.law.quickening(e, self.basis)
+            quickening[:, 0] = self.law.quickening(given["restitution"], self.basis)
             for which, bumper in zip(self.shape.bumped, self.scene.bumper_of, strict=False):
                 if bumper:
                     quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
