@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import importlib.resources
 import importlib.util
-import itertools
 import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,28 +119,23 @@ def data_folder() -> Path | None:
     return Path(spec.origin).parent if spec is not None and spec.origin else None
 
 
-@lru_cache(maxsize=4)
+@cache
 def _file_components(file: Path) -> dict[str, _Component]:
     """List the components of one data file by name, in its order."""
     import pandas as pd
 
     components = {}
-    try:
-        events = pd.read_hdf(file, "records")
-        for (number, letter), motion in pd.read_hdf(file, "groundmotions").iterrows():
-            event, rsn = events.loc[number], int(motion["RecordSequenceNumber"])
-            component = str(motion["ComponentName"]).replace("/", "_")
-            source = (
-                f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {component} "
-                f"(FEMA P695, record {number}{letter}, RSN {rsn})"
-            )
-            node = f"/_timeseries/{number}/{letter}/RecordedAcceleration"
-            factor = float(motion["NormalizationFactor"])
-            components[f"RSN{rsn}_{component}"] = _Component(file, node, float(motion["DT"]), factor, source)
-    except (OSError, KeyError, ValueError) as error:
-        raise RecordError(
-            f"{file} can't be read as a FEMA P695 record set ({error}); install it again: {INSTALL}"
-        ) from error
+    events = pd.read_hdf(file, "records")
+    for (number, letter), motion in pd.read_hdf(file, "groundmotions").iterrows():
+        event, rsn = events.loc[number], int(motion["RecordSequenceNumber"])
+        component = str(motion["ComponentName"]).replace("/", "_")
+        source = (
+            f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {component} "
+            f"(FEMA P695, record {number}{letter}, RSN {rsn})"
+        )
+        node = f"/_timeseries/{number}/{letter}/RecordedAcceleration"
+        factor = float(motion["NormalizationFactor"])
+        components[f"RSN{rsn}_{component}"] = _Component(file, node, float(motion["DT"]), factor, source)
     return components
 
 
@@ -240,25 +234,13 @@ def _bundled(entry: KnownRecord) -> Record:
         return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {entry.bundled})")
 
 
-def _match(name: str, files: Sequence[Path]) -> list[Path]:
-    """Find the files of one folder that `name` means; the first way of matching that finds any decides."""
-    plain, rsn = name.lower(), _rsn(name)
-    ways = [
-        [file for file in files if file.name == name],
-        [file for file in files if file.stem == name],
-        [file for file in files if plain in (file.name.lower(), file.stem.lower())],
-        [file for file in files if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)],
-    ]
-    return next((way for way in ways if way), [])
-
-
 def find_record(name: str, folders: Folders = None, column: str | int | None = None) -> Record:
     """Find a record by name.
 
     Parameters
     ----------
     name
-        "el_centro" (bundled), the key, alias or RSN ("RSN949", "949") of a record in
+        "el_centro" (bundled), the key or RSN ("RSN949", "949") of a record in
         `KNOWN_RECORDS`, the name of a file in a folder, with or without its ending, or
         ``SET/RECORD`` with a key of `RECORD_SETS`: "fema_p695_far_field/RSN953_NORTHR_MUL009".
     folders
@@ -297,8 +279,11 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     entry = next(entries, None)
     searched = _folders(folders)
     files = {folder: _files(folder) for folder in searched if entry is None or not entry.bundled}
-    for folder, wanted in itertools.product(files, (*(entry.files if entry else ()), name)):
-        matches = _match(wanted, files[folder])
+    wanted = {name.lower(), *(file.lower() for file in (entry.files if entry else ()))}
+    for folder, inside in files.items():
+        of_number = [file for file in inside if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)]
+        alike = [file for file in inside if wanted & {file.name.lower(), file.stem.lower()}] or of_number
+        matches = [file for file in alike if name in (file.name, file.stem)] or alike
         if len(matches) > 1:
             listing = ", ".join(file.name for file in matches)
             raise RecordError(f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name")
@@ -377,14 +362,12 @@ def resolve_records(
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
         group = plain_name(item) if isinstance(item, str) else None
         records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
-    seen: dict[str, int] = {}
-    for index, record in enumerate(records):
-        if record.name in seen:
+    names = [record.name for record in records]
+    for index, name in enumerate(names):
+        if (first := names.index(name)) < index:
             raise RecordError(
-                f"records {seen[record.name] + 1} and {index + 1} have the same name {record.name!r}; "
-                "rename one: record.renamed('other')"
+                f"records {first + 1} and {index + 1} have the same name {name!r}; rename one: record.renamed('other')"
             )
-        seen[record.name] = index
     return records
 
 
