@@ -20,10 +20,12 @@ from __future__ import annotations
 
 import math
 import time
+import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from importlib.resources import files
 from itertools import product
 from typing import Any
 
@@ -36,7 +38,7 @@ from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Foundation, Scene, Wall
+from pounding_sweep.model.scene import CONTACTS, Building, Foundation, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.variables import (
@@ -169,13 +171,13 @@ def make_batch(
     scale: Any = 1.0,
     **more: Any,
 ) -> Batch:
-    """Return the batch of every combination of values (numbers or lists; a gap is that of every pair, or a function).
+    """Return the batch of every combination of values (numbers or lists; a gap is that of every pair, or "last hairs").
 
     `times` multiplies the default stiffness; a restitution below the lowest of the law stands for that.
     """
     if stiffness is None:
         stiffness = STIFFNESS.get(law.exponent or 1.0, 1.0e6) * np.asarray(times)
-    gaps = gaps() if callable(gaps) else gaps
+    gaps = _last_hairs() if isinstance(gaps, str) else gaps
     axes = [np.atleast_1d(np.asarray(axis, float)) for axis in (gaps, stiffness, restitution, scale)]
     gap, k, e, s = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
     table = _table(np.repeat(gap[:, None], len(scene.pair_names), axis=1), k, np.maximum(e, lowest_restitution(law)), s)
@@ -257,94 +259,66 @@ Case = tuple[str, Scene, Mapping[str, Any]]
 #: Families that are run under one law of each force exponent, because their kernels are slow to compile; and those of
 #: laws whose force is linear in the penetration.
 OF_MANY_SHAPES, LINEAR = ("row", "walls", "together"), ("columns",)
-#: Masses of foundations over those of their buildings; stiffness of sway over that of the first storey, that of rocking
-#: over the same times the square of the height; damping ratios of rigid bodies on them.
-BASES = ((1e-3, 1e-1, 0.0), (1e-3, 1e3, 0.1), (0.3, 1e-2, 0.0), (0.3, 1.0, 0.3), (0.3, 1.0, 10.0), (100.0, 1e2, 0.05))
-
-
-def _cases(scenes: Mapping[str, Scene], **more: Any) -> list[Case]:
-    return [(name, scene, more) for name, scene in scenes.items()]
+_SAMPLES = np.arange(101)
+#: Ground motions of families, by name.
+RECORDS = {
+    record.name: record
+    for record in (
+        _ground("slow", 3.0 * np.sin(np.arange(81) * 1.7), 0.5),
+        _ground("one point", [3.0]),
+        _ground("two points", [3.0, -3.0]),
+        _ground("constant", 4.0 + 0.0 * _SAMPLES),
+        _ground("one spike", 50.0 * (_SAMPLES == 20)),
+        _ground("all spikes", np.resize([20.0, -20.0], 101)),
+        _ground("two points, far apart", [0.0, 5.0], 2.0),
+        _ground("ramp", -np.linspace(0.0, 3.0, 151)),
+        _ground("push", np.full(151, -5.0)),
+        _ground("push and rest", np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0)),
+        _ground("quiet", 0.0 * _SAMPLES),
+        earthquake(duration=0.3).renamed("short"),
+    )
+}
+#: Rows of buildings of families, by name.
+SCENES: dict[str, Callable[..., Scene]] = {
+    "pair": pair,
+    "wall": beside_wall,
+    "mass ratio": lambda ratio: pair(ratio=ratio),
+    "periods": lambda left, right: pair((left, right)),
+    "damping": lambda damping: pair(damping=damping),
+    "yielding": yielding_pair,
+    "staggered": staggered,
+    "struck column": lambda xi: staggered(3.0 + 3.0 * xi),
+    "bases": on_bases,
+    "one building": lambda: Scene([oscillator("alone", 0.4, 100.0, 2)]),
+    "12 buildings": lambda: Scene(
+        [oscillator(f"b{i}", 0.1 + 0.05 * i, 60.0 + 10.0 * (i % 3)) for i in range(12)], [0.002] * 11
+    ),
+    "40 and 5 storeys": lambda: Scene(
+        [oscillator("tower", 4.0, 300.0, 40), oscillator("house", 0.5, 200.0, 5)], [0.005]
+    ),
+    "between walls": lambda: Scene([Wall("west"), oscillator("between", 0.4), Wall("east")], [0.002, 0.002]),
+    "three": lambda: Scene(
+        [oscillator(name, t, 100.0, 2) for name, t in (("west", 0.4), ("between", 0.25), ("east", 0.4))], [0.002, 0.002]
+    ),
+}
 
 
 @cache
 def all_families() -> dict[str, list[Case]]:
-    """Return every family by name, in the order of the table of docs/extremes.md."""
-    wall, west, between, east = beside_wall(), Wall("west"), oscillator("between", 0.4), Wall("east")
-    both, some, none = {"pair": pair(), "wall": wall}, [1e-2, 1.0, 1e2], [0.0, 5e-3, OPEN_GAP]
-    periods = ((0.02, 0.03), (0.02, 10.0), (10.0, 7.0), (0.3, 0.3))
-    slow = {"record": _ground("slow", 3.0 * np.sin(np.arange(81) * 1.7), 0.5), "steps": (0.5, 0.1, 0.05)}
-    motions = (
-        _ground("one point", [3.0]),
-        _ground("two points", [3.0, -3.0]),
-        _ground("constant", np.full(101, 4.0)),
-        _ground("one spike", 50.0 * (np.arange(101) == 20)),
-        _ground("all spikes", np.resize([20.0, -20.0], 101)),
-        _ground("two points, far apart", [0.0, 5.0], 2.0),
-    )
-    ramp, push = _ground("ramp", -np.linspace(0.0, 3.0, 151)), _ground("push", np.full(151, -5.0))
-    released = _ground("push and rest", np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0))
-    weak = {
-        f"{strength:g} m/s2, hardening {hardening:g}": yielding_pair(strength, hardening)
-        for strength in (1e-6, 1e-3, 0.1, 1.0, 1e3, math.inf)
-        for hardening in (0.0, 1e-6, 0.05, 0.999)
-    }
-    lying = {f"left lying, {damping} damping": yielding_pair(0.5, 0.0, damping) for damping in DAMPING_STIFFNESSES}
-    struck = {f"xi = {xi:g}": staggered(3.0 + 3.0 * xi) for xi in (5e-4, 0.02, 0.5, 0.98, 1.0 - 5e-4)}
-    struck["a slab of nearly a storey"] = staggered(5.99, depth=2.98)
-    softer = {f"columns of {x:g} times the storeys' stiffness": staggered(4.5, columns=x) for x in (1e-6, 1e6)}
-    base = "{:g} of the mass, {:g} of the stiffness, damping ratio {:g}"
-    twelve = [oscillator(f"b{i}", 0.1 + 0.05 * i, 60.0 + 10.0 * (i % 3)) for i in range(12)]
-    towers = [oscillator("tower", 4.0, 300.0, 40), oscillator("house", 0.5, 200.0, 5)]
-    # two equal buildings that close in upon one at rest
-    closing = [oscillator(name, t, 100.0, 2) for name, t in (("west", 0.4), ("between", 0.25), ("east", 0.4))]
-    quiet = {"record": _ground("quiet", np.zeros(101)), "initial_velocity": (0.5, 0.5, 0.0, 0.0, -0.5, -0.5)}
-    return {
-        "stiffness": _cases(both, stiffness=np.logspace(3, 12, 10)),
-        "gap": _cases(both, gaps=[0.0, 1e-9, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, OPEN_GAP]),
-        "restitution": _cases(both, restitution=[0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.99, 1.0], times=some),
-        "mass ratio": _cases({f"{x:g}": pair(ratio=x) for x in (1e-4, 1e-2, 1e2, 1e4)}, times=some),
-        "period": _cases({f"{a:g} and {b:g} s": pair((a, b)) for a, b in periods}, gaps=[0.0, 1e-4, 5e-3]),
-        "damping": _cases({f"{x:g}": pair(damping=x) for x in (0.0, 0.3, 0.9)}, times=[1e-1, 1.0, 1e2]),
-        "step": [
-            *_cases({"far too large": pair()}, gaps=[0.0, 1e-3], times=[1e-2, 1.0, 1e2, 1e4, 1e6], **slow),
-            *_cases({"tiny": wall}, record=earthquake(duration=0.3), gaps=1e-3, steps=(1e-5, 1e-6)),
-        ],
-        "amplitude": [
-            (f"gap {gap:g} m", pair(), {"gaps": gap, "scale": [0.0, 1e-9, 1e-3, 1.0, 981.0 / 4.0]})
-            for gap in (0.0, 5e-3)
-        ],
-        "record": [(each.name, wall, {"record": each, "gaps": [0.0, 1e-3]}) for each in motions],
-        # floors that lean on a wall, touch it with the last 1e-12 of their motion, bounce ever weaker
-        "resting": _cases({"ramped ground": wall}, record=ramp, gaps=[0.0, 1e-9, 1e-5], restitution=[0.0, 0.6]),
-        "grazing": _cases({"the last hair of the gap": wall}, gaps=_last_hairs),
-        "chatter": _cases(
-            {"constant push": beside_wall(damping=0.0)},
-            **{"record": push, "gaps": 1e-3, "restitution": [0.0, 0.05, 0.5, 0.9], "times": [1.0, 1e2]},
-        ),
-        # storeys that yield at once, or never; that keep their stiffness, or lose all of it and don't come back
-        "yielding": [
-            *_cases(weak, gaps=none),
-            *_cases(lying, record=released, gaps=[1e-3, 5e-3, OPEN_GAP]),
-            *_cases({"steps far too large": yielding_pair(1.0, 0.0)}, gaps=1e-3, **slow),
-        ],
-        "columns": [*_cases(struck, gaps=[0.0, 1e-3, 5e-3]), *_cases(softer, gaps=1e-3, times=[1e-2, 1.0, 1e3])],
-        "foundations": [
-            *_cases({base.format(*values): on_bases(*values) for values in BASES}, gaps=none),
-            *_cases({"steps far too large": on_bases(*BASES[3])}, gaps=1e-3, **slow),
-        ],
-        "row": [
-            ("one building", Scene([oscillator("alone", 0.4, 100.0, 2)]), {}),
-            ("12 buildings", Scene(twelve, [0.002] * 11), {"gaps": [0.0, 2e-3, 1e-2]}),
-            ("40 and 5 storeys", Scene(towers, [0.005]), {"gaps": [0.0, 2e-3, 1e-2]}),
-        ],
-        "walls": _cases(
-            {"on both sides": Scene([west, between, east], [0.002, 0.002])},
-            **{"gaps": [0.0, 1e-9, 2e-3], "times": [1e-2, 1.0, 1e3]},
-        ),
-        "together": _cases(
-            {"from both sides": Scene(closing, [0.002, 0.002])}, gaps=[0.0, 2e-3], times=[1e-2, 1.0, 1e3], **quiet
-        ),
-    }
+    """Return every family by name, from ``data/extremes.toml``."""
+    families: dict[str, list[Case]] = {}
+    text = files("pounding_sweep").joinpath("data", "extremes.toml").read_text("utf-8")
+    for family, rows in tomllib.loads(text).items():
+        families[family] = []
+        for row in rows:
+            more: dict[str, Any] = {
+                key: tuple(value) if isinstance(value, list) else value for key, value in row.items()
+            }
+            name, scene, of = more.pop("name"), SCENES[more.pop("scene")], more.pop("of", ())
+            if "record" in more:
+                more["record"] = RECORDS[more["record"]]
+            families[family] += [(name.format(*values), scene(*values), more) for values in product(*of)]
+    return families
 
 
 def family_batches(keys: Iterable[str], laws: Sequence[Law]) -> list[Batch]:
