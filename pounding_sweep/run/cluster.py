@@ -20,6 +20,7 @@ from pounding_sweep.engine.compile import prepare
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.identity import fingerprint
 from pounding_sweep.plan.scenarios import ChunkTask
+from pounding_sweep.run.diagnosis import THREAD_LIMITS
 from pounding_sweep.run.execute import Item
 
 #: Chunks in flight per thread of a worker: one runs, one waits next to it, one is on its way back.
@@ -36,7 +37,7 @@ LOSSES = 2
 #: and a chunk beside which its worker died twice runs alone.
 SETTINGS = {"distributed.deploy.lost-worker-timeout": 600.0, "distributed.scheduler.allowed-failures": 1}
 #: One scenario runs in one thread, and a worker has as many as its cluster gave it: no library starts more.
-ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(THREAD_LIMITS, "1")
 
 
 class IgnoreSignals(WorkerPlugin):

@@ -27,14 +27,12 @@ EXTRAS = ("records", "export")
 _WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
 
 #: Variables of the environment that limit the threads of the libraries below.
-_THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def diagnose() -> dict[str, Any]:
     """Look at the installation; changes nothing."""
-    from pounding_sweep.run.execute import check_scheduler
-
-    versions, memory = installed_versions(), free_memory()
+    versions, memory, cpu = installed_versions(), free_memory(), processor()
     optional = {name: extra for name, extra in _required().items() if extra}
     problems = [
         f"{name} is not installed; install the package: pip install ."
@@ -45,13 +43,13 @@ def diagnose() -> dict[str, Any]:
     writable = os.access(folder, os.W_OK)
     if not writable:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-    limits = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
+    limits = {name: os.environ[name] for name in THREAD_LIMITS if name in os.environ}
     return {
         "versions": versions,
         "optional": optional,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "processor": processor(),
-        "threads": {"workers": check_scheduler("threads", None), "environment": limits},
+        "processor": cpu,
+        "threads": {"workers": cpu["cores_usable"], "environment": limits},
         "memory": {"free_bytes": memory.bytes, "limit": memory.limit},
         "kernel_cache": _cache(problems),
         "compile_seconds": _compiling(),
