@@ -75,7 +75,7 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
     for command in (RUN, ("info", "out.nc"), ("laws",)):
         done = through(full, tmp_path, *command, stderr=subprocess.PIPE)
         assert done.returncode == 1
-        assert done.stderr == (
+        assert done.stderr.removeprefix("compiling kernels, once for sweeps of this kind\n") == (
             "pounding-sweep: failed: stdout can't be written (No space left on device), give it another place"
             f"{'; the cube out.nc is complete' if command is RUN else ''}\n"
         )
