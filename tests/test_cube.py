@@ -471,7 +471,7 @@ class TestFile:
         os.mkfifo(tmp_path / "pipe")
         for path, reason in [
             (tmp_path, "is a folder; give the path of a file"),
-            (tmp_path / "none" / "cube.nc", "does not exist; make it first"),
+            (tmp_path / "none" / "cube.nc", "not a folder; make it first"),
             (tmp_path / "file" / "cube.nc", "is not a folder"),
             (tmp_path / "pipe", "not a regular file"),
             (tmp_path / ("x" * 300), "not usable"),

@@ -109,36 +109,25 @@ def coordinate_values(values: Any) -> np.ndarray:
 
 def _scene_coordinates(scene: Scene) -> Coordinates:
     elevations = np.concatenate([building.elevations for building in scene.buildings])
-    coordinates: Coordinates = {
-        "building": (("building",), [b.name for b in scene.buildings], {"long_name": "building, left to right"}),
-        "storey": (
-            ("storey",),
-            np.arange(1, scene.n_storeys + 1),
-            {"units": "1", "long_name": "storey, 1 at the bottom"},
-        ),
-        "floor_elevation": (
-            ("building", "storey"),
-            scatter_dof(elevations, scene),
-            {"units": "m", "long_name": "elevation of the floor above the base"},
-        ),
-    }
+    floors, contacts = ("building", "storey"), ("pair", "storey")
+    rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
+        ("building", ("building",), [building.name for building in scene.buildings], "", "building, left to right"),
+        ("storey", ("storey",), np.arange(1, scene.n_storeys + 1), "1", "storey, 1 at the bottom"),
+        ("floor_elevation", floors, scatter_dof(elevations, scene), "m", "elevation of the floor above the base"),
+    ]
     if scene.pair_names:
         # of a floor that strikes columns, the floor's; columns have the index of the floor above them
-        floors = [c.left if c.left >= 0 and c.struck != 0 else c.right for c in scene.contacts]
-        meets = np.array(elevations)[floors]
-        coordinates["pair"] = (("pair",), list(scene.pair_labels), {"long_name": "pair of neighbours, left-right"})
-        coordinates["contact_elevation"] = (
-            ("pair", "storey"),
-            scatter_contact(meets, scene),
-            {"units": "m", "long_name": "elevation at which the floors of the pair meet"},
-        )
+        meeting = [c.left if c.left >= 0 and c.struck != 0 else c.right for c in scene.contacts]
+        meets, text = scatter_contact(elevations[meeting], scene), "elevation at which the floors of the pair meet"
+        rows.append(("pair", ("pair",), list(scene.pair_labels), "", "pair of neighbours, left-right"))
+        rows.append(("contact_elevation", contacts, meets, "m", text))
         storeys = np.concatenate([np.arange(1.0, building.n_storeys + 1) for building in scene.buildings])
         for side in ("left", "right"):
-            floors = [getattr(contact, side) for contact in scene.contacts]
-            own = np.array([storeys[at] if at >= 0 else np.nan for at in floors])  # a wall has none
-            about = {"units": "1", "long_name": f"storey of the {side} building that meets there"}
-            coordinates[f"{side}_storey"] = (("pair", "storey"), scatter_contact(own, scene), about)
-    return coordinates
+            met = [getattr(contact, side) for contact in scene.contacts]
+            own = np.array([storeys[at] if at >= 0 else np.nan for at in met])  # a wall has none
+            text = f"storey of the {side} building that meets there"
+            rows.append((f"{side}_storey", contacts, scatter_contact(own, scene), "1", text))
+    return {name: (dims, values, {"units": units, "long_name": text}) for name, dims, values, units, text in rows}
 
 
 def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS) -> Coordinates:

@@ -234,12 +234,12 @@ def describe(dataset: xr.Dataset) -> str:
 
     lines = [_short(attributes.get("title", "(no title)"))]
     lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
-    asked, run = (attributes.get(f"scenarios_{what}") for what in ("asked", "run"))
+    asked = attributes.get("scenarios_asked")
     if status is not None and status.size != asked:
         changed = "" if asked is None else f" (joined or cut after a run of {asked})"
         lines.append(f"  {status.size} scenarios{changed}")
     elif asked is not None:
-        lines.append(f"  {asked} scenarios asked, {run} run")
+        lines.append(f"  {asked} scenarios asked, {attributes.get('scenarios_run')} run")
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
 

@@ -101,8 +101,7 @@ class Table:
         self._sizes = [cube.sizes[dim] for dim in self.outer]
         self.columns: list[Column] = []
         self._dims = [[dim for dim in kind if dim in cube.dims] for kind in kinds]
-        places = zip(self._dims, kinds, strict=True)
-        self._existing = [np.flatnonzero(_exists(cube, dims, kind)) for dims, kind in places]
+        self._existing = [np.flatnonzero(_exists(cube, kind)) for kind in kinds]
         self.n_rows = math.prod(self._sizes) * sum(map(len, self._existing))
         #: returns a part of the cube with what is to be computed of it
         self.complete: Callable[[xr.Dataset], xr.Dataset] = lambda part: part
@@ -158,9 +157,9 @@ class Table:
         return pd.DataFrame(values, index=np.repeat(np.arange(n), len(self._existing[kind])))
 
 
-def _exists(cube: xr.Dataset, dims: Sequence[str], kind: Sequence[str]) -> np.ndarray:
-    """Return which places of a scenario exist, along `dims`, those of a `kind` that a selection has left."""
-    name = _PLACES.get(tuple(kind), "")
+def _exists(cube: xr.Dataset, kind: Sequence[str]) -> np.ndarray:
+    """Return which places of a scenario exist, along those dimensions of a `kind` that a selection has left."""
+    name, dims = _PLACES.get(tuple(kind), ""), [dim for dim in kind if dim in cube.dims]
     if name not in cube.coords or set(cube[name].dims) != set(dims):
         return np.ones([cube.sizes[dim] for dim in dims], bool)
     return np.asarray(cube[name].transpose(*dims).notnull().values)
@@ -178,8 +177,9 @@ def long_table(cube: xr.Dataset) -> Table:
     inner = dict.fromkeys(_inner_dims(cube[name]) for name in cube.data_vars)
     table = Table(cube, [kind for kind in inner if not any(set(kind) < set(other) for other in inner)])
     names = [str(name) for name in cube.coords if name not in PROSE]
-    first, last = ([name for name in dims if name in names] for dims in (outer_dims(cube.dims), INNER_DIMS))
-    for name in (*first, *(name for name in names if name not in (*first, *last)), *last, *map(str, cube.data_vars)):
+    axes = [name for name in table.outer if name in names]
+    last = [name for name in INNER_DIMS if name in names]
+    for name in dict.fromkeys([*axes, *(name for name in names if name not in last), *last, *map(str, cube.data_vars)]):
         table.add(name)
     return table
 
@@ -193,7 +193,7 @@ def wide_table(cube: xr.Dataset) -> Table:
     for name in dict.fromkeys([*axes, *of_scenarios, *map(str, cube.data_vars)]):
         array = cube[name]
         inner = [dim for dim in INNER_DIMS if dim in array.dims]
-        for place in np.argwhere(_exists(cube, inner, inner)).tolist():
+        for place in np.argwhere(_exists(cube, inner)).tolist():
             at = dict(zip(inner, place, strict=True))
             label = "_".join([name, *(str(cube[dim].values[i]) for dim, i in at.items())])
             twin = cube.coords.get(plain_name(label, ()))
@@ -263,7 +263,7 @@ def _known_by(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataAr
     """Return what the scenarios of a part are known by, as an audit names it."""
     law = part["law"]
     takes = [get_law(key).takes_restitution for key in np.ravel(law.values).astype(str)]
-    stiffness = part["contact_stiffness"] if "contact_stiffness" in part.coords else part["stiffness"]
+    stiffness = part["contact_stiffness" if "contact_stiffness" in part.coords else "stiffness"]
     known: dict[str, xr.DataArray] = {
         "law": law,
         "record": part["record"],
@@ -275,20 +275,18 @@ def _known_by(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataAr
     axes = property_axes(axes_of(sweep)) if sweep["cases"] is None else ()
     for kind in ("period_factor", "mass_factor", "strength_factor", "hardening"):
         default = np.nan if kind == "hardening" else 1.0
-        values = part[kind] if kind in part.coords else xr.full_like(part["building"], default, dtype=float)
+        values = part.get(kind, xr.full_like(part["building"], default, dtype=float))
         for axis in axes:
             if axis.kind == kind:
                 values = xr.where(part["building"] == axis.building, part[axis.dimension], values)
         known[kind] = values
     # missing where it is the building's own
-    buildings = [item for item in sweep["scene"]["row"] if "masses" in item]
-    scene_values = [building.uniform_hardening for building in scene_of(sweep["scene"]).buildings]
-    hardening = xr.DataArray(scene_values, dims="building")
+    buildings = scene_of(sweep["scene"]).buildings
+    hardening = xr.DataArray([building.uniform_hardening for building in buildings], dims="building")
     known["hardening"] = known["hardening"].where(known["hardening"] != hardening)
-    known["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
-    ratios = {json.dumps(item["damping_ratio"]) for item in buildings}
-    if len(ratios) == 1:
-        known["damping_ratio"] = known["damping_ratio"].where(known["damping_ratio"] != json.loads(ratios.pop()))
+    ratio, *others = {building.damping_ratio for building in buildings}
+    damping = part.get("damping_ratio", xr.DataArray(np.nan))
+    known["damping_ratio"] = damping.where(damping != ratio) if isinstance(ratio, float) and not others else damping
     return known
 
 
@@ -393,7 +391,7 @@ def export_tables(
     overwrite: bool = False,
     table: bool = False,
 ) -> list[Path]:
-    """Write a table as `export_cube` does, or one for each set of dimensions that the variables `names` have.
+    """Write a table as `export_cube` does, or one for each set of dimensions that the variables have.
 
     Parameters
     ----------
@@ -405,7 +403,7 @@ def export_tables(
     list of Path
         The files.
     """
-    single = table or not names or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
+    single = table or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
     tables = {} if single else sets_of_dimensions(scenarios_of(cube, names))
     if len(tables) < 2:
         return [export_cube(cube, path, names, overwrite=overwrite, table=table)]
@@ -425,12 +423,10 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
         chosen = scenarios_of(cube, names)
         sets = sets_of_dimensions(chosen)
         if len(sets) > 1:
-            sizes = {dims: math.prod(cube.sizes[dim] for dim in dims) for dims in sets}
-            listed = [f"({', '.join(dims)}), {sizes[dims]:,} rows: {', '.join(some)}" for dims, some in sets.items()]
+            listed = "; ".join(f"({', '.join(dims)}): {', '.join(some)}" for dims, some in sets.items())
             raise InputError(
-                f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: "
-                f"{'; '.join(listed)}. Name those of one set by --var, such as --var {next(iter(sets.values()))[0]}; "
-                "variables of several sets that are named make a table for each set"
+                f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: {listed}; "
+                "export each set apart"
             )
         table = long_table(chosen)
     if table.n_rows > MANY_ROWS:

@@ -204,7 +204,7 @@ def number_cases(
                 raise InputError(
                     f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
                 )
-        chosen = cube if len(positions) == cube.sizes[CASE] else cube.isel(case=list(positions.values()))
+        chosen = cube.isel(case=list(positions.values()))
         result[file] = chosen.assign_coords({CASE: [numbers[key] for key in positions]})
     return result, list(labels) if labelled else list(range(1, len(numbers) + 1)), described
 
@@ -296,9 +296,11 @@ def merge_attributes(
         "merged_from": json.dumps(all_runs),
     }
     if "time_step" in cubes[0].attrs:
-        steps = dict[str, float]()
-        for sweep, cube in zip(sweeps, cubes, strict=True):
-            steps |= zip((r["name"] for r in sweep["records"]), np.ravel(cube.attrs["time_step"]).tolist(), strict=True)
+        steps = {
+            record["name"]: step
+            for sweep, cube in zip(sweeps, cubes, strict=True)
+            for record, step in zip(sweep["records"], np.ravel(cube.attrs["time_step"]).tolist(), strict=True)
+        }
         attributes["time_step"] = np.array([steps[name] for name in names])
     if "accuracy_choice" in cubes[0].attrs:
         attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))

@@ -142,8 +142,7 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcd
     elif mode is not None and not overwrite:
         fault = "exists; give another path, or overwrite it (overwrite=True, on the command line --overwrite)"
     elif not folder.is_dir():
-        what = "is not a folder" if folder.exists() else "does not exist"
-        fault = f"is in the folder {str(folder)!r}, which {what}; make it first or give another path"
+        fault = f"is in {str(folder)!r}, which is not a folder; make it first or give another path"
     if fault:
         raise OutputError(f"output {str(path)!r} {fault}")
     remove_leftovers(folder)
@@ -261,8 +260,8 @@ def _write(
     slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
 ) -> None:
     """Fill an open file."""
-    coordinates, unattached = _coordinates_of(cube)
-    file.setncatts(_encoded(cube.attrs) | unattached)
+    coordinates = _coordinates_of(cube)
+    file.setncatts(_encoded(cube.attrs) | coordinates.get("", {}))
     file.set_fill_off()
     # all are made before values are written: what is made later costs the library as much as many values
     declared = {}
@@ -309,19 +308,13 @@ def _write(
             declared[name][0][slab] = arrays[name]
 
 
-def _coordinates_of(cube: CubeParts) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
-    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file."""
+def _coordinates_of(cube: CubeParts) -> dict[str, dict[str, str]]:
+    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and by "" that of the whole file."""
     # as xarray writes and reads it: the file's names those that belong to no variable
     labels = {name: set(label[0]) for name, label in cube.coords.items() if name not in label[0]}
-    found = {
-        name: sorted(label for label, dims in labels.items() if dims <= set(variable[0]))
-        for name, variable in cube.data_vars.items()
-    }
-    others = " ".join(sorted(set(labels).difference(*found.values())))
-    return (
-        {name: {"coordinates": " ".join(names)} for name, names in found.items() if names},
-        {"coordinates": others} if others else {},
-    )
+    found = {name: {label for label in labels if labels[label] <= set(v[0])} for name, v in cube.data_vars.items()}
+    found[""] = set(labels).difference(*found.values())
+    return {name: {"coordinates": " ".join(sorted(names))} for name, names in found.items() if names}
 
 
 def with_texts(cube: xr.Dataset) -> xr.Dataset:

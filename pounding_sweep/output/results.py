@@ -113,8 +113,6 @@ class Results:
     def let_go(self) -> None:
         """Let go of all tables; status and touched remain."""
         self._tables.clear()
-        self._first = [0]
-        self._slot[:] = -1
 
 
 @dataclass

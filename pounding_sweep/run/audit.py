@@ -280,8 +280,8 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
 
     table, rows = plan.unique[found.rows], ("audit",)
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
-    laws = [plan.laws[i].key for i in table.law.tolist()]
-    records = [plan.spec.records[i].name for i in table.record.tolist()]
+    laws = np.array([law.key for law in plan.laws])[table.law]
+    records = np.array([record.name for record in plan.spec.records])[table.record]
     sensitive = f"whether that is more than {found.tolerance:g}, or changes a number of impacts"
     arrays = {
         "audit_error": ((*rows, "output"), found.error, "relative error, by the difference to half the time step", "1"),
@@ -291,8 +291,8 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
         "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
         "audit": (rows, np.arange(1, len(laws) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
-        "audit_law": (rows, np.array(laws), "contact law", ""),
-        "audit_record": (rows, np.array(records), "ground-motion record", ""),
+        "audit_law": (rows, laws, "contact law", ""),
+        "audit_record": (rows, records, "ground-motion record", ""),
         "audit_scale": (rows, table.scale, "factor on the record", "1"),
         "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
         "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),
