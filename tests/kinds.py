@@ -256,7 +256,7 @@ INVARIANT["smooth"] = SMOOTH, "linear", SMOOTHING
 INVARIANT["the pair"] = pair(), "kelvin_voigt", ("rk4", "exact")
 INVARIANT["the pair, by powers"] = pair(), "hertz_damped", ("newmark", "central_difference")
 #: Of each feature: a row with it, one that names it and has none of it, what of a kernel's shape and of its reducers is
-#: the feature's, and the words that a file of a row without it has not.
+#: the feature's.
 FEATURES = {
     "yielding": (
         YIELDS,

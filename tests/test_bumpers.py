@@ -68,11 +68,11 @@ def test_the_force_has_no_jump_and_the_slope_is_its_derivative():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"thickness": 0.0}, r"rubber bumper 'rubber_bumper': thickness is 0.0; it must be a positive number \(m\)"),
-        ({"thickness": "5 cm"}, "thickness is '5 cm'"),
-        ({"thickness": 0.1, "limit": 1.2}, r"limit is 1.2; it must be in \(0, 1\]"),
-        ({"thickness": 0.1, "stop": 0.5}, "stop is 0.5; it must be a number >= 1"),
-        ({"thickness": 0.1, "exponent": 0.5}, r"exponent is 0.5; it must be in \[1, 10\]"),
+        ({"thickness": 0.0}, "rubber_bumper: thickness: 0.0 won't do; it must be greater than 0"),
+        ({"thickness": "5 cm"}, "thickness: '5 cm' won't do"),
+        ({"thickness": 0.1, "limit": 1.2}, "limit: 1.2 won't do; it must be less than or equal to 1"),
+        ({"thickness": 0.1, "stop": 0.5}, "stop: 0.5 won't do; it must be greater than or equal to 1"),
+        ({"thickness": 0.1, "exponent": 0.5}, "exponent: 0.5 won't do; it must be greater than or equal to 1"),
     ],
 )
 def test_a_bumper_that_is_none_says_why(given, said):

@@ -97,7 +97,7 @@ REFUSED = {
             r"bouc_wen: gamma is -0\.3 beside beta 0\.3; it must be above -beta, so that z stays bounded, and a",
         ),
         ({"bouc_wen": {"alpha": 1.0}}, r"bouc_wen\.alpha: unknown key 'alpha'; valid: beta, gamma, n"),
-        ({"bouc_wen": [1.0, "x", 0.5]}, r"BoucWen: beta: 'x' won't do; it must be a valid number"),
+        ({"bouc_wen": [1.0, "x", 0.5]}, "bouc_wen: BoucWen 'x': beta: 'x' won't do; it must be a valid number"),
         ({"bouc_wen": 3}, "bouc_wen: must be a BoucWen or a table of n, beta, gamma, not 3"),
         ({"bouc_wen": BoucWen(), "yield_strengths": None}, r"bouc_wen is that of storeys that yield"),
         ({"bouc_wen": BoucWen(), "damping_stiffness": "tangent"}, r"bouc_wen has no tangent stiffness that is one"),
@@ -170,10 +170,13 @@ REFUSED = {
         ([PAD, replace(PAD, storeys=[2])], "storey 2 of pair 'a-b' has several bumpers"),
     ],
     "isolated": [
-        ({"period": 0.0}, r"isolators of 'tower': period \(s\) is 0\.0; it must be a positive number"),
-        ({"strength": -1.0}, r"isolators of 'tower': strength \(kN\) is -1\.0; it must be zero or a positive number"),
-        ({"damping_ratio": np.nan}, "isolators of 'tower': damping_ratio is nan; it must be zero or a positive number"),
-        ({"base_mass": "x"}, r"isolators of 'tower': base_mass \(t\) is 'x'; it must be a positive number"),
+        ({"period": 0.0}, r"base_isolated: period: 0\.0 won't do; it must be greater than 0"),
+        ({"strength": -1.0}, r"base_isolated: strength: -1\.0 won't do; it must be greater than or equal to 0"),
+        (
+            {"damping_ratio": np.nan},
+            "base_isolated: damping_ratio: nan won't do; it must be greater than or equal to 0",
+        ),
+        ({"base_mass": "x"}, "base_isolated: base_mass: 'x' won't do; it must be a valid number"),
     ],
 }
 

@@ -553,7 +553,7 @@ def test_hertz_stiffness():
     [
         ({}, "two masses"),
         ({"mass_1": 1.0}, "two masses"),
-        ({"mass_1": 1.0, "mass_2": -1.0}, "mass_2 = -1.0"),
+        ({"mass_1": 1.0, "mass_2": -1.0}, "mass_2: -1.0"),
         ({"radii": (0.0, 1.0)}, "radii"),
         ({"radii": (1.0, 1.0), "young_modulus": 0.0}, "young_modulus"),
         ({"radii": (1.0, 1.0), "poisson_ratio": 0.5}, "poisson_ratio"),

@@ -23,6 +23,7 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     model_validator,
+    validate_call,
 )
 from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs, ErrorDetails, PydanticCustomError
@@ -94,6 +95,7 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 _STRICT = ConfigDict(strict=True, frozen=True, **_CONFIG)
 _PARAMETER = re.compile(r"^(\w[\w, ]*?)(?: : .*)?\n((?: {4}.*(?:\n|\Z))+)", re.MULTILINE)
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def meanings(taker: Any) -> dict[str, str]:
@@ -153,21 +155,36 @@ def checked(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose arguments pydantic checks, given in Python or as a table of a file."""
     cls._check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[attr-defined, arg-type]
     made: Any = dataclass(frozen=True, config=_CONFIG)(cls)
-    init: Callable[..., None] = made.__init__
-
-    @functools.wraps(init)
-    def constructor(self: Any, *args: Any, **named: Any) -> None:
-        try:
-            init(self, *args, **named)
-        except ValidationError as error:
-            found = [_in_words(each) for each in error.errors(include_url=False)]
-            name = next((named[key] for key in ("name", "pair", "key") if key in named), args[0] if args else None)
-            owner = f"{cls.__name__} {shown(name)}" if isinstance(name, str) else cls.__name__
-            texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
-            raise getattr(cls, "ERROR", SceneError)("\n".join(texts)) from None
-
-    made.__init__ = constructor
+    made.__init__ = _told(made.__init__, made, {}, getattr(cls, "ERROR", SceneError))
     return made
+
+
+def checked_call(raised: type[InputError]) -> Callable[[F], F]:
+    """Make a decorator of functions whose arguments pydantic checks by their annotations."""
+
+    def decorate(function: F) -> F:
+        keys = dict.fromkeys(inspect.signature(function).parameters)
+        return _told(validate_call(config=_CONFIG)(function), function, keys, raised)
+
+    return decorate
+
+
+def _told(call: Any, taker: Any, keys: Mapping[str, None], raised: type[InputError]) -> Any:
+    """Return a call whose faults are one error, of what has been given as name, pair or key."""
+
+    @functools.wraps(call)
+    def told(*args: Any, **named: Any) -> Any:
+        try:
+            return call(*args, **named)
+        except ValidationError as error:
+            found = [worded(each, taker, keys) for each in error.errors(include_url=False)]
+            names = *(named.get(key) for key in ("name", "pair", "key")), *args
+            name = next((name for name in names if isinstance(name, str)), None)
+            owner = taker.__name__ if name is None else f"{taker.__name__} {shown(name)}"
+            texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
+            raise raised("\n".join(texts)) from None
+
+    return told
 
 
 def is_number(value: object) -> bool:

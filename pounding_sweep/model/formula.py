@@ -58,18 +58,10 @@ def check(text: str, names: tuple[str, ...]) -> None:
 
 def _number(part: ast.expr) -> float | None:
     """Value of a part without names; None where it has some."""
-    match part:
-        case ast.Constant(value=float() | int() as number):
-            return float(number)
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            inner = _number(operand)
-            return None if inner is None else -inner
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            a, b = _number(left), _number(right)
-            if a is None or b is None or (isinstance(op, ast.Div) and b == 0.0):
-                return None
-            return float(_OPERATORS[type(op)](a, b))
-    return None
+    try:
+        return float(value(part, {}, {"pow": operator.pow}))
+    except (LawError, ArithmeticError):
+        return None
 
 
 def value(part: ast.expr, given: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:

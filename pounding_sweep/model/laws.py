@@ -38,7 +38,7 @@ import json
 import math
 import runpy
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -49,7 +49,7 @@ from pydantic import Field
 from pounding_sweep.base.errors import LawError, shown, unknown
 from pounding_sweep.base.files import expanded
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.faults import Flag, NotNegative, Number, Positive, checked, one_of
+from pounding_sweep.model.faults import Flag, Listed, NotNegative, Number, Positive, checked, checked_call, one_of
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, check_basis
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
@@ -611,14 +611,15 @@ def get_law(key: str | Law) -> Law:
 RUBBER = "rubber_bumper"
 
 
+@checked_call(LawError)
 def rubber_bumper(
-    thickness: float,
+    thickness: Positive,
     *,
-    stiffness: float | None = None,
+    stiffness: Positive | None = None,
     key: str = RUBBER,
-    exponent: float = 2.65,
-    limit: float = 0.8,
-    stop: float = 1.0,
+    exponent: Annotated[Number, Field(ge=1.0, le=10.0)] = 2.65,
+    limit: Annotated[Number, Field(gt=0.0, le=1.0)] = 0.8,
+    stop: Annotated[Number, Field(ge=1.0, allow_inf_nan=False)] = 1.0,
 ) -> Law:
     """Return the contact law of rubber bumpers between the floors of neighbours.
 
@@ -666,14 +667,6 @@ def rubber_bumper(
     >>> pad.thickness, pad.stiffness_unit, pad.relation
     (0.05, 'kN m-2.65', 'rebound')
     """
-    for what, value, valid, holds in (
-        ("thickness", thickness, "a positive number (m)", lambda x: 0.0 < x < math.inf),
-        ("limit", limit, "in (0, 1]", lambda x: 0.0 < x <= 1.0),
-        ("stop", stop, "a number >= 1", lambda x: 1.0 <= x < math.inf),
-        ("exponent", exponent, "in [1, 10]", lambda x: 1.0 <= x <= 10.0),
-    ):
-        if not (isinstance(value, int | float) and not isinstance(value, bool) and holds(value)):
-            raise LawError(f"rubber bumper {key!r}: {what} is {shown(value)}; it must be {valid}")
     flat = limit * thickness
     rubber, beyond = f"(d - max(d - {flat!r}, 0.0))**{exponent!r}", f"max(d - {flat!r}, 0.0)"
     slope = stop * exponent * flat ** (exponent - 1.0)
@@ -696,14 +689,15 @@ def rubber_bumper(
     )
 
 
+@checked_call(LawError)
 def hertz_stiffness(
-    mass_1: float | None = None,
-    mass_2: float | None = None,
+    mass_1: Positive | None = None,
+    mass_2: Positive | None = None,
     *,
-    young_modulus: float = 25.0e6,
-    poisson_ratio: float = 0.2,
-    density: float = 2.5,
-    radii: Sequence[float] | None = None,
+    young_modulus: Positive = 25.0e6,
+    poisson_ratio: Annotated[Number, Field(ge=0.0, lt=0.5)] = 0.2,
+    density: Positive = 2.5,
+    radii: Annotated[tuple[Positive, Positive], Listed] | None = None,
 ) -> float:
     """Hertz contact stiffness of two spheres (kN/m^1.5).
 
@@ -738,20 +732,12 @@ def hertz_stiffness(
     >>> round(hertz_stiffness(133.956, 136.286) / 1e7, 3)
     1.88
     """
-    if radii is None and mass_1 is not None and mass_2 is not None:
-        sizes: dict[str, float] = {"mass_1": mass_1, "mass_2": mass_2}
-    elif radii is not None and len(radii) == 2 and mass_1 is mass_2 is None:
-        sizes = {"radii[0]": radii[0], "radii[1]": radii[1]}
+    if radii is not None and mass_1 is mass_2 is None:
+        r1, r2 = radii
+    elif radii is None and mass_1 is not None and mass_2 is not None:
+        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (mass_1, mass_2))
     else:
         raise LawError("hertz_stiffness needs either two masses (t) or radii=(R1, R2) (m)")
-    for name, value in {**sizes, "density": density, "young_modulus": young_modulus}.items():
-        if not (math.isfinite(value) and value > 0):
-            raise LawError(f"hertz_stiffness: {name} = {value!r} must be a positive number")
-    if not 0 <= poisson_ratio < 0.5:
-        raise LawError(f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)")
-    r1, r2 = sizes.values()
-    if radii is None:
-        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (r1, r2))
     h = (1.0 - poisson_ratio**2) / (math.pi * young_modulus)
     return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))
 

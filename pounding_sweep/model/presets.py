@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.base.errors import SceneError, shown, unknown
-from pounding_sweep.model.faults import is_number
+from pounding_sweep.base.errors import SceneError, unknown
+from pounding_sweep.model.faults import NotNegative, Positive, checked_call
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 
 
@@ -85,15 +85,16 @@ def get_preset(name: str) -> Scene:
     return preset.scene
 
 
+@checked_call(SceneError)
 def base_isolated(
     building: Building,
-    base_mass: float,
-    period: float,
-    damping_ratio: float,
-    strength: float = 0.0,
-    yield_drift: float = 0.01,
+    base_mass: Positive,
+    period: Positive,
+    damping_ratio: NotNegative,
+    strength: NotNegative = 0.0,
+    yield_drift: Positive = 0.01,
     *,
-    height: float = 1.5,
+    height: Positive = 1.5,
 ) -> Building:
     """Put an elastic building on isolators: a first storey that yields, with a dashpot.
 
@@ -140,11 +141,6 @@ def base_isolated(
     >>> [round(x, 1) for x in tower.yield_strengths], [round(x, 1) for x in tower.dashpots]
     ([79.7, inf], [62.8, 178.9])
     """
-    positive = {"base_mass (t)": base_mass, "period (s)": period, "yield_drift (m)": yield_drift, "height (m)": height}
-    for what, value in {**positive, "strength (kN)": strength, "damping_ratio": damping_ratio}.items():
-        if not (is_number(value) and 0.0 <= value < math.inf and (value or what not in positive)):
-            must = "a positive number" if what in positive else "zero or a positive number"
-            raise SceneError(f"isolators of {building.name!r}: {what} is {shown(value)}; it must be {must}")
     masses, n = [base_mass, *building.masses], building.n_storeys
     w, total = 2.0 * math.pi / period, sum(masses)
     soft = total * w**2
