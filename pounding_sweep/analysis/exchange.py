@@ -30,8 +30,8 @@ NRML = "http://openquake.org/xmlns/nrml/0.5"
 _NO_IDENTIFIER, _NO_NAME = re.compile(r"[^\w\-=.+]", re.ASCII), re.compile(r"[^\w-]", re.ASCII)
 #: Intensities without periods: what OpenQuake calls them, and the factor to its unit there (g, cm/s).
 _MEASURES = {"pga": ("PGA", 1.0 / STANDARD_GRAVITY), "pgv": ("PGV", 100.0)}
-#: Demands of Pelicun: type, the output it is made of, unit.
-_DEMANDS = (("PID", "drift_max", "rad"), ("PFA", "acceleration_max", "g"))
+#: Demands of Pelicun, and the output that each is made of.
+_DEMANDS = {"PID": "drift_max", "PFA": "acceleration_max"}
 
 
 def export_nrml(
@@ -175,7 +175,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     9.81 m/s2). The first row has the units.
     """
     cube = scenarios_only(cube)
-    stored = need_variables(cube, "a file of demands", [output for _, output, _ in _DEMANDS], one=True)
+    stored = need_variables(cube, "a file of demands", list(_DEMANDS.values()), one=True)
     if building not in cube["building"].values.tolist():
         raise InputError(unknown("building", building, cube["building"].values.tolist()))
     mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*TRIALS, "case")]
@@ -187,26 +187,21 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     target = check_output(path, overwrite, netcdf=False)
     part = cube.sel(building=building)
     heights = np.diff(part["floor_elevation"].dropna("storey").values, prepend=0.0)
-    dims = scenario_dims(part)
-    shape = part[stored[0]].isel(storey=0)
-
-    def samples(one: xr.DataArray) -> np.ndarray:
-        return np.asarray(one.broadcast_like(shape).transpose(*dims).values.ravel())
-
-    columns: dict[str, tuple[str, np.ndarray]] = {}
-    for kind, output, unit in _DEMANDS:
+    demands = xr.Dataset({"ok": trusted(part)})
+    for kind, output in _DEMANDS.items():
         if kind == "PFA" and "record" in part.coords:
-            columns["1-PFA-0-1"] = unit, samples(abs(intensity_of(part, "pga"))) / STANDARD_GRAVITY
+            demands["1-PFA-0-1"] = abs(intensity_of(part, "pga")) / STANDARD_GRAVITY
         for storey, height in enumerate(heights if output in stored else ()):
-            demand = samples(values(part, output).isel(storey=storey))
-            columns[f"1-{kind}-{storey + 1}-1"] = unit, demand / (height if kind == "PID" else STANDARD_GRAVITY)
-    table = pd.DataFrame({name: column for name, (_, column) in columns.items()})
-    table = table[samples(trusted(part)) & np.isfinite(table).all(axis=1)].reset_index(drop=True)
+            demand = values(part, output).isel(storey=storey)
+            demands[f"1-{kind}-{storey + 1}-1"] = demand / (height if kind == "PID" else STANDARD_GRAVITY)
+    demands = demands.reset_coords(drop=True).expand_dims("_row")  # one scenario makes a row, too
+    table = demands.to_dataframe(dim_order=["_row", *scenario_dims(part)]).reset_index(drop=True)
+    table = table[table.pop("ok") & np.isfinite(table).all(axis=1)].reset_index(drop=True)
     if table.empty:
         raise InputError(
             f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         )
-    units = pd.DataFrame({name: [unit] for name, (unit, _) in columns.items()}, index=["Units"])
+    units = pd.DataFrame({name: ["rad" if "-PID-" in name else "g"] for name in table}, index=["Units"])
     with _written(path, target) as temporary:
         pd.concat([units, table.map(repr)]).to_csv(temporary, lineterminator="\r\n")
     return len(table)

@@ -17,6 +17,7 @@ from pounding_sweep.analysis.scenarios import (
     described,
     fractiles_over,
     interpolate,
+    labelled,
     need_variables,
     present,
     trusted,
@@ -81,15 +82,12 @@ def fractiles(
             result[f"{name}_count"] = described(count, "1", f"values that the fractiles of {name} are of")
     ok = trusted(cube)
     if dim in ok.dims:
-        flags = {"scenarios": (ok, "ok")}
-        flags |= {
-            f"left_out_{status.label}": (cube["status"] == int(status), f"left out: {status.label}")
-            for status in STATUS[1:]
-            if (cube["status"] == int(status)).any()
-        }
-        for name, (flag, text) in flags.items():
-            count = flag.sum(dim).astype(np.int64)
-            result[name] = described(count, "1", f"scenarios along {dim} that are {text}", bare=True)
+        result["scenarios"] = described(ok.sum(dim), "1", f"scenarios along {dim} that are ok", bare=True)
+        for status in STATUS[1:]:
+            count = (cube["status"] == int(status)).sum(dim)
+            text = f"scenarios along {dim} that are left out: {status.label}"
+            if count.any():
+                result[f"left_out_{status.label}"] = described(count, "1", text, bare=True)
     return xr.Dataset(result, attrs={"over": over_text({dim: cube.sizes[dim]})})
 
 
@@ -170,21 +168,21 @@ def incremental_curves(
     strength = strength.transpose("record", scaled)
     x = np.asarray(strength.values, dtype=float)
     ways = directions(cube[scaled].values)
-    at, why = _levels(x, ways, levels, str(strength.attrs["units"]))
-    level = xr.DataArray(at, dims="level", coords={"level": at}, attrs=strength.attrs)
+    units, long_name = strength.attrs["units"], strength.attrs["long_name"]
+    at, why = _levels(x, ways, levels, units)
+    level = labelled("level", at, long_name, units)
     result: dict[str, xr.DataArray] = {}
     for name in names:
         whole = result[name] = values(cube, name).transpose("record", ..., scaled)
         curves = zip(whole.values, x, strict=True)
         rows = np.stack([interpolate(row[..., way], motion[way], at) for row, motion in curves for way in ways])
-        inner = whole.isel({"record": 0, scaled: 0}, drop=True)
-        coords = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
-        on_levels = xr.DataArray(rows, {**coords, "level": level}, ("curve", *inner.dims, "level"), attrs=whole.attrs)
+        coords = {dim: whole[dim] for dim in whole.dims[1:-1] if dim in whole.coords} | {"level": level}
+        on_levels = xr.DataArray(rows, coords, ("curve", *whole.dims[1:-1], "level"), attrs=whole.attrs)
         result[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     about = {
         "curves": len(x) * len(ways),
-        "intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})",
+        "intensity": f"{long_name} ({units})",
         "over": over_text({"record": len(x), "direction": len(ways)}),
     }
     return xr.Dataset(result, attrs={**about, **why}).assign_coords(intensity=strength)
