@@ -141,7 +141,7 @@ class Hazard:
         from scipy.optimize.elementwise import find_root
 
         def excess(x: np.ndarray, target: np.ndarray, *more: np.ndarray) -> np.ndarray:
-            with np.errstate(divide="ignore", over="ignore"):  # far out rates are none or endless
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # far out rates are none or endless
                 return np.clip(np.log(rates(x, *more) / target), -_FAR, _FAR)
 
         ends = np.log(self.intensity[0]) - _FAR, np.log(self.intensity[-1]) + _FAR

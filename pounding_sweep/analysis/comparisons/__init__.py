@@ -37,7 +37,7 @@ class Comparison:
     needs: str  # what a cube must have, in words
     requires: Mapping[str, Any] = field(default_factory=dict)  # the same as arguments of `check_needs`
     #: dimensions that its printed table tells apart, beside records and scales; everything else is taken together
-    columns: tuple[str, ...]
+    columns: tuple[str, ...] = ()
     variables: tuple[str, ...] = ("",)  # endings of the variables in that table
     lead: tuple[str, ...] = ()  # variables that a summary shows; the first two where it has none of them
     figure: str = ""  # key of the figure that draws it; "" where none does
@@ -102,7 +102,6 @@ COMPARISONS: dict[str, Comparison] = {
             "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
             needs="pairs, a law with contact, and records or scales of several intensities",
             requires={"several": MOTION_DIMS},
-            columns=("law", "gap", "pair"),
             figure="fragility",
             arguments=("event", "level", "intensity", "quantiles", "one_dispersion", "folders"),
             summary={"confidence": None},
@@ -114,7 +113,6 @@ COMPARISONS: dict[str, Comparison] = {
             "gap_for_probability",
             "the gap that a pair needs so that it touches with no more than a given probability",
             needs="several records; else what 'required-gap' needs",
-            columns=("probability", "pair"),
             figure="gap-for-probability",
             arguments=("probabilities", "intensity", "levels", "hazard", "years", "folders"),
             rows="gap_rows",
@@ -176,7 +174,6 @@ COMPARISONS: dict[str, Comparison] = {
             "sensitivity",
             "which inputs of a design matter: first and total Sobol indices of each output",
             needs='a design of kind "saltelli"',
-            columns=("law", "record"),
             figure="sensitivity",
             summary={"resamples": 100},
             rows="index_rows",

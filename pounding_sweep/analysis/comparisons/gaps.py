@@ -609,38 +609,30 @@ class _Lognormal:
         rate = -np.log1p(-index.values) / years
 
         def gaps(exact: np.ndarray, middle: float, spread: float, count: int) -> np.ndarray:
-            result = np.full((len(_ENDS), index.size), np.nan)
-            if np.isfinite(spread):
-                result[0] = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
-                z, spreads = _drawn(spread, count)
-                medians = np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
-                drawn = (middle + z * spreads / count**0.5 + medians).reshape(index.size, -1)
-                result[1:3] = np.exp(np.quantile(drawn, self.bounds, axis=1))
+            z, spreads = _drawn(spread, count)
+            medians = np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
+            drawn = (middle + z * spreads / count**0.5 + medians).reshape(index.size, -1)
             with np.errstate(divide="ignore"):
-                capacities = 1.0 / exact[np.isfinite(exact)]
-            if np.isfinite(capacities).any():
-                result[3] = site.factor_at(rate, capacities)
-            return result
+                observed = site.factor_at(rate, 1.0 / exact[np.isfinite(exact)])
+            fitted = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
+            return np.stack([fitted, *np.exp(np.quantile(drawn, self.bounds, axis=1)), observed])
 
-        result = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
-        return dict(zip(_ENDS, result.transpose("number", "probability", ...), strict=True))
+        parts = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
+        return dict(zip(_ENDS, parts.transpose("number", "probability", ...), strict=True))
 
     def rates(self, site: Hazard, gap: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return the annual rate at which a gap touches, its interval, that of the records; and ``beyond``."""
 
         def rates(exact: np.ndarray, middle: float, spread: float, count: int, gap: float) -> np.ndarray:
-            result = np.full(len(_ENDS) + 1, np.nan)
-            if not gap > 0.0:
-                return result
-            if np.isfinite(spread):
-                z, spreads = _drawn(spread, count)
-                median = gap / np.exp(middle)
-                drawn = site.touching(median / np.exp(z * spreads / count**0.5), spreads)
-                result[0], result[4] = site.touching(median, np.array(spread)), site.beyond(median, np.array(spread))
-                result[1:3] = np.quantile(drawn, self.bounds)
+            if not (gap > 0.0 and count):
+                return np.full(len(_ENDS) + 1, np.nan)
+            z, spreads = _drawn(spread, count)
+            median = gap / np.exp(middle)
+            drawn = site.touching(median / np.exp(z * spreads / count**0.5), spreads)
             with np.errstate(divide="ignore"):
-                result[3] = site.exceeded(gap / exact[np.isfinite(exact)]).mean() if count else np.nan
-            return result
+                observed = site.exceeded(gap / exact[np.isfinite(exact)]).mean()
+            fitted, beyond = (part(median, np.array(spread)) for part in (site.touching, site.beyond))
+            return np.array([fitted, *np.quantile(drawn, self.bounds), observed, beyond])
 
         parts = self._of_pairs(rates, ["number"], gap).transpose("number", ...)
         return dict(zip((*_ENDS, "beyond"), parts, strict=True))
@@ -656,5 +648,5 @@ def _drawn(spread: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return normal numbers, down, and spreads, across, that stand for what those of all motions may be."""
     from scipy.stats import chi2, norm
 
-    shares = (np.arange(_PARTS) + 0.5) / _PARTS
-    return norm.ppf(shares)[:, None], spread * np.sqrt((count - 1) / chi2.ppf(shares, max(count - 1, 1)))[None, :]
+    shares, degrees = (np.arange(_PARTS) + 0.5) / _PARTS, max(count - 1, 1)
+    return norm.ppf(shares)[:, None], spread * np.sqrt(degrees / chi2.ppf(shares, degrees))[None, :]

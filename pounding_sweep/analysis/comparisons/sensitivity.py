@@ -122,8 +122,7 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
     """Return the design of a cube, each law, record and values of other axes, and rows: (group, blocks, samples)."""
     sweep = stored_sweep(cube)
     stored = sweep.get("design")
-    placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
-    if stored is None or stored["kind"] != "saltelli" or not placed:
+    if stored is None or stored["kind"] != "saltelli":
         what = "of none" if stored is None else f'a part of one of kind "{stored["kind"]}"'
         raise InputError(
             f'Sobol indices need a design of kind "saltelli", and this cube is {what}; run a sweep with '
@@ -179,16 +178,15 @@ def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tu
     return found, ends, known.sum(axis=0)
 
 
-def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate first and total Sobol indices, shape (inputs, ...); NaN where values do not differ but by rounding."""
+def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> np.ndarray:
+    """Estimate first and total Sobol indices, shape (2, inputs, ...); NaN where values differ by rounding alone."""
     # `a` and `b` are values at the points of two independent blocks of inputs, of any number of outputs, shape (...,
     # n); `mixed` those at the points of A with one input of B each, shape (inputs, ..., n). First indices by Saltelli,
     # Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2), 259-270, table 2
     # (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117, 35-43: half the
     # mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all is taken off
     # first, which changes no expectation but lessens the error
-    found = _from_means(_columns(a, b, mixed).mean(axis=-1), a)
-    return found[0], found[1]
+    return _from_means(_columns(a, b, mixed).mean(axis=-1), a)
 
 
 def bootstrap_intervals(
