@@ -549,7 +549,7 @@ def test_what_cannot_be_animated_is_said(tmp_path, monkeypatch):
         ("no_folder/row.gif", {}, "can't write"),
         ("row.gif", {"frames": 1}, "at least 2"),
         ("row.gif", {"speed": 0.0}, "positive number"),
-        ("row.gif", {"start": 5.0, "end": 6.0}, "nothing lies between"),
+        ("row.gif", {"start": 5.0, "end": 6.0}, "fewer than two instants"),
     ):
         with pytest.raises((InputError, OutputError), match=text):
             animate(made.histories(), tmp_path / name, **options)

@@ -65,12 +65,12 @@ def subplots(
     return figure, axes
 
 
-def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> None:
+def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> Any:
     """Write labels at the edges of a grid of panels, a legend of so many columns below it, and the parts of a title."""
     label_edges(axes, x, rows)
     if legend:
         legend_below(figure, axes[0, 0], legend)
-    put_title(figure, *title)
+    return put_title(figure, *title)
 
 
 def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
@@ -98,12 +98,13 @@ def legend_beside(ax: Any) -> None:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
-def put_title(figure: Any, *parts: str) -> None:
-    """Write above a figure, or above axes that stand for it, what it shows."""
+def put_title(figure: Any, *parts: str) -> Any:
+    """Write above a figure, or above axes that stand for it, what it shows; return it."""
     if hasattr(figure, "suptitle"):
         figure.suptitle(wrap_title(figure.get_figwidth(), *parts))
     else:
         figure.set_title("\n".join(filter(None, (figure.get_title(), join_nonempty(*parts)))))
+    return figure
 
 
 def wrap_title(width: float, *parts: str) -> str:

@@ -134,8 +134,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     figure, axes = _draw_laws(lines, axis, (2.0 + 3.2 * len(pairs), 0.8 + 2.2 * len(rows)), ax)
     for panel in axes[:, 0]:
         panel.set_ylim(bottom=0.0)
-    finish(figure, axes, axis.label, [_FORCES[name] for name in rows], shown)
-    return figure
+    return finish(figure, axes, axis.label, [_FORCES[name] for name in rows], shown)
 
 
 @figure_of(
@@ -178,8 +177,7 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         if axis.dim == "storey":
             panel.set_xticks(axis.values(lines))
-    finish(figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], shown, over)
-    return figure
+    return finish(figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], shown, over)
 
 
 @figure_of(
@@ -221,8 +219,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
             panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
     rows = [f"{_COMPARED[name]}\nover the reference's (-)"] * len(bases)
-    finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", shown)
-    return figure
+    return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", shown)
 
 
 #: Rows of panels at most.
@@ -354,8 +351,7 @@ def response_map(
     cut = f"{len(laws)} of {len(valued)} laws" if len(laws) < len(valued) else ""
     grey_text = "grey: no contact" if bool((share == 0.0).any()) else ""
     light_text = "light grey: the share of records that touch, less than half" if bool((share > 0.0).any()) else ""
-    put_title(figure, shown, cut, over, grey_text, light_text)
-    return figure
+    return put_title(figure, shown, cut, over, grey_text, light_text)
 
 
 def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[Any, str]]:
@@ -411,8 +407,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
     if legend:
         figure.legend(handles=[*legend.values()], loc="outside lower center", ncols=2)
-    put_title(figure, str(cube.attrs.get("title", "")))
-    return figure
+    return put_title(figure, str(cube.attrs.get("title", "")))
 
 
 #: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
@@ -499,8 +494,7 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
         ax.set_title(f"building {building}")
     axes[0, 0].set_ylim(bottom=0)
     legend_below(figure, axes[0, 0], most=3 if by_law else 4)
-    put_title(figure, shown)
-    return figure
+    return put_title(figure, shown)
 
 
 def _draw_profile(ax: Any, one: xr.Dataset, response: Any, label: str, **style: Any) -> None:
@@ -575,8 +569,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
             ax.tick_params(labelleft=number == 0)
     axes[0, 0].set_ylabel("energy (kN m)")
     legend_below(figure, axes[0, 0], most=2)
-    put_title(figure, shown)
-    return figure
+    return put_title(figure, shown)
 
 
 #: Dashes of fractiles.
@@ -648,8 +641,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     cross = "curves cross, as each has its own dispersion" if crossed(result.isel({axis: lines})) else ""
     one = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
     title = words, _name_records(result), shown, cross, one
-    finish(figure, axes, label, [f"probability that\n{words} (-)"], *title, legend=0)
-    return figure
+    return finish(figure, axes, label, [f"probability that\n{words} (-)"], *title, legend=0)
 
 
 def _draw_fit(ax: Any, part: xr.Dataset, style: dict[str, Any], marker: str, label: str) -> None:
@@ -825,5 +817,4 @@ def required_gap(cube: xr.Dataset) -> Figure:
     for panel, label in zip(axes[:, 0], ("required gap (mm)", "rule over exact (-)"), strict=True):
         panel.set_ylabel(label)
     legend_below(figure, axes[0, 0], most=4)
-    put_title(figure, shown)
-    return figure
+    return put_title(figure, shown)

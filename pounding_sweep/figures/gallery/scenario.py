@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from itertools import cycle, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,8 @@ from pounding_sweep.model.scene import Wall
 
 #: Circles on lines.
 _RING = {"marker": "o", "linestyle": "none"}
-#: Panels in a row of loops, and storeys in a panel: those whose drifts are largest.
-_COLUMNS, _STOREYS = 3, 4
+#: Storeys in a panel of loops: those whose drifts are largest.
+_STOREYS = 4
 
 
 @figure_of(
@@ -66,6 +66,8 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
         rings = [(sign * floor.displacement, 1e3 * floor[name]) for name, sign in peaks.items()]
         _draw_history(top, 1e3 * floor.displacement.sel(time=part.time), building, rings)
     for panel, pair in zip(contacts, pairs, strict=True):
+        if panel is not contacts[0]:
+            panel.sharey(contacts[0])
         for storey in one.storey.values:
             here = one.sel(pair=pair, storey=storey)
             force = here.contact_force.fillna(0.0)
@@ -73,13 +75,12 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
             _draw_history(panel, force.sel(time=part.time), f"storey {storey}", rings)
     for panel in axes[1:, 0]:
         legend_beside(panel)
-    ends = [end for panel in contacts if (part.contact_force > 0.0).any() for end in panel.get_ylim()]
+    if pairs and not (part.contact_force < 0.0).any():
+        contacts[0].set_ylim(bottom=0.0)
     for panel in contacts:
-        panel.set_ylim(min(ends, default=0.0) if (part.contact_force < 0.0).any() else 0.0, max(ends, default=1.0))
         _say_no_contact(panel)
     labels = ["ground acc. (m/s²)", "top floor (mm)", *(f"{pair}\nforce (kN)" for pair in pairs)]
-    finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
-    return figure
+    return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
 def _draw_history(ax: Any, line: xr.DataArray, label: str, peaks: list[tuple[xr.DataArray, xr.DataArray]]) -> None:
@@ -143,8 +144,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
         panel.set_xlim(time[0], time[-1])
         legend_beside(panel)
     labels = [f"{pair}\nrelative displacement (mm)" for pair in pairs]
-    finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
-    return figure
+    return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
 @figure_of(
@@ -180,8 +180,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
             panel.plot(1e3 * top.displacement.where(near), top.velocity.where(near), **bold)
         panel.set_title(f"building {building}")
     axes[0, 0].legend(loc="upper left", fontsize=8)
-    finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
-    return figure
+    return finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
 
 
 @figure_of(
@@ -218,8 +217,7 @@ def force_penetration(
             panel.legend(loc="upper left", fontsize=8)
         _say_no_contact(panel)
         panel.set_title(f"pair {pair}")
-    finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
-    return figure
+    return finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
 
 
 @figure_of(
@@ -231,10 +229,8 @@ def force_penetration(
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw the hysteresis loops of each building's storeys."""
     names = one.building.values.tolist()
-    columns = min(_COLUMNS, len(names))
-    rows = -(-len(names) // columns)
-    figure, axes = subplots(rows, columns, (1.0 + 3.1 * columns, 0.9 + 3.0 * rows), sharey=True)
-    for ax, building in zip(axes.flat, names, strict=False):
+    figure, axes = subplots(1, len(names), (1.0 + 3.1 * len(names), 3.9), sharey=True)
+    for ax, building in zip(axes[0], names, strict=True):
         here = one.sel(building=building).dropna("storey", how="all", subset=["storey_drift"])
         largest = np.argsort(-np.abs(here.storey_drift).max("time").values)[:_STOREYS]
         for number in sorted(largest.tolist(), reverse=True):  # the lowest storey is drawn last
@@ -244,15 +240,7 @@ def hysteresis(one: xr.Dataset) -> Figure:
             ax.plot(part.storey_drift * 1e3, part.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
         ax.set_title(building)
         ax.legend(loc="upper left", fontsize=7, reverse=True)
-    for ax in axes.flat[len(names) :]:
-        ax.remove()
-    for ax in figure.axes[-columns:]:
-        ax.set_xlabel("drift (mm)")
-        ax.tick_params(labelbottom=True)
-    for ax in axes[:, 0]:
-        ax.set_ylabel("storey shear (MN)")
-    put_title(figure, scenario_title(one))
-    return figure
+    return finish(figure, axes, "drift (mm)", ["storey shear (MN)"], scenario_title(one), legend=0)
 
 
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
@@ -286,8 +274,7 @@ def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     stage.show(number, forces / (forces.max(initial=0.0) or 1.0))
     largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
     when = f"{one.time.values[number]:.3f} s{largest}"
-    put_title(figure, scenario_title(one), when, f"displacements and gaps drawn {stage.factor:g} times")
-    return figure
+    return put_title(figure, scenario_title(one), when, f"displacements and gaps drawn {stage.factor:g} times")
 
 
 def contact_forces(one: xr.Dataset) -> np.ndarray:
@@ -460,11 +447,11 @@ def animate(
         ground.plot(time[inside], one.ground_acceleration.values[inside], color="black", linewidth=0.8)
         ground.set_ylabel("ground\n(m/s²)")
         ground.tick_params(labelbottom=not pairs)
-        for number, (pair, style) in enumerate(zip(pairs, cycle(DASHED))):
-            largest = forces[inside, number].max(axis=1)
-            strips[0].plot(time[inside], largest, label=pair, linewidth=1.0, **style)
-            strips[0].set_ylabel("force\n(kN)")
-            legend_beside(strips[0])
+        for strip in strips:
+            strip.set_prop_cycle(DASHED)
+            strip.plot(time[inside], forces[inside].max(axis=2), label=pairs, linewidth=1.0)
+            strip.set_ylabel("force\n(kN)")
+            legend_beside(strip)
         strips = [ground, *strips]
         strips[-1].set_xlabel("time (s)")
         cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in strips]
@@ -520,10 +507,5 @@ def _choose_window(one: xr.Dataset, start: float | None, end: float | None) -> t
     period = 2.0 * np.pi * np.sqrt(squares / rates) if rates else time[-1] - time[0]  # of the motion of all floors
     if start is None:
         start = time[find_strongest(one)] - 0.25 * PERIODS * period if end is None else end - PERIODS * period
-    end = start + PERIODS * period if end is None else end
-    first, last = max(float(time[0]), start), min(float(time[-1]), end)
-    if not first < last:
-        raise InputError(
-            f"nothing lies between {start:g} s and {end:g} s; the record runs from {time[0]:g} s to {time[-1]:g} s"
-        )
-    return first, last
+    shown = time_slice(one, start, start + PERIODS * period if end is None else end).time.values
+    return float(shown[0]), float(shown[-1])

@@ -79,8 +79,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     if "damping_ratio" in spectra.coords and not spectra["damping_ratio"].ndim:
         title.append(f"damping ratio {spectra['damping_ratio'].item():g}")
     figure = _draw_both(spectra)
-    put_title(figure, *title)
-    return figure
+    return put_title(figure, *title)
 
 
 @figure_of(
@@ -92,8 +91,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
 def floor_response(histories: xr.Dataset) -> Figure:
     """Draw the 5 % spectra of the total acceleration of every floor."""
     figure = _draw_both(floor_spectra(histories))
-    put_title(figure, scenario_title(histories), "floor spectra, damping ratio 0.05")
-    return figure
+    return put_title(figure, scenario_title(histories), "floor spectra, damping ratio 0.05")
 
 
 def _draw_both(spectra: xr.Dataset) -> Figure:
@@ -124,29 +122,21 @@ def _draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
     lines: list[tuple[str, np.ndarray]] = []
     for place in np.ndindex(*(values.sizes[dim] for dim in dims)):
         line = values.isel(dict(zip(dims, place, strict=True)))
-        parts = []  # labels of texts alone, numbers with the name of their dimension
-        for dim in named:
-            text = line[dim].item()
-            parts.append(record_name(text) if isinstance(text, str) else f"{dim.replace('_', ' ')} {text:g}")
+        labels = [(dim.replace("_", " "), line[dim].item()) for dim in named]  # a text alone, a number with its name
+        words = [record_name(text) if isinstance(text, str) else f"{dim} {text:g}" for dim, text in labels]
         if np.isfinite(line).all():
-            lines.append((", ".join(parts), line.values))
+            lines.append((", ".join(words), line.values))
     if not lines:
         raise InputError("there is no spectrum to draw: none holds finite numbers")
     periods = values["period"].values
-    if len(lines) > max(MOST_LINES, values.sizes.get("record", 0)):
-        sizes = ", ".join(f"{size} {dim}" for dim, size in values.sizes.items() if dim != "period")
-        raise InputError(
-            f"{len(lines)} spectra in one panel can't be told apart: select at most {MOST_LINES} of {sizes}"
-        )
     if len(lines) > MOST_LINES:
         array = np.array([curve for _, curve in lines])
         ax.plot(periods, array.T, color="0.75", linewidth=0.6)
         for share, dashes in ((0.84, ":"), (0.5, "-"), (0.16, "--")):
             name = "median" if share == 0.5 else f"{share:.0%} fractile"
             ax.plot(periods, np.quantile(array, share, axis=0), color=COLOURS[0], linestyle=dashes, label=name)
-    else:
-        for (name, curve), style in zip(lines, DASHED, strict=False):
-            ax.plot(periods, curve, label=name, **style)
+    for (name, curve), style in zip(lines if len(lines) <= MOST_LINES else (), DASHED, strict=False):
+        ax.plot(periods, curve, label=name, **style)
     even = periods.size < 3 or np.allclose(np.diff(periods), periods[1] - periods[0])
     if not even:
         ax.set_xscale("log")

@@ -101,8 +101,7 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     cut = f"{len(shown)} of {len(groups)} groups of scenarios" if len(shown) < len(groups) else ""
     same = _describe_group(result.isel(group=int(shown[0])), [name for name in _GROUP if name not in varied])
     title = f"Sobol indices of the {what}", f"{result.attrs['confidence']:.0%} intervals", same, cut
-    finish(figure, axes, "share of the variance (-)", ["input"] * len(shown), *title, legend=1)
-    return figure
+    return finish(figure, axes, "share of the variance (-)", ["input"] * len(shown), *title, legend=1)
 
 
 def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
@@ -156,5 +155,4 @@ def work_precision(trade: xr.Dataset) -> Figure:
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
     title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
-    finish(figure, axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)
-    return figure
+    return finish(figure, axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)
