@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import product
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,16 +35,10 @@ MASS, APPROACH, DURATION = 200.0, 0.5, 0.03
 NO_STIFFNESS = 1e-10
 
 
-def _scene() -> Scene:
-    floors = [Building(name, [MASS], [NO_STIFFNESS], damping_ratio=0.0) for name in ("left", "right")]
-    return Scene(floors, gaps=[APPROACH * DURATION / 7.0])  # the touch falls inside a step
-
-
 def contact_stiffness(law: Law) -> float:
     """Contact stiffness (kN/m**exponent) whose undamped contact lasts `DURATION`."""
     n = 1.0 if law.exponent is None else law.exponent
-    effective = MASS / 2.0
-    of_one = float(elastic_duration(n, np.ones(1), np.full(1, effective), np.full(1, APPROACH))[0])
+    of_one = float(elastic_duration(n, np.ones(1), np.full(1, MASS / 2.0), np.full(1, APPROACH))[0])
     return (of_one / DURATION) ** (n + 1.0)
 
 
@@ -114,23 +109,22 @@ def certify(
     slowest = float(np.min(forms[:, 0], where=forms[:, 0] > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
     record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
-    speeds = APPROACH / 2.0, -APPROACH / 2.0
-    kernels = [
-        RowKernel(_scene(), law, numerics, frozenset({"energy"}), initial_velocity=speeds, basis=basis)
-        for law, basis in pairs
-    ]
+    floors = [Building(name, [MASS], [NO_STIFFNESS], damping_ratio=0.0) for name in ("left", "right")]
+    scene = Scene(floors, gaps=[APPROACH * DURATION / 7.0])  # the touch falls inside a step
+    about: dict[str, Any] = {"initial_velocity": (APPROACH / 2.0, -APPROACH / 2.0)}
+    kernels = [RowKernel(scene, law, numerics, frozenset({"energy"}), basis=basis, **about) for law, basis in pairs]
     measured = np.full((len(pairs), nominal.size), np.nan)
     progress = progress or Progress()
-    try:
-        shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
-        progress.stage("kernels", len(shapes))
-        prepare(shapes, workers, progress.advance)
-        for kernel, row, number in zip(kernels, measured, forms[:, 1], strict=True):
-            valid = np.isfinite(number)
-            if valid.any():
-                row[valid] = _rebound(kernel, record, nominal[valid])
-    finally:
-        progress.close()
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
+    progress.stage("kernels", len(shapes))
+    prepare(shapes, workers, progress.advance)
+    for kernel, row, number in zip(kernels, measured, forms[:, 1], strict=True):
+        valid = np.isfinite(number)
+        if valid.any():
+            one, law = np.ones(valid.sum()), kernel.law
+            gaps, stiffness = (scene.gaps[0] + law.thickness) * one[:, None], contact_stiffness(law) * one
+            raw = kernel.run(record, scale=one, gaps=gaps, stiffness=stiffness, restitution=nominal[valid])
+            row[valid] = np.sqrt(raw["e_kin"].sum(axis=1) / (MASS * (APPROACH / 2.0) ** 2))
     shape = (len(chosen), len(RESTITUTION_BASES), nominal.size)
     data = {
         "measured": (measured, "restitution measured through the kernels"),
@@ -150,14 +144,6 @@ def certify(
         {name: (name, *axis) for name, axis in axes.items()},
         {"method": method, "steps_per_contact": steps, "time_step": numerics.dt},
     )
-
-
-def _rebound(kernel: RowKernel, record: Record, nominal: np.ndarray) -> np.ndarray:
-    """Restitution of every nominal value: the square root of the kinetic energy that is left."""
-    one = np.ones(nominal.size)
-    gaps, stiffness = (kernel.scene.gaps[0] + kernel.law.thickness) * one[:, None], contact_stiffness(kernel.law) * one
-    raw = kernel.run(record, scale=one, gaps=gaps, stiffness=stiffness, restitution=nominal)
-    return np.sqrt(raw["e_kin"].sum(axis=1) / (MASS * (APPROACH / 2.0) ** 2))
 
 
 def deviation(certificate: xr.Dataset) -> xr.DataArray:

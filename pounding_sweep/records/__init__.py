@@ -1,5 +1,7 @@
 """Ground-motion records: reading, finding, scaling and making them."""
 
+# ruff: noqa: F401  names of the package
+
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.records.catalogue import (
     KNOWN_RECORDS,
@@ -16,32 +18,4 @@ from pounding_sweep.records.catalogue import (
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.reader import MAX_FILE_BYTES, UNITS
 from pounding_sweep.records.record import Reading, Record, RecordMeasures, record_measures, records_dataset
-from pounding_sweep.records.synthetic import PULSES, Pulse, near_fault_record, pulse_record, synthetic_record
-
-__all__ = [
-    "KNOWN_RECORDS",
-    "MAX_FILE_BYTES",
-    "PULSES",
-    "RECORDS_VARIABLE",
-    "RECORD_SETS",
-    "RECORD_SUFFIXES",
-    "STANDARD_GRAVITY",
-    "UNITS",
-    "KnownRecord",
-    "Pulse",
-    "Reading",
-    "Record",
-    "RecordMeasures",
-    "RecordSet",
-    "find_record",
-    "list_records",
-    "near_fault_record",
-    "pulse_record",
-    "read_record",
-    "read_record_set",
-    "record_measures",
-    "records_dataset",
-    "resolve_record",
-    "resolve_records",
-    "synthetic_record",
-]
+from pounding_sweep.records.synthetic import PULSES, near_fault_record, pulse_record, synthetic_record

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -149,30 +148,17 @@ def synthetic_record(
     return Record(label, dt, motion * (pga / np.max(np.abs(motion))), source)
 
 
-@dataclass(frozen=True)
-class Pulse:
-    """One pulse shape: its height over time, in periods, with an extreme of 1; zero after its length in periods."""
-
-    shape: str
-    length: float
-    height: Callable[[Array], Array]
-    description: str
-
-
-PULSES: dict[str, Pulse] = {
-    pulse.shape: pulse
-    for pulse in (
-        Pulse("half_sine", 0.5, lambda x: np.sin(2 * np.pi * x), "positive half of one sine cycle"),
-        Pulse("sine", 1.0, lambda x: np.sin(2 * np.pi * x), "one full sine cycle"),
-        Pulse(
-            *("ricker", 3.0, lambda x: (1 - 2 * (np.pi * (x - 1.5)) ** 2) * np.exp(-((np.pi * (x - 1.5)) ** 2))),
-            "Ricker wavelet of that dominant period, its peak at 1.5 periods",
-        ),
-        Pulse("rectangular", 1.0, np.ones_like, "constant for one period"),
-        Pulse("triangular", 1.0, lambda x: 1 - np.abs(2 * x - 1), "linear rise in half a period, linear fall"),
-    )
+PULSES: dict[str, tuple[float, Callable[[Array], Array]]] = {
+    "half_sine": (0.5, lambda x: np.sin(2 * np.pi * x)),
+    "sine": (1.0, lambda x: np.sin(2 * np.pi * x)),
+    "ricker": (3.0, lambda x: (1 - 2 * (np.pi * (x - 1.5)) ** 2) * np.exp(-((np.pi * (x - 1.5)) ** 2))),
+    "rectangular": (1.0, np.ones_like),
+    "triangular": (1.0, lambda x: 1 - np.abs(2 * x - 1)),
 }
-"""Pulse shapes by name."""
+"""Pulse shapes by name: length in periods, after which they are zero, and height over time in periods, at most 1.
+
+A Ricker wavelet has that dominant period, and its peak at 1.5 periods.
+"""
 
 
 def remade(source: str, points: int | None = None) -> Record | None:
@@ -226,16 +212,15 @@ def pulse_record(
     >>> pulse_record("triangular", amplitude=2.0, period=0.4, dt=0.1).acceleration.tolist()
     [0.0, 1.0, 2.0, 1.0, 0.0]
     """
-    pulse = PULSES.get(shape) if isinstance(shape, str) else None
-    if pulse is None:
+    if shape not in PULSES:
         raise RecordError(unknown("pulse shape", shape, PULSES))
     amplitude = number(amplitude, "amplitude (m/s2)")
     period = number(period, "period (s)", positive=True)
     dt = number(dt, "dt (s)", positive=True)
-    length = pulse.length * period
+    periods, height = PULSES[shape]
+    length = periods * period
     part = _steps(f"{shape} pulse", f"{length:g} s", dt, length / 2, duration, length) * (dt / period)
-    inside = part <= pulse.length * (1 + 1e-9)
-    motion = np.where(inside, amplitude * pulse.height(np.minimum(part, pulse.length)), 0.0)
+    motion = np.where(part <= periods * (1 + 1e-9), amplitude * height(np.minimum(part, periods)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
     return Record(shape if name is None else name, dt, motion, source)
 
