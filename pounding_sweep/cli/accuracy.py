@@ -21,6 +21,7 @@ from pounding_sweep.cli.app import (
     Workers,
     command,
     numbers_of,
+    option,
     progress_display,
     reporting,
     say,
@@ -37,17 +38,13 @@ if TYPE_CHECKING:
 @command("tradeoff")
 def tradeoff_command(
     sweep: SweepFile,
-    out: Annotated[
-        Path | None, Option("-o", "--output", metavar="TRADE.nc", help="netCDF file for the result.")
-    ] = None,
+    out: Annotated[Path | None, option("TRADE.nc", "netCDF file for the result.", "-o", "--output")] = None,
     steps: Annotated[
-        str | None, Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
+        str | None, option("LIST", "Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
     ] = None,
-    scenarios: Annotated[int, Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
-    seed: Annotated[int, Option(metavar="S", help="Seed of the random sample.")] = 0,
-    figure: Annotated[
-        Path | None, Option("--plot", metavar="FILE", help=f"Work-precision figure: {FIGURE_FILE}")
-    ] = None,
+    scenarios: Annotated[int, option("N", "About how many scenarios to measure on.")] = 96,
+    seed: Annotated[int, option("S", "Seed of the random sample.")] = 0,
+    figure: Annotated[Path | None, option("FILE", f"Work-precision figure: {FIGURE_FILE}", "--plot")] = None,
     folders: Folders = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
@@ -115,19 +112,17 @@ SHOWN = 20
 
 @command("extremes")
 def extremes_command(
-    scenes: Annotated[int, Option(metavar="N", help="Random scenes.")] = 320,
-    seed: Annotated[int, Option(metavar="S", help="Seed of the random scenes.")] = 1,
-    law: Annotated[
-        list[str] | None, Option(metavar="LAW", help="Contact law; repeat for several; all by default.")
-    ] = None,
+    scenes: Annotated[int, option("N", "Random scenes.")] = 320,
+    seed: Annotated[int, option("S", "Seed of the random scenes.")] = 1,
+    law: Annotated[list[str] | None, option("LAW", "Contact law; repeat for several; all by default.")] = None,
     family: Annotated[
-        list[str] | None, Option(metavar="NAME", help="Family of scenarios; repeat for several; all by default.")
+        list[str] | None, option("NAME", "Family of scenarios; repeat for several; all by default.")
     ] = None,
-    precision: Annotated[str, Option(metavar="FORMAT", help="float64 or float32.")] = "float64",
+    precision: Annotated[str, option("FORMAT", "float64 or float32.")] = "float64",
     map_file: Annotated[
-        Path | None, Option("--map", metavar="MAP.nc", help="Also map error and status over stiffness and step.")
+        Path | None, option("MAP.nc", "Also map error and status over stiffness and step.", "--map")
     ] = None,
-    plot_file: Annotated[Path | None, Option("--plot", metavar="FILE", help=f"Draw that map: {FIGURE_FILE}")] = None,
+    plot_file: Annotated[Path | None, option("FILE", f"Draw that map: {FIGURE_FILE}", "--plot")] = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -221,11 +216,11 @@ def laws_command(
         bool, Option("--restitution", help="Measure what restitution each law really gives, by the kernels.")
     ] = False,
     nominal: Annotated[
-        str | None, Option("--e", metavar="LIST", help="With --restitution or --check: nominal values, as 0.2,0.6.")
+        str | None, option("LIST", "With --restitution or --check: nominal values, as 0.2,0.6.", "--e")
     ] = None,
     check: Annotated[
         str | None,
-        Option(metavar="LAW", help="Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin."),
+        option("LAW", "Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -174,19 +174,30 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-SweepFile = Annotated[Path, Argument(metavar="SWEEP.toml", help="Sweep file.", show_default=False)]
-CubeFile = Annotated[Path, Argument(metavar="CUBE.nc", help="Cube made by 'run'.", show_default=False)]
+
+def option(metavar: str, text: str, *names: str) -> Any:
+    """Return an option that takes a value: what stands for the value, and the help."""
+    return Option(*names, metavar=metavar, help=text)
+
+
+def argument(metavar: str, text: str) -> Any:
+    """Return an argument: what stands for it, and the help."""
+    return Argument(metavar=metavar, help=text)
+
+
+SweepFile = Annotated[Path, argument("SWEEP.toml", "Sweep file.")]
+CubeFile = Annotated[Path, argument("CUBE.nc", "Cube made by 'run'.")]
 At = Annotated[
     list[str] | None,
-    Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
+    option("AXIS=VALUE", "Only this value of an axis; repeat for more axes, or values.", "--at"),
 ]
 Quiet = Annotated[bool, Option("--quiet", help="Show no progress.")]
 AsJson = Annotated[bool, Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
     list[Path] | None,
-    Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
+    option("FOLDER", "Folder of record files, instead of POUNDING_SWEEP_RECORDS.", "--records"),
 ]
-Workers = Annotated[int | None, Option(metavar="N", help="Threads or processes; one per core by default.")]
+Workers = Annotated[int | None, option("N", "Threads or processes; one per core by default.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace the output file if it exists.")]
 SkipMissing = Annotated[bool, Option("--skip-missing-records", help="Skip records that cannot be found.")]
 #: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
@@ -201,11 +212,11 @@ class SweepOptions:
     workers: Workers = None
     laws: Annotated[
         list[str] | None,
-        Option("--law", metavar="LAW", help="Contact law in place of the file's, or FILE.py:NAME; may be repeated."),
+        option("LAW", "Contact law in place of the file's, or FILE.py:NAME; may be repeated.", "--law"),
     ] = None
-    accuracy: Annotated[
-        float | None, Option(metavar="ERROR", help="Relative error, 1e-2 to 1e-6, in place of the file's step.")
-    ] = None
+    accuracy: Annotated[float | None, option("ERROR", "Relative error, 1e-2 to 1e-6, in place of the file's step.")] = (
+        None
+    )
     folders: Folders = None
     skip_missing: SkipMissing = False
 
@@ -228,32 +239,31 @@ class ScenarioOptions:
     """Options that choose one scenario of a sweep."""
 
     sweep: SweepFile
-    law: Annotated[str | None, Option(metavar="LAW", help="Contact law, or FILE.py:NAME.")] = None
-    gap: Annotated[float | None, Option(metavar="M", help="Gap of every pair (m).")] = None
+    law: Annotated[str | None, option("LAW", "Contact law, or FILE.py:NAME.")] = None
+    gap: Annotated[float | None, option("M", "Gap of every pair (m).")] = None
     stiffness: Annotated[
         float | None,
-        Option(metavar="K", help="Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5)."),
+        option("K", "Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5)."),
     ] = None
     stiffness_factor: Annotated[
-        float | None, Option(metavar="X", help="Factor on the scene's reference contact stiffness, instead.")
+        float | None, option("X", "Factor on the scene's reference contact stiffness, instead.")
     ] = None
-    restitution: Annotated[float | None, Option(metavar="E", help="Coefficient of restitution.")] = None
-    record: Annotated[str | None, Option(metavar="NAME", help="One of the sweep's records.")] = None
-    scale: Annotated[float | None, Option(metavar="X", help="Factor on the record.")] = None
-    case: Annotated[int | None, Option(metavar="N", help="Listed case, from 1.")] = None
+    restitution: Annotated[float | None, option("E", "Coefficient of restitution.")] = None
+    record: Annotated[str | None, option("NAME", "One of the sweep's records.")] = None
+    scale: Annotated[float | None, option("X", "Factor on the record.")] = None
+    case: Annotated[int | None, option("N", "Listed case, from 1.")] = None
     at: Annotated[
         list[str] | None,
-        Option(
-            metavar="AXIS=VALUE",
-            help="This value of any axis, such as period_factor_left, damping_ratio or pga; gap once per pair, or "
-            "once.",
+        option(
+            "AXIS=VALUE",
+            "This value of any axis, such as period_factor_left, damping_ratio or pga; gap once per pair, or once.",
         ),
     ] = None
     output_step: Annotated[
         float | None,
-        Option(
-            metavar="S",
-            help="Largest time (s) between instants of the histories; by default the sweep's step, or as short as it "
+        option(
+            "S",
+            "Largest time (s) between instants of the histories; by default the sweep's step, or as short as it "
             "takes to show every peak that is reported.",
         ),
     ] = None
@@ -287,12 +297,12 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
     return register
 
 
-def numbers_of(text: str, option: str) -> list[float]:
+def numbers_of(text: str, flag: str) -> list[float]:
     """Read numbers separated by commas."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"{option} {text!r} is no list of numbers; give them as 0.2,0.6") from None
+        raise InputError(f"{flag} {text!r} is no list of numbers; give them as 0.2,0.6") from None
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typer import Option
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, reporting, say
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, option, reporting, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,67 +46,62 @@ class CompareOptions:
     cube: CubeFile
     what: Annotated[
         list[str] | None,
-        Option(
-            metavar="COMPARISON",
-            help=f"One of: {', '.join(COMPARISONS)}; repeat for several. "
-            "By default a summary of all that the cube allows.",
+        option(
+            "COMPARISON",
+            f"One of: {', '.join(COMPARISONS)}; repeat for several. By default a summary of all that the cube allows.",
         ),
     ] = None
     out: Annotated[
-        Path | None, Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures.")
+        Path | None, option("FOLDER", "Write tables (CSV), results (netCDF), figures.", "-o", "--output")
     ] = None
     overwrite: Annotated[
         bool, Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
     ] = False
-    reference: Annotated[str | None, Option(metavar="LAW", help="Law that the others are compared with.")] = None
+    reference: Annotated[str | None, option("LAW", "Law that the others are compared with.")] = None
     event: Annotated[
-        str | None, Option(metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default.")
+        str | None, option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default.")
     ] = None
-    level: Annotated[float | None, Option(metavar="X", help="What the event must exceed, in its own unit.")] = None
+    level: Annotated[float | None, option("X", "What the event must exceed, in its own unit.")] = None
     one_dispersion: Annotated[
         list[str] | None,
-        Option(
-            metavar="AXIS",
-            help="Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross.",
+        option(
+            "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
         ),
     ] = None
     at: At = None
-    over: Annotated[
-        list[str] | None, Option(metavar="AXIS", help="Take all values of record, scale or pga together in tables.")
-    ] = None
+    over: Annotated[list[str] | None, option("AXIS", "Take all values of record, scale or pga together in tables.")] = (
+        None
+    )
     quantiles: Annotated[
         list[float] | None,
-        Option("--quantile", metavar="Q", help="Fractile of the values, 0 to 1; repeat for several."),
+        option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile"),
     ] = None
     probabilities: Annotated[
         list[float] | None,
-        Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
+        option("P", "Probability of touching, 0 to 1; repeat for several.", "--probability"),
     ] = None
     intensity: Annotated[
         str | None,
-        Option(
-            metavar="MEASURE",
-            help="Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
+        option(
+            "MEASURE",
+            "Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
             "what the records are scaled to by default.",
         ),
     ] = None
     levels: Annotated[
         list[float] | None,
-        Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
+        option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given"),
     ] = None
     hazard: Annotated[
         str | None,
-        Option(
-            metavar="CURVE",
-            help="CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa.",
+        option(
+            "CURVE", "CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa."
         ),
     ] = None
-    hazard_units: Annotated[
-        str | None, Option(metavar="UNIT", help="Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")
-    ] = None
-    years: Annotated[
-        float | None, Option(metavar="N", help="Years of the probability with --hazard; 50 by default.")
-    ] = None
+    hazard_units: Annotated[str | None, option("UNIT", "Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")] = (
+        None
+    )
+    years: Annotated[float | None, option("N", "Years of the probability with --hazard; 50 by default.")] = None
     folders: Folders = None
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
@@ -122,16 +117,16 @@ class CompareOptions:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
         arguments = {name: vars(self)[name] for name in ARGUMENTS.values() if vars(self)[name] not in (None, [])}
-        for option, name in ARGUMENTS.items():
+        for flag, name in ARGUMENTS.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
             takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and not c.rows)]
             if name in arguments and not set(takers) & set(keys):
                 of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
-                raise InputError(f"{option} is for {of}; leave it out, or add --what {takers[0]}")
+                raise InputError(f"{flag} is for {of}; leave it out, or add --what {takers[0]}")
         if self.hazard is None and (self.years is not None or self.hazard_units is not None):
-            option = "--hazard-units" if self.years is None else "--years"
-            raise InputError(f"{option} are those of a hazard; add --hazard, or leave them out")
+            flag = "--hazard-units" if self.years is None else "--years"
+            raise InputError(f"{flag} are those of a hazard; add --hazard, or leave them out")
         if self.quantiles:
             check_quantiles(self.quantiles)
         check_numbers(self.probabilities or PROBABILITIES, years=YEARS if self.years is None else self.years)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.text import print_json, print_pairs, print_table
@@ -18,8 +18,10 @@ from pounding_sweep.cli.app import (
     CubeFile,
     Folders,
     Overwrite,
+    argument,
     axis_values,
     command,
+    option,
     reporting,
     say,
 )
@@ -34,10 +36,8 @@ if TYPE_CHECKING:
 def info_command(
     cube: Annotated[
         Path,
-        Argument(
-            metavar="CUBE.nc",
-            help="Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do.",
-            show_default=False,
+        argument(
+            "CUBE.nc", "Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do."
         ),
     ],
     as_json: AsJson = False,
@@ -103,24 +103,18 @@ def _print_unfinished(survey: Survey) -> None:
 def plot_command(
     cube: Annotated[
         Path | None,
-        Argument(metavar="CUBE.nc", help="Cube made by 'run', or another file made here.", show_default=False),
+        argument("CUBE.nc", "Cube made by 'run', or another file made here."),
     ] = None,
-    kind: Annotated[
-        str | None, Argument(metavar="FIGURE", help="Figure; without it, figures are listed.", show_default=False)
-    ] = None,
-    out: Annotated[Path | None, Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)] = None,
+    kind: Annotated[str | None, argument("FIGURE", "Figure; without it, figures are listed.")] = None,
+    out: Annotated[Path | None, option("FILE", FIGURE_FILE, "-o", "--output")] = None,
     at: At = None,
-    x: Annotated[
-        str | None, Option(metavar="AXIS", help="Axis of numbers to draw along, such as period_ratio.")
-    ] = None,
-    y: Annotated[str | None, Option(metavar="AXIS", help="Of a map, the other axis.")] = None,
-    value: Annotated[
-        str | None, Option(metavar="NAME", help="What to draw: a variable, or its amplification NAME_ratio.")
-    ] = None,
-    start: Annotated[float | None, Option(metavar="S", help="Of histories, the first instant drawn (s).")] = None,
-    end: Annotated[float | None, Option(metavar="S", help="Of histories, the last instant (s).")] = None,
+    x: Annotated[str | None, option("AXIS", "Axis of numbers to draw along, such as period_ratio.")] = None,
+    y: Annotated[str | None, option("AXIS", "Of a map, the other axis.")] = None,
+    value: Annotated[str | None, option("NAME", "What to draw: a variable, or its amplification NAME_ratio.")] = None,
+    start: Annotated[float | None, option("S", "Of histories, the first instant drawn (s).")] = None,
+    end: Annotated[float | None, option("S", "Of histories, the last instant (s).")] = None,
     contours: Annotated[bool, Option("--contours", help="Of a map, lines of equal value as well.")] = False,
-    dpi: Annotated[float, Option(metavar="N", help="Dots per inch of a PNG.")] = 150.0,
+    dpi: Annotated[float, option("N", "Dots per inch of a PNG.")] = 150.0,
     only_list: Annotated[bool, Option("--list", help="List the figures, and what of them CUBE.nc allows.")] = False,
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
@@ -180,11 +174,9 @@ def export_command(
     cube: CubeFile,
     out: Annotated[
         Path,
-        Option("-o", "--output", metavar="FILE", help="What to write: .csv, .parquet or .zarr.", show_default=False),
+        option("FILE", "What to write: .csv, .parquet or .zarr.", "-o", "--output"),
     ],
-    names: Annotated[
-        list[str] | None, Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
-    ] = None,
+    names: Annotated[list[str] | None, option("NAME", "Only this variable; repeat for several.", "--var")] = None,
     at: At = None,
     table: Annotated[
         bool,
@@ -194,24 +186,24 @@ def export_command(
     ] = False,
     limit_states: Annotated[
         list[str] | None,
-        Option(
+        option(
+            "NAME=EVENT[:LEVEL]",
+            "Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
             "--limit-state",
-            metavar="NAME=EVENT[:LEVEL]",
-            help="Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
         ),
     ] = None,
     intensities: Annotated[
         list[str] | None,
-        Option(
-            "--intensity",
-            metavar="MEASURE",
-            help="Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
+        option(
+            "MEASURE",
+            "Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
             "sa(BUILDING) at its first period, or sa at those of all.",
+            "--intensity",
         ),
     ] = None,
     folders: Folders = None,
     pelicun: Annotated[
-        str | None, Option(metavar="BUILDING", help="Demands of this building, as Pelicun (FEMA P-58) reads CSV.")
+        str | None, option("BUILDING", "Demands of this building, as Pelicun (FEMA P-58) reads CSV.")
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -225,7 +217,7 @@ def export_command(
 
         fragility = out.suffix.lower() == ".xml"
         of_cube = not fragility and pelicun is None
-        for option, value, fits, output in (
+        for flag, value, fits, output in (
             ("--limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
             ("--intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
             ("--records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
@@ -233,7 +225,7 @@ def export_command(
             ("--table", table, of_cube, "tables of the cube itself; give -o FILE.csv"),
         ):
             if value and not fits:
-                raise InputError(f"{option} is for {output}, or leave it out")
+                raise InputError(f"{flag} is for {output}, or leave it out")
         if fragility and len(intensities or ()) > 1:
             raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
         with open_cube(cube) as dataset:
@@ -270,15 +262,13 @@ def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
 
 @command("merge")
 def merge_command(
-    cubes: Annotated[list[Path], Argument(metavar="A.nc B.nc ...", help="Cubes of one study.", show_default=False)],
-    out: Annotated[
-        Path, Option("-o", "--output", metavar="ALL.nc", help="netCDF file for the whole cube.", show_default=False)
-    ],
+    cubes: Annotated[list[Path], argument("A.nc B.nc ...", "Cubes of one study.")],
+    out: Annotated[Path, option("ALL.nc", "netCDF file for the whole cube.", "-o", "--output")],
     tolerance: Annotated[
         float | None,
-        Option(
-            metavar="RATIO",
-            help="Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
+        option(
+            "RATIO",
+            "Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
             "conflict; 1e-6 by default.",
         ),
     ] = None,

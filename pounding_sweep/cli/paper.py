@@ -7,10 +7,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
-
 from pounding_sweep.base.text import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, command, progress_display, reporting, say
+from pounding_sweep.cli.app import (
+    AsJson,
+    Folders,
+    Overwrite,
+    Quiet,
+    argument,
+    command,
+    option,
+    progress_display,
+    reporting,
+    say,
+)
 
 #: Name of the report in its folder.
 REPORT = "report.html"
@@ -20,14 +29,12 @@ REPORT = "report.html"
 def paper_command(
     out: Annotated[
         Path,
-        Option("-o", "--output", metavar="FOLDER", help="Folder of the report and its figures.", show_default=False),
+        option("FOLDER", "Folder of the report and its figures.", "-o", "--output"),
     ],
     cubes: Annotated[
         list[Path] | None,
-        Argument(
-            metavar="[CUBE.nc]...",
-            help="Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run.",
-            show_default=False,
+        argument(
+            "[CUBE.nc]...", "Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run."
         ),
     ] = None,
     folders: Folders = None,

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer import Argument, Option
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Overwrite, app, reporting, say
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Overwrite, app, argument, option, reporting, say
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record
@@ -33,9 +32,7 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 #: Records of a sweep that are listed, one line each.
 _LISTED = 20
 
-Column = Annotated[
-    str | None, Option(metavar="COLUMN", help="Heading or number of the component, for files that have several.")
-]
+Column = Annotated[str | None, option("COLUMN", "Heading or number of the component, for files that have several.")]
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
@@ -138,14 +135,14 @@ def _print(report: dict[str, Any]) -> None:
 @records_app.command("plot")
 def plot_command(
     context: typer.Context,
-    out: Annotated[Path, Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)],
+    out: Annotated[Path, option("FILE", FIGURE_FILE, "-o", "--output")],
     names: Annotated[
         list[str] | None,
-        Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),
+        argument("NAME", "Records, files or sets; by default all at hand."),
     ] = None,
-    data: Annotated[Path | None, Option(metavar="MOTIONS.nc", help="netCDF file for what is drawn.")] = None,
+    data: Annotated[Path | None, option("MOTIONS.nc", "netCDF file for what is drawn.")] = None,
     overwrite: Overwrite = False,
-    damping: Annotated[float, Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
+    damping: Annotated[float, option("RATIO", "Damping ratio of the spectra.")] = 0.05,
     folders: Folders = None,
     column: Column = None,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Exit, Option
+from typer import Exit, Option
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
@@ -16,8 +16,10 @@ from pounding_sweep.cli.app import (
     Quiet,
     ScenarioOptions,
     SweepOptions,
+    argument,
     axis_values,
     command,
+    option,
     progress_display,
     reporting,
     say,
@@ -35,13 +37,11 @@ if TYPE_CHECKING:
 def init_command(
     out: Annotated[
         Path | None,
-        Argument(metavar="[SWEEP.toml]", help="File to write; by default the example's name.", show_default=False),
+        argument("[SWEEP.toml]", "File to write; by default the example's name."),
     ] = None,
     example: Annotated[
         str | None,
-        Option(
-            "--from", metavar="EXAMPLE", help="Example to write; by default that of the file's name, or quickstart."
-        ),
+        option("EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from"),
     ] = None,
     only_list: Annotated[bool, Option("--list", help="List the examples.")] = False,
     overwrite: Overwrite = False,
@@ -82,14 +82,14 @@ def run_command(
     options: SweepOptions,
     out: Annotated[
         Path | None,
-        Option("-o", "--output", metavar="OUT.nc", help="netCDF file for the cube; SWEEP.nc here by default."),
+        option("OUT.nc", "netCDF file for the cube; SWEEP.nc here by default.", "-o", "--output"),
     ] = None,
     scheduler: Annotated[
-        str, Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
+        str, option("WHICH", "threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
     ] = "threads",
     overwrite: Overwrite = False,
     extend: Annotated[
-        Path | None, Option(metavar="OLD.nc", help="Reuse the results in this cube and run only the missing scenarios.")
+        Path | None, option("OLD.nc", "Reuse the results in this cube and run only the missing scenarios.")
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -234,7 +234,7 @@ def _print_run(report: dict[str, Any]) -> None:
 
 @command("simulate")
 def simulate_command(
-    out: Annotated[Path, Option("-o", "--output", metavar="ONE.nc", help="netCDF file.", show_default=False)],
+    out: Annotated[Path, option("ONE.nc", "netCDF file.", "-o", "--output")],
     options: ScenarioOptions,
     overwrite: Overwrite = False,
 ) -> None:
@@ -251,28 +251,22 @@ def simulate_command(
 def animate_command(
     out: Annotated[
         Path,
-        Option(
-            "-o", "--output", metavar="FILE", help="GIF, or MP4 with ffmpeg; replaced if it exists.", show_default=False
-        ),
+        option("FILE", "GIF, or MP4 with ffmpeg; replaced if it exists.", "-o", "--output"),
     ],
     options: ScenarioOptions,
     start: Annotated[
         float | None,
-        Option(
-            metavar="S",
-            help="First instant of the record shown (s); by default four periods of the motion before --end, or, "
+        option(
+            "S",
+            "First instant of the record shown (s); by default four periods of the motion before --end, or, "
             "without --end, one period before the strongest impact.",
         ),
     ] = None,
-    end: Annotated[
-        float | None, Option(metavar="S", help="Last instant (s); by default four periods after the first one.")
-    ] = None,
-    frames: Annotated[int, Option(metavar="N", help="Number of pictures.")] = 40,
+    end: Annotated[float | None, option("S", "Last instant (s); by default four periods after the first one.")] = None,
+    frames: Annotated[int, option("N", "Number of pictures.")] = 40,
     speed: Annotated[
         float | None,
-        Option(
-            metavar="X", help="Seconds of the record per second of the animation; by default such that it takes 6 s."
-        ),
+        option("X", "Seconds of the record per second of the animation; by default such that it takes 6 s."),
     ] = None,
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
