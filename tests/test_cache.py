@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import importlib.resources
 import json
 import pickle
 import shutil
@@ -37,6 +36,7 @@ from pounding_sweep.kernel import lanes
 from pounding_sweep.kernel.group import BENDS
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.output import identity
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
@@ -248,7 +248,7 @@ def test_a_cut_kernel_is_compiled_anew(filled, ending, content):
 
 def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypatch):
     """Emacs' lock is a link to nothing."""
-    monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path)
+    monkeypatch.setattr(identity, "__file__", str(tmp_path / "output" / "identity.py"))
     (tmp_path / "a.py").write_text("x = 1\n")
     digest = package_digest.__wrapped__
     before = digest()

@@ -1,9 +1,8 @@
 """A cube as readable text, or as what JSON holds.
 
 Beside the CF attributes, these global attributes are understood where they are there: ``records`` (JSON list of tables
-with ``name``, ``pga`` in m/s2 and anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only its
-size is told), ``sweep_sha256``, and everything whose name ends in ``_version``. Any other global attribute is shown
-shortened.
+with ``name``, ``pga`` in m/s2 and anything else), ``scenarios_asked``, ``scenarios_run``, and everything whose name
+ends in ``_version``. Any other global attribute is shown shortened.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 
 _SHOWN_ELSEWHERE = {
-    *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256"),
+    *("title", "history", "records", "scenarios_asked", "scenarios_run"),
     *("accuracy_choice", "accuracy_numbers"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
 }
@@ -81,24 +80,16 @@ def _axes(dataset: xr.Dataset, *, inner: bool) -> list[tuple[str, ...]]:
     return rows
 
 
-def cuts(variable: xr.DataArray) -> Iterator[dict[str, slice]]:
-    """Go through a variable in parts that fit into memory."""
-    if variable.nbytes <= SLAB_BYTES:
-        yield {}
-        return
-    dims = [str(dim) for dim in variable.dims if dim not in INNER_DIMS]
-    sizes = [variable.sizes[dim] for dim in dims]
-    each = variable.nbytes // math.prod(sizes)
-    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):
-        yield dict(zip(dims, slab, strict=True))
-
-
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
     """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
     if values.dtype.kind not in "iuf":
         return "-"
     low, high = np.inf, -np.inf
-    for cut in cuts(values):
+    dims = [dim for dim in values.dims if dim not in INNER_DIMS]
+    sizes = [values.sizes[dim] for dim in dims]
+    each = max(1, values.nbytes // max(1, math.prod(sizes)))
+    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):  # that fit into memory
+        cut = dict(zip(dims, slab, strict=True))
         kept = values.isel(cut).astype(float)
         if status is not None and set(status.dims) <= set(kept.dims):
             kept = kept.where(status.isel(cut, missing_dims="ignore") == int(Status.OK))
@@ -255,10 +246,6 @@ def describe(dataset: xr.Dataset) -> str:
             coordinates.append((name, f"({', '.join(map(str, coordinate.dims))})", units or "-", text))
     versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
     others = [(str(k), _short(v)) for k, v in attributes.items() if k not in {*_SHOWN_ELSEWHERE, *versions, *ORIGINS}]
-    if "sweep" in attributes:
-        others.append(("sweep", f"{len(str(attributes['sweep']))} characters of JSON"))
-    if "sweep_sha256" in attributes:
-        others.append(("sweep_sha256", str(attributes["sweep_sha256"])))
     errors = "Audit: relative error, by the difference to half the step"
     sections: dict[str, Sequence[tuple[str, ...]]] = {
         "Row": [(f"{name}:", text) for name, text in overview_of(attributes)],

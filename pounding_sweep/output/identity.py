@@ -10,12 +10,13 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
+from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
 from pounding_sweep.output.netcdf import reading
 from pounding_sweep.spec import axes
 
@@ -124,18 +125,12 @@ def makers(attributes: Mapping[Any, Any]) -> set[tuple[str | None, ...]]:
 @cache
 def package_digest() -> str:
     """Digest of the package's own source: chunks and cubes of another version of it are never reused."""
-    from importlib.resources import files
-
-    digest = hashlib.sha256()
-    folders = [files("pounding_sweep")]
-    while folders:
-        for entry in sorted(folders.pop().iterdir(), key=lambda e: e.name):
-            if entry.name.startswith("."):  # locks and copies of editors
-                continue
-            if entry.is_dir() and entry.name != "__pycache__":
-                folders.append(entry)
-            elif entry.name.endswith((".py", ".json")):  # the second: measured costs, by which methods are chosen
-                digest.update(entry.name.encode() + b"\0" + entry.read_bytes())
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
+    for path in sorted(root.rglob("*")):
+        name = f"/{path.relative_to(root)}"
+        # the second: measured costs, by which methods are chosen; what is hidden is of editors
+        if name.endswith((".py", ".json")) and "/." not in name:
+            digest.update(name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -155,8 +150,6 @@ def libraries() -> str:
 @cache
 def fingerprint() -> str:
     """Say what the bits of a result depend on beside the sweep: processes that share a sweep must agree in it."""
-    from pounding_sweep.output.dataset import package_version
-
     return f"pounding_sweep {package_version()} (source {package_digest()[:12]}), {libraries()}"
 
 

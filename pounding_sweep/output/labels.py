@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 _AXES = {axis.dimension: axis for axis in AXES.values()}
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
 _CONTACT_STIFFNESS = "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"
-_RESTITUTION = "coefficient of restitution"
 _REALISED = (
     "restitution of two free masses under the damping that the sweep used (see restitution_basis); 1 for laws without "
     "damping, missing without contact"
@@ -85,9 +84,9 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
     return result
 
 
-def building_coordinates(variants: Variants, dims: Sequence[tuple[str, str]], shape: Sequence[int]) -> Coordinates:
+def building_coordinates(variants: Variants, along: Mapping[str, tuple[str, int]]) -> Coordinates:
     """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them."""
-    # `dims` are names of the dimensions of `variants`, of that shape, with the kind of property that they vary; "": any
+    # `along` has the dimensions of `variants`: the kind of property that they vary, "" for any, and their size
     scene, frequencies = variants.scene, variants.frequencies
     missing = np.full(len(frequencies[0]), np.nan)
     floors, each = ("building", "storey"), ("building",)
@@ -115,9 +114,9 @@ def building_coordinates(variants: Variants, dims: Sequence[tuple[str, str]], sh
         table.append(("stability_coefficient", floors, theta, ("period_factor",), "1", text))
     result: Coordinates = {}
     for name, inner, values, kinds, units, text in table:
-        varying = tuple(dim for dim, kind in dims if kind in ("", *kinds))
-        at = tuple(slice(None) if dim in varying else 0 for dim, _ in dims)
-        whole = values.reshape(*shape, *values.shape[1:])
+        varying = tuple(dim for dim, (kind, _) in along.items() if kind in ("", *kinds))
+        at = tuple(slice(None) if dim in varying else 0 for dim in along)
+        whole = values.reshape(*(size for _, size in along.values()), *values.shape[1:])
         result[name] = ((*varying, *inner), whole[at], {"units": units, "long_name": text})
     return result
 
@@ -142,7 +141,7 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
         "law": (np.array(spec.laws)[requested.law], ("law",), "", _TEXTS["law"], ""),
         "record": (names[requested.record], ("record",), "", _TEXTS["record"], ""),
         "scale": (values["scale"], ("record", scale.dimension), "1", "factor on the record", ""),
-        "restitution": (nominal, ("restitution",), "1", f"nominal {_RESTITUTION}", ""),
+        "restitution": (nominal, ("restitution",), "1", "nominal coefficient of restitution", ""),
         "contact_stiffness": (contact, ("law", stiffness.dimension), "", "contact stiffness", _CONTACT_STIFFNESS),
         "restitution_realised": (
             realised,
@@ -176,20 +175,18 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
     if spec.own_laws:
         where, keys = extra["law"][:2] if cases else (("law",), spec.laws)
         extra |= law_coordinates(where, keys, {law.key: law for law in (*LAWS.values(), *spec.own_laws)})
-    variants, varied = plan.variants, len(plan.variants) > 1
-    if varied:
-        variants = variants[requested.variant.reshape(-1)]
-    if cases and varied:
-        extra |= row_coordinates(variants, "case")
-        extra |= building_coordinates(variants, [("case", "")], [len(cases)])
-        return axes, extra
     if not cases:
         about = {"units": "m s-2", "long_name": "peak ground acceleration of the record at scale 1"}
         extra["record_pga"] = (("record",), np.array([record.pga for record in spec.records]), about)
-    along = spec.property_axes if varied else ()
     extra |= product_coordinates(spec.scene, spec.property_axes)
-    sizes = [len(axis.values) for axis in along]
-    return axes, extra | building_coordinates(variants, [(axis.dimension, axis.kind) for axis in along], sizes)
+    if len(plan.variants) == 1:
+        return axes, extra | building_coordinates(plan.variants, {})
+    variants = plan.variants[requested.variant.reshape(-1)]
+    along = {axis.dimension: (axis.kind, len(axis.values)) for axis in spec.property_axes}
+    if cases:
+        extra |= row_coordinates(variants, "case")
+        along = {"case": ("", len(cases))}
+    return axes, extra | building_coordinates(variants, along)
 
 
 def _axes(plan: Plan) -> Coordinates:

@@ -25,7 +25,7 @@ import numpy as np
 from pounding_sweep.base.errors import RunError
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
-from pounding_sweep.output.dataset import CubeParts
+from pounding_sweep.output.dataset import CubeParts, unit_attributes
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
@@ -305,7 +305,7 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
     status = cube.data_vars["status"][2]
     flags = FLAGS | {"audit_status": {key: status[key] for key in ("flag_values", "flag_meanings")}}
     described = {
-        name: (dims, values, {"long_name": text, **({"units": units} if units else {}), **flags.get(name, {})})
+        name: (dims, values, {"long_name": text, **unit_attributes(units), **flags.get(name, {})})
         for name, (dims, values, text, units) in arrays.items()
     }
     add_audit(cube, described, found.touching, found.share)
