@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import socket
 import time
 import warnings
@@ -31,10 +30,10 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import (
     LOCK,
     SOFT_LOCK,
+    TEMPORARY,
     absolute,
     acquire_lock,
     failure,
-    is_temporary,
     replacing,
     sync_folder,
 )
@@ -59,7 +58,6 @@ WHOLE = ("sweep", "package", "source", "libraries")
 LONGEST = 60
 #: How the number of a scenario is stored.
 ROW = np.dtype("<i4")
-_CHUNK_FILE = re.compile(r"chunk-\w+\.npy")
 
 
 class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught by the executor
@@ -309,10 +307,10 @@ class ChunkStore:
         self._remove()
 
     def _remove(self, but_for: Collection[str] = ()) -> None:
-        for path in self.folder.iterdir():
-            is_own = path.name == MANIFEST or _CHUNK_FILE.fullmatch(path.name) or is_temporary(path.name)
-            if is_own and path.name not in but_for:
-                path.unlink(missing_ok=True)
+        for pattern in (MANIFEST, self.path("*").name, TEMPORARY):
+            for path in self.folder.glob(pattern):
+                if path.name not in but_for:
+                    path.unlink(missing_ok=True)
 
 
 def _checksum(table: np.ndarray, rows: np.ndarray) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import errno
 import os
-import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -20,7 +19,8 @@ from pounding_sweep.base.errors import InputError, shown
 ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
 #: The lock file of a folder, and that of a drive that grants no locks (some NFS mounts).
 LOCK, SOFT_LOCK = "lock", "lock.soft"
-_TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
+#: Names of what is being written; a random number stands for the star.
+TEMPORARY = ".pounding_sweep-*.part"
 
 
 def expanded(path: str | os.PathLike[str]) -> Path:
@@ -62,12 +62,7 @@ def acquire_lock(folder: Path, timeout: float = -1.0) -> BaseFileLock:
 
 
 def _temporary_name() -> str:
-    return f".pounding_sweep-{secrets.token_hex(8)}.part"
-
-
-def is_temporary(name: str) -> bool:
-    """Whether a file of that name was being written by `replacing`."""
-    return _TEMPORARY.fullmatch(name) is not None
+    return TEMPORARY.replace("*", secrets.token_hex(8))
 
 
 def sync(path: Path) -> None:
@@ -87,7 +82,7 @@ def sync_folder(folder: Path) -> None:
 
 def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
-    for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
+    for left in folder.glob(TEMPORARY):
         with suppress(OSError):
             lock = acquire_lock(left, 0.0)
             shutil.rmtree(left, ignore_errors=True)

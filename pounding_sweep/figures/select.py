@@ -17,7 +17,6 @@ from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import KNOWN_RECORDS
-from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 from pounding_sweep.spec.axes import AXES, DIMENSIONS
 
 #: Lines in a panel at most.
@@ -191,7 +190,7 @@ def scenario_title(one: xr.Dataset) -> str:
         title = f"{record_name(one.attrs['record'])}: {law_name(one, one.attrs['law'])}"
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     words = f"gaps {', '.join(gaps)} mm" if len({*gaps}) > 1 else "".join(f"gap {gap} mm" for gap in gaps[:1])
-    return join_nonempty(title, words, one.attrs.get(SCENARIO_ATTRIBUTE, ""))
+    return join_nonempty(title, words, one.attrs.get("scenario", ""))
 
 
 def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Dataset:

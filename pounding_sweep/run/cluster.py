@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 import time
 import warnings
 from collections import deque
@@ -29,8 +30,6 @@ IN_FLIGHT = 3
 POLL_SECONDS, GLANCE_SECONDS = 1.0, 0.01
 #: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
-#: Seconds that workers which are there at the start have to say what they have installed, before the rest begins.
-ANSWER_SECONDS = 5.0
 #: Times that all workers of a chunk may die before it runs alone, and again until it is given up.
 LOSSES = 2
 #: Settings of the cluster that is started here: a process that ended has time to start again even on a busy machine,
@@ -50,6 +49,22 @@ class IgnoreSignals(WorkerPlugin):
 
 
 @contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and SIGHUP wait for the end of the block; only a main thread can be interrupted at all."""
+    waiting: list[int] = []
+    in_main = threading.current_thread() is threading.main_thread()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if in_main else ()
+    before = {number: signal.signal(number, lambda number, _: waiting.append(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])
+
+
+@contextmanager
 def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
     """Give a client of the cluster at an address, or of processes that are started here and end with it."""
     if not isinstance(scheduler, str):
@@ -66,18 +81,19 @@ def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
                 ) from None
         else:
             opened.enter_context(dask.config.set(SETTINGS))
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=None,  # else dask stops workers where the libraries alone fill their share
-                dashboard_address=None,
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
-                silence_logs=50,
-                env=ONE_THREAD,
-            )
-            client = opened.enter_context(Client(opened.enter_context(cluster), set_as_default=False))
-            client.register_plugin(IgnoreSignals())
+            with _interrupts_later():
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit=None,  # else dask stops workers where the libraries alone fill their share
+                    dashboard_address=None,
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
+                    silence_logs=50,
+                    env=ONE_THREAD,
+                )
+                client = opened.enter_context(Client(opened.enter_context(cluster), set_as_default=False))
+                client.register_plugin(IgnoreSignals())
         yield client
 
 
@@ -94,8 +110,7 @@ class ClusterWorkers:
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled."""
         self._check_scheduler()
-        patience = time.monotonic() + ANSWER_SECONDS
-        while not self._fit or (self._is_asking() and time.monotonic() < patience):
+        while not self._fit or self._is_asking():
             self._poll_workers()
             time.sleep(GLANCE_SECONDS)
         hosts: dict[str, dict[str, int]] = {}

@@ -15,9 +15,6 @@ from pounding_sweep.spec.spec import SweepSpec
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
-SCENARIO_ATTRIBUTE = "scenario"
-
 
 def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
     """Return the scenario in the middle of a sweep, or a listed case and its number: values by `selectors`."""
@@ -151,7 +148,7 @@ def simulate_one(
         **{name: getattr(spec, name) for name in settings},
     )
     details = "; ".join(_details(spec, values, law, choice))
-    return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
+    return one.assign_attrs({"scenario": details} if details else {})
 
 
 #: Share of every reported peak that histories show, and how often the step is halved for it at most.
