@@ -16,7 +16,6 @@ from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.spec.axes import DIMENSIONS, Case
-from pounding_sweep.spec.spec import to_json
 
 
 def sweep(**more):
@@ -73,13 +72,6 @@ def test_listed_cases_take_it_too():
     spec = ps.Sweep(pair(), motions()[0], cases=[Case("linear", sa=4.0), Case("linear", scale=2.0)], sa_period=1.0).spec
     found = response_spectrum(motions()[0], [1.0])["pseudo_acceleration"].item()
     assert [spec.case_value(case, "scale") for case in spec.cases] == pytest.approx([4.0 / found, 2.0])
-
-
-def test_sweeps_without_it_stay_what_they_were():
-    assert not {"sa_period", "sas"} & json.loads(to_json(sweep(sas=None, sa_period=None).spec)).keys()
-
-
-# -- one record ------------------------------------------------------------------------------------------------------
 
 
 def test_one_record_is_scaled(tmp_path):

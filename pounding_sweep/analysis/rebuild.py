@@ -191,7 +191,7 @@ def _first_modes(scene: Scene, cube: xr.Dataset) -> dict[str, xr.DataArray]:
 
 def _axes(sweep: Mapping[str, Any]) -> dict[str, Any]:
     """Return the axes of a stored sweep that a run without pounding does not ignore, or its cases but for those."""
-    parameters = {axis.parameter: sweep[axis.parameter] for axis in AXES.values() if axis.parameter in sweep}
+    parameters = {"sa_period": sweep.get("sa_period")}
     if sweep["cases"] is not None:
         ignored: dict[str, Any] = dict.fromkeys(IGNORED)
         cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]

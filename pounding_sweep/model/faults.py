@@ -44,22 +44,22 @@ class Faults:
     """Faults found so far, each with its place, such as ``("gaps", 3)``; a `with` block raises them at its end."""
 
     def __init__(self) -> None:
-        self.found: list[Fault] = []
+        self.entries: list[Fault] = []
 
     def __enter__(self) -> Faults:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None and self.found:
-            text = [PydanticCustomError("fault", "{text}", {"text": text}) for _, text in self.found]
-            details = zip(text, self.found, strict=True)
+        if kind is None and self.entries:
+            text = [PydanticCustomError("fault", "{text}", {"text": text}) for _, text in self.entries]
+            details = zip(text, self.entries, strict=True)
             raise ValidationError.from_exception_data(
                 "sweep", [{"type": error, "loc": place, "input": None} for error, (place, _) in details]
             )
 
     def add(self, place: Place, text: str) -> None:
         """Note a fault."""
-        self.found.append((place, text))
+        self.entries.append((place, text))
 
     def attempt(self, place: Place, make: Callable[..., Any], *args: Any, **named: Any) -> Any:
         """Make something; None, with its faults noted at `place`, if that fails."""
@@ -67,7 +67,7 @@ class Faults:
             return make(*args, **named)
         except ValidationError as error:
             worded = [_in_words(each) for each in error.errors(include_url=False)]
-            self.found += [((*place, *inner), text) for inner, text in worded]
+            self.entries += [((*place, *inner), text) for inner, text in worded]
         except (PoundingSweepError, ValueError) as error:
             self.add((*place, *getattr(error, "place", ())), str(error))
         except ArithmeticError as error:  # numbers so large or small that nothing can be computed from them
@@ -140,7 +140,7 @@ def _check(cls: Any, given: Any, read: Callable[[Any], Any]) -> Any:
         try:
             return read(given)
         except ValidationError as error:
-            faults.found += dict.fromkeys(worded(each, cls, keys) for each in error.errors(include_url=False))
+            faults.entries += dict.fromkeys(worded(each, cls, keys) for each in error.errors(include_url=False))
 
 
 class Table(BaseModel):
@@ -155,7 +155,7 @@ def checked(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose arguments pydantic checks, given in Python or as a table of a file."""
     cls._check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[attr-defined, arg-type]
     made: Any = dataclass(frozen=True, config=_CONFIG)(cls)
-    made.__init__ = _told(made.__init__, made, {}, getattr(cls, "ERROR", SceneError))
+    made.__init__ = _raising(made.__init__, made, {}, getattr(cls, "ERROR", SceneError))
     return made
 
 
@@ -164,16 +164,16 @@ def checked_call(raised: type[InputError]) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         keys = dict.fromkeys(inspect.signature(function).parameters)
-        return _told(validate_call(config=_CONFIG)(function), function, keys, raised)
+        return _raising(validate_call(config=_CONFIG)(function), function, keys, raised)
 
     return decorate
 
 
-def _told(call: Any, taker: Any, keys: Mapping[str, None], raised: type[InputError]) -> Any:
+def _raising(call: Any, taker: Any, keys: Mapping[str, None], raised: type[InputError]) -> Any:
     """Return a call whose faults are one error, of what has been given as name, pair or key."""
 
     @functools.wraps(call)
-    def told(*args: Any, **named: Any) -> Any:
+    def wrapper(*args: Any, **named: Any) -> Any:
         try:
             return call(*args, **named)
         except ValidationError as error:
@@ -184,7 +184,7 @@ def _told(call: Any, taker: Any, keys: Mapping[str, None], raised: type[InputErr
             texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
             raise raised("\n".join(texts)) from None
 
-    return told
+    return wrapper
 
 
 def is_number(value: object) -> bool:
@@ -256,7 +256,7 @@ def called(function: Callable[..., T], table: Any, first: str = "", also: Collec
             given = ArgsKwargs((table[first],) if first else (), named)
             return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
         except ValidationError as error:
-            faults.found += [worded(each, function, keys) for each in error.errors(include_url=False)]
+            faults.entries += [worded(each, function, keys) for each in error.errors(include_url=False)]
     raise AssertionError
 
 
@@ -309,10 +309,10 @@ def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
 
 def valid_part(model: type[Table], given: Any, faults: Faults) -> dict[str, Any]:
     """Return the values of a table by key, defaults for those at fault; nothing of what is no table."""
-    before = len(faults.found)
+    before = len(faults.entries)
     table = faults.attempt((), model.model_validate, given)
     if table is not None or not isinstance(given, dict):
         return dict(table or ())
-    wrong = {place[0] for place, _ in faults.found[before:]}
-    defaults = {name: None if field.is_required() else field.default for name, field in model.model_fields.items()}
-    return defaults | {name: value for name, value in given.items() if name not in wrong}
+    wrong = {place[0] for place, _ in faults.entries[before:]}
+    valid = model.model_construct(**{name: value for name, value in given.items() if name not in wrong})
+    return {**dict.fromkeys(model.model_fields), **dict(valid)}

@@ -221,8 +221,7 @@ class Law:
             return
         if e is None:
             raise LawError(f"law {self.key!r} needs a coefficient of restitution; give {self.validity}")
-        low_ok = e >= 0 if self.zero_restitution else e > 0
-        if not (math.isfinite(e) and low_ok and e <= 1):
+        if not (0.0 <= e <= 1.0 and (e or self.zero_restitution)):
             raise LawError(f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}")
         if basis == "realised":
             check_realisable(self, e)
@@ -412,7 +411,7 @@ def _zeta(e: np.ndarray) -> np.ndarray:
     return np.where(e > 0, -log / np.sqrt(math.pi**2 + log**2), 1.0)
 
 
-_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
+_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d"}
 _DASHPOT: dict[str, Any] = {**_LINEAR, "damper": "c", "damping": "viscous"}
 _LINEAR_DAMPED: dict[str, Any] = {**_LINEAR, "damper": "c*max(d, 0.0)", "damper_slope": "c", "damping": "elastic"}
 _HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -262,7 +262,7 @@ class Building:
         if self.storey_heights is None:
             object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
         with Faults() as faults:
-            faults.found += [*self._faults_of_parts()] or self._faults()
+            faults.entries += [*self._faults_of_parts()] or self._faults()
 
     def _faults_of_parts(self) -> Iterator[Fault]:
         """Tell of parts that do not go together."""
@@ -891,19 +891,18 @@ class Scene:
                 ("gaps",),
             )
         self._check_meetings()
+        bumper_of: list[Bumper | None] = [None] * len(self.contacts)
         with Faults() as faults:
-            for index, link in enumerate(self.links):
-                faults.attempt(("links", index), self._check_link, link)
-        with Faults() as faults:
-            bumper_of: list[Bumper | None] = [None] * len(self.contacts)
-            for index, bumper in enumerate(self.bumpers):
-                faults.attempt(("bumpers", index), self._place_bumper, bumper, bumper_of)
+            for name, check in (("links", self._check_link), ("bumpers", partial(self._place_bumper, bumper_of))):
+                for index, item in enumerate(getattr(self, name)):
+                    if item.pair in self.pair_names:
+                        faults.attempt((name, index), check, item)
+                    else:
+                        faults.add((name, index), unknown("pair", item.pair, self.pair_names))
         object.__setattr__(self, "bumper_of", tuple(bumper_of))
 
-    def _place_bumper(self, bumper: Bumper, bumper_of: list[Bumper | None]) -> None:
+    def _place_bumper(self, bumper_of: list[Bumper | None], bumper: Bumper) -> None:
         """Place a bumper at its contacts, one at each."""
-        if bumper.pair not in self.pair_names:
-            raise SceneError(unknown("pair", bumper.pair, self.pair_names))
         label = self.pair_labels.index(bumper.pair)
         contacts = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
         for storey in bumper.storeys or contacts or [1]:
@@ -916,8 +915,6 @@ class Scene:
 
     def _check_link(self, link: Link) -> None:
         """Check that a link joins floors that are there, each two once."""
-        if link.pair not in self.pair_names:
-            raise SceneError(unknown("pair", link.pair, self.pair_names))
         pair = self.pair_names.index(link.pair)
         for side, item in enumerate(self.row[pair : pair + 2]):
             if isinstance(item, Wall):

@@ -54,7 +54,6 @@ class Axis:
     requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False  # whether it changes buildings
     by_building: bool = False  # whether it is given for each building by name
-    parameter: str = ""  # argument of `build_spec` that the axis needs, and that is given with it only
     #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
     finds: str = ""  # argument of the axis by building whose values it finds, and excludes
@@ -220,7 +219,7 @@ class AxisValues:
         "is scaled to, in place of `scales`.",
         "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
         "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
-        value=_factor_to_spectrum, requires=_need_motion, parameter="sa_period",
+        value=_factor_to_spectrum, requires=_need_motion,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "period_factor", "period_factor", "factor on periods", _FACTOR,

@@ -120,7 +120,7 @@ def read_each(
         raise InputError(f"must be one or several of {what}, not {shown(value)}")
     with Faults() as faults:
         for index, item in enumerate(items):
-            if len(faults.found) >= _MOST_FAULTS:
+            if len(faults.entries) >= _MOST_FAULTS:
                 faults.add((), f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault")
                 break
             place: Place = () if isinstance(value, single) else (index,)
@@ -195,7 +195,7 @@ def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
     faults = Faults()
     reader = _Reader(valid_part(Arguments, given, faults), faults)
     spec = faults.attempt((), reader.read)
-    return (None if faults.found else spec), faults.found
+    return (None if faults.entries else spec), faults.entries
 
 
 def _exclusions(chosen: Collection[str], named: str) -> Iterator[tuple[str, str, str]]:
@@ -218,7 +218,7 @@ class _Reader:
 
     def __init__(self, given: dict[str, Any], faults: Faults) -> None:
         self.given, self.faults = given, faults
-        self.wrong = {place[0] for place, _ in faults.found}  # arguments that stand at their defaults
+        self.wrong = {place[0] for place, _ in faults.entries}  # arguments that stand at their defaults
         self.files: dict[str, Law] = {}  # laws of the user's own files, which are run once
         self.laws: dict[str, Law] = {}  # those that are valid count in further checks
         self.scene: Scene | None = None
@@ -241,7 +241,7 @@ class _Reader:
         design = part("design", self._design)
         axes = self._axes(design)
         settings = self._settings()
-        if faults.found:
+        if faults.entries:
             return None
         assert self.scene is not None
         assert self.records is not None
@@ -261,7 +261,7 @@ class _Reader:
             records_left_out=tuple(self.left_out),
         )
         self._check_room(spec)
-        return None if faults.found else with_strengths(spec)
+        return None if faults.entries else with_strengths(spec)
 
     # --- scene, records, laws ---
 
@@ -328,15 +328,14 @@ class _Reader:
         finally:
             self.laws |= {key: law for key, (_, law) in found.items()}
 
-    def _check_parameters(self, dimensions: Collection[str]) -> None:
-        """Note parameters of axes that are missing, or given without the axis; `dimensions`: those that there are."""
-        for name, axis in AXES.items():
-            if axis.parameter and axis.parameter not in self.wrong:
-                stated = self.given[axis.parameter] is not None
-                if axis.dimension in dimensions and not stated:
-                    self.faults.add((axis.parameter,), f"is missing: {name} needs it; give the period in s")
-                elif stated and axis.dimension not in dimensions:
-                    self.faults.add((axis.parameter,), f"is of no use without {name}; leave it out")
+    def _check_period(self, spectral: bool) -> None:
+        """Note that the period of an axis `sas` is missing, or given without it."""
+        stated = self.given["sa_period"] is not None
+        if stated != spectral and "sa_period" not in self.wrong:
+            text = (
+                "is of no use without sas; leave it out" if stated else "is missing: sas needs it; give the period in s"
+            )
+            self.faults.add(("sa_period",), text)
 
     # --- axes ---
 
@@ -407,7 +406,7 @@ class _Reader:
         with Faults() as faults:
             with_place = Faults()
             items |= self._by_building(inputs, with_place)
-            faults.found += [(("inputs", *place), text) for place, text in with_place.found]
+            faults.entries += [(("inputs", *place), text) for place, text in with_place.entries]
         drawn = {argument: distribution for argument, (_, distribution) in items.items()}
         if RECORD in inputs:
             drawn["records", None] = None
@@ -461,9 +460,9 @@ class _Reader:
             if size <= most:
                 checked = faults.attempt(items[name, building][0], self._values, sequence, AXES[name])
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        self._check_parameters([AXES[name].dimension for name in stated])
+        self._check_period("sas" in stated)
         chosen = stated | {name for name, _ in drawn}
-        self.faults.found += [
+        self.faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
             for _, two, text in _exclusions(chosen, "argument")
         ]
@@ -471,7 +470,7 @@ class _Reader:
             names = [name for name, axis in AXES.items() if axis.column == column]
             default = [name for name in names if AXES[name].default is not None and not chosen & {*names}]
             for name in [name for name in names if name in chosen] or default:
-                faults.found += AXES[name].requires(scene, laws, records) if scene is not None else ()
+                faults.entries += AXES[name].requires(scene, laws, records) if scene is not None else ()
             values |= {name: AXES[name].default for name in default}
         if "restitutions" not in stated and ("restitutions", None) not in drawn and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
@@ -511,7 +510,7 @@ class _Reader:
                 faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
             dimensions = {name: axis.dimension for name, axis in AXES.items() if not axis.by_building and values}
             stated = {name for name, key in dimensions.items() if values[key] not in (None, getattr(Case, key))}
-            faults.found += [((dimensions[one],), text) for one, _, text in _exclusions(stated, "dimension")]
+            faults.entries += [((dimensions[one],), text) for one, _, text in _exclusions(stated, "dimension")]
             factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
             for (argument, name), (place, value) in self._by_building(values, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)
@@ -523,7 +522,7 @@ class _Reader:
             elif values and self.records is not None and record not in names:
                 valid = f"is missing; valid: {', '.join(names)}"
                 faults.add(("record",), valid if record is None else unknown("record", record, names))
-            if law is None or faults.found or not isinstance(record, str):  # without records a fault is elsewhere
+            if law is None or faults.entries or not isinstance(record, str):  # without records a fault is elsewhere
                 return Case("none")
             if law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
                 values["stiffness_factor"] = 1.0
@@ -558,9 +557,7 @@ class _Reader:
 
         remedy = "list a scenario once"
         self.faults.attempt(("cases",), read_each, items or value, read, "listed cases", found=seen, remedy=remedy)
-        self._check_parameters(
-            [pair[0].dimension for case in seen for column in COLUMNS if (pair := case.axis(column))]
-        )
+        self._check_period(any(case.sa is not None for case in seen))
         self.laws |= {case.law: known[case.law] for case in seen if case.law in known}
         for axis in AXES.values():
             using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
@@ -571,7 +568,7 @@ class _Reader:
             records = [record for record in self.records or () if record.name in names]
             groups = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
             for group in groups:  # a case has a stiffness of its own
-                self.faults.found += axis.requires(self.scene, group, records)
+                self.faults.entries += axis.requires(self.scene, group, records)
         return tuple(seen)
 
     # --- settings ---

@@ -265,16 +265,16 @@ def load_spec(
     spec, found = read_sweep(
         given | {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
     )
-    wrong = [place for place, _ in faults.found]
+    wrong = [place for place, _ in faults.entries]
     for inner, said in found:
         place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
         if not any(place[: len(whole)] == whole for whole in wrong):  # of what is at fault as a whole no more is said
             faults.add(place, said)
-    if spec is not None and not faults.found:
+    if spec is not None and not faults.entries:
         return spec
     lines = key_lines(text)
     placed = sorted(
-        ((line_of(lines, place) or 1, place, said) for place, said in faults.found), key=lambda item: item[0]
+        ((line_of(lines, place) or 1, place, said) for place, said in faults.entries), key=lambda item: item[0]
     )
     raise sweep_error(
         [
