@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, power_of
-from pounding_sweep.kernel.hysteresis import drift, hardened
+from pounding_sweep.kernel.hysteresis import hardened
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import course, crossing, cubic
 
@@ -42,14 +42,14 @@ def _share(group: Group, i: int, n: float, z: Any, v: Any) -> Any:
 
 def _end(group: Group, i: int, below: int | None, end: str) -> tuple[Any, Any]:
     """Return z and the drift's rate at the start ("0") or the end ("") of the sub-step."""
-    z = drift(group, i, below, f"u{end}") - group.state[f"slip{end}", i]
-    return z, drift(group, i, below, f"v{end}")
+    z = group.drift(i, below, f"u{end}") - group.state[f"slip{end}", i]
+    return z, group.drift(i, below, f"v{end}")
 
 
 def shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
     """Storey shear at the displacements of that name; of rates, its rate."""
     end = name[1:]
-    k, (_, soft), moves = group.prop("k", i), hardened(group, i), drift(group, i, below, name)
+    k, (_, soft), moves = group.prop("k", i), hardened(group, i), group.drift(i, below, name)
     if name.startswith("v"):
         return (k - soft * _share(group, i, n, *_end(group, i, below, end))) * moves
     return k * moves - soft * group.state[f"slip{end}", i]
@@ -100,7 +100,7 @@ def rounds(group: Group) -> Iterator[None]:
     moves = s["h"] > 0.0
     for i, below, n in storeys:
         s["flow", i] = _share(group, i, n, *_end(group, i, below, "0"))
-        s["rest", i] = s["slip0", i] - s["flow", i] * drift(group, i, below, "u0")
+        s["rest", i] = s["slip0", i] - s["flow", i] * group.drift(i, below, "u0")
     going, astray = Cell(moves), Cell(moves & ~moves)
     for _ in while_any(lambda: going.now, group.trace, at_most=MAX_ROUNDS):
         for i, *_ in storeys:
@@ -111,7 +111,7 @@ def rounds(group: Group) -> Iterator[None]:
         # lanes that are there stay there, and do the same in each round that others need
         mine, again, far, better = going.now, Cell(moves & ~moves), Cell(moves & ~moves), {}
         for i, below, n in storeys:
-            d = drift(group, i, below)
+            d = group.drift(i, below)
             p = where(moves, fma(s["flow", i], d, s["rest", i]), s["slip0", i])
             flow, then = _tangent(group, i, below, n, d, p)
             miss, scale = size(then - p), size(d) + group.prop("yield_drift", i) * group.prop("wen_limit", i)
@@ -134,7 +134,7 @@ def _most(group: Group, i: int, n: float, z0: Any) -> Any:
 
 def _tangent(group: Group, i: int, below: int | None, n: float, d: Any, p: Any) -> tuple[Any, Any]:
     """Return dp/dd at the end of an implicit step whose drift is d, and what Newton's method makes of p there."""
-    p0, dy, d0 = group.state["slip0", i], group.prop("yield_drift", i), drift(group, i, below, "u0")
+    p0, dy, d0 = group.state["slip0", i], group.prop("yield_drift", i), group.drift(i, below, "u0")
     beta, gamma, change = group.prop("wen_beta", i), group.prop("wen_gamma", i), 0.5 * (d - d0)
     most, z0 = _most(group, i, n, d0 - p0), d0 - p0
     z = minimum(maximum(d - p, -most), most)
@@ -153,19 +153,6 @@ def add_lost(group: Group) -> None:
     for i, below, _ in each_storey(group) if "hysteretic" in group.asked else ():
         mean = 0.5 * (_end(group, i, below, "0")[0] + _end(group, i, below, "")[0])
         s["travel", i] = fma(s["slip", i] - s["slip0", i], mean / group.prop("yield_drift", i), s["travel", i])
-
-
-def keep(group: Group) -> None:
-    """Let the present plastic drifts be those of the start of the next step."""
-    for i, _ in group.spec.smooth:
-        group.state["slip0", i] = group.state["slip", i]
-
-
-def return_to_start(group: Group, lanes: Any = None) -> None:
-    """Undo a step, in some lanes."""
-    s = group.state
-    for i, _ in group.spec.smooth:
-        s["slip", i] = s["slip0", i] if lanes is None else where(lanes, s["slip0", i], s["slip", i])
 
 
 def settle(group: Group) -> None:
@@ -205,7 +192,7 @@ def longest(group: Group, h: Any) -> Any:
     """Longest sub-step from the present state, h where it may be as long."""
     found = Cell(group.full(h))
     for i, below, n in each_storey(group):
-        speed, reach = size(drift(group, i, below, "v")), _reach(group, i, n)
+        speed, reach = size(group.drift(i, below, "v")), _reach(group, i, n)
         found.now = minimum(found.now, where(speed * h > reach, reach / speed, h))
     return found.now
 
@@ -223,7 +210,7 @@ def _too_long(group: Group, h: Any) -> Any:
     """Lanes in which a drift moved farther than it may in the step just taken."""
     found = Cell(group.lanes_where(False))
     for i, below, n in each_storey(group):
-        fastest = maximum(size(drift(group, i, below, "v0")), size(drift(group, i, below, "v")))
+        fastest = maximum(size(group.drift(i, below, "v0")), size(group.drift(i, below, "v")))
         found.now = found.now | ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(group, i, n))
     return found.now
 
@@ -235,7 +222,7 @@ def first_event(group: Group, asks: Any) -> Any:
         (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
         turns, crosses = asks & (v0 * v1 < 0.0), asks & (z0 * z1 < 0.0)
         with when_any(turns | crosses):
-            moves = course(group, partial(drift, group, i, below))
+            moves = course(group, partial(group.drift, i, below))
             turn = crossing(group, turns, 0.0, 1.0, moves.rate, where(v0 > 0.0, -1.0, group.full(1.0)))
             w0, w1 = (h * (v - _share(group, i, n, z, v) * v) for z, v in ((z0, v0), (z1, v1)))
             side = where(z0 > 0.0, -1.0, group.full(1.0))

@@ -143,11 +143,11 @@ def watched(group: Group) -> list[Watched]:
         for j, (_, _, pair) in enumerate(probe.contacts)
     ]
     for i, _ in hysteresis.each_storey(probe):
-        found.append(Watched(ONSET, tuple(hysteresis.drift(probe, i, below[i])), -1, -1, False, i))
+        found.append(Watched(ONSET, tuple(probe.drift(i, below[i])), -1, -1, False, i))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
         sized, i = motion.sized and motion.shear < 0, motion.shear
-        weights = tuple(motion.of("u") if i < 0 else hysteresis.drift(probe, i, below[i]))  # of a shear the drift
+        weights = tuple(motion.of("u") if i < 0 else probe.drift(i, below[i]))  # of a shear the drift
         found.append(Watched(TURN, weights, most, least, sized, i))
         if motion.pulls:
             for k in range(n):

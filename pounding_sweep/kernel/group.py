@@ -173,7 +173,8 @@ class Group:
         #: Whether steps are cut at events: of contacts, or of storeys that yield.
         self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
-        shares = [STEEP_SHARE if spec.staged and law.steep else GRADED_SHARE for law in spec.laws]
+        steep = [spec.staged and law.damper and 0.0 < law.damper_exponent < 1.0 for law in spec.laws]
+        shares = [STEEP_SHARE if each else GRADED_SHARE for each in steep]
         self.laws = [LaneLaw(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
@@ -403,9 +404,9 @@ class Group:
                 i = Lookup(self.trace, some)[q]
                 yield i, None if bottom else i - 1
 
-    def each_part(self) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
-        """Go through what is worked out at once, and its degrees of freedom: buildings, or a row on foundations."""
-        if self.spec.foundations:
+    def each_part(self, whole: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
+        """Go through what is worked out at once, and its degrees of freedom: buildings, or the `whole` row."""
+        if whole or self.spec.foundations:
             yield list(enumerate(self.building_floors)), list(range(self.spec.n_moving))
             return
         for b, floors in self.each_building():
@@ -415,7 +416,7 @@ class Group:
         """Sway and rocking of the foundation below a floor; None where there is none."""
         return self.spec.base_of(floor) if self.spec.foundations else None
 
-    def drift(self, i: Any, below: Any, x: Any) -> Any:
+    def drift(self, i: Any, below: Any, x: Any = "u") -> Any:
         """Drift of the storey below floor i, of a row's name or of values floor by floor; `below` None: the ground."""
         found, base = self.floor(x, i), self.base(i)
         found = found if below is None else found - self.floor(x, below)

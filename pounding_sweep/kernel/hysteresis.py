@@ -28,11 +28,6 @@ def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any
     yield from group.each_storey(group.spec.bilinear, straight)
 
 
-def drift(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
-    """Drift of a storey, or its rate."""
-    return group.drift(i, below, name)
-
-
 def begin(group: Group, lanes: Any = None) -> None:
     """Let all storeys be elastic, in all lanes or some."""
     s = group.state
@@ -45,7 +40,7 @@ def begin(group: Group, lanes: Any = None) -> None:
 def shear(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
     """Storey shear, dampers not included; of rates, or of what says that it has no `constant`, its rate."""
     s = group.state
-    found = s["kt", i] * drift(group, i, below, name)
+    found = s["kt", i] * group.drift(i, below, name)
     constant = name.startswith("u") if isinstance(name, str) else name.constant
     return found + s["ct", i] if constant else found
 
@@ -77,8 +72,8 @@ def _may_change(group: Group, i: Any, below: Any, h: Any) -> Any:
     """Lanes in which a storey may begin to yield, or turn, in the step just taken."""
     s = group.state
     p, phase, top = s["slip", i], s["phase", i], _limits(group, i, below)[1]
-    z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
-    v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
+    z0, z1 = group.drift(i, below, "u0") - p, group.drift(i, below) - p
+    v0, v1 = group.drift(i, below, "v0"), group.drift(i, below, "v")
     early, late = z0 + h * v0, z1 - h * v1
     over, under = maximum(z1, minimum(early, late)), minimum(z1, maximum(early, late))
     return where(phase == 0.0, (over > top) | (-under > top), minimum(phase * v0, phase * v1) < 0.0)
@@ -110,9 +105,9 @@ def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     """Find when a storey changes its phase in the trial, and to which."""
     s = group.state
     p, phase, (dy, top) = s["slip", i], s["phase", i], _limits(group, i, below)
-    z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
-    v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
-    z = course(group, partial(drift, group, i, below)).begun(z0)
+    z0, z1 = group.drift(i, below, "u0") - p, group.drift(i, below) - p
+    v0, v1 = group.drift(i, below, "v0"), group.drift(i, below, "v")
+    z = course(group, partial(group.drift, i, below)).begun(z0)
     elastic = phase == 0.0
     turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
     toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
@@ -157,7 +152,7 @@ def _follow(group: Group, i: Any, below: Any) -> None:
     """Let the plastic drift of a storey that yields follow its drift."""
     s = group.state
     phase, p = s["phase", i], s["slip", i]
-    new = where(phase == 0.0, p, drift(group, i, below) - phase * group.prop("yield_drift", i))
+    new = where(phase == 0.0, p, group.drift(i, below) - phase * group.prop("yield_drift", i))
     s["slip", i] = new
     if "hysteretic" in group.asked:
         s["travel", i] = s["travel", i] + size(new - p)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pounding_sweep.kernel import transfers
-from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, note_touch, penetration
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import NEVER, first_crossing
@@ -256,7 +256,7 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
     s, released = group.state, group.limit.released
     for j in group.each_contact():
-        due = (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        due = is_due(group, j, lanes)
         opened = s["mode", j] == OPEN
         pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
         takes_part = pressed | (due & opened) | (~due & ~opened)

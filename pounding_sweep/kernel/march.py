@@ -118,13 +118,10 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             s["shortest", which] = where(fresh, minimum(s["shortest", which], lasts), s["shortest", which])
         if not (implicit or group.spec.history or group.looks("force")):
             continue
-        c = s["c", j]
+        c, last = s["c", j], s["f1", j]
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
-        p = law.elastic(group.stiffness(j), c, d)
-        if law.shape.damper:
-            p = p + law.damper(c, d) * law.damped_rate(v)
-        force, last = where(closed, p if law.shape.tension else maximum(p, 0.0), 0.0), s["f1", j]
+        force = where(closed, law.closed_force(group.stiffness(j), c, d, v), 0.0)
         s["f1", j] = force
         if "force" in r:
             s["fmax", j] = maximum(s["fmax", j], force)
@@ -135,11 +132,6 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             for force_at, v_at in ((last, "v0"), (force, "v")) if "transfer" in r else ():
                 for b, power in each_given(group, j, force_at, v_at):
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
-
-
-def kind_of(group: Group) -> ModuleType:
-    """Return the module of the contacts: those that press by a law, or those whose floors rest on each other."""
-    return impulse if group.spec.impulsive else forces
 
 
 def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
@@ -171,20 +163,12 @@ def refuse(group: Group, lanes: Any) -> None:
     s, spec = group.state, group.spec
     s["land"] = s["land"] + where(lanes, 1.0, 0.0)
     s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
-    floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.implicit else [])
+    floors = [(name, f"{name}0") for name in moving_rows(group)]
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
     for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
             for i in group.each(n, straight=False):
                 s[now, i] = where(lanes, s[before, i], s[now, i])
-    if spec.smooth:
-        bouc_wen.return_to_start(group, lanes)
-
-
-def _cuts(group: Group) -> bool:
-    """Whether a trial may end at its first event: sums over its stages know no part of it."""
-    sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
-    return group.spec.staged and not (group.spec.yielding or sums)
 
 
 def cut(group: Group, lanes: Any) -> None:
@@ -236,7 +220,9 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         s["fraction"] = where(early, fraction, s["fraction"])
         s["ahead"] = where(early, h * fraction, s["ahead"])
         with when_any(early):
-            (cut if _cuts(group) else refuse)(group, early)
+            # sums over the stages of a trial know no part of it
+            sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
+            (cut if group.spec.staged and not (group.spec.yielding or sums) else refuse)(group, early)
 
 
 def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
@@ -266,7 +252,7 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
 
 def substep(group: Group, h: Any) -> None:
     """One trial sub-step of every lane that has some of its step of length h left."""
-    s, kind, r = group.state, kind_of(group), group.asked
+    s, kind, r = group.state, impulse if group.spec.impulsive else forces, group.asked
     look_ahead(group, h)
     if group.spec.impulsive:
         for j in group.each(len(group.contacts)):
@@ -315,12 +301,14 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
 
 def keep_start(group: Group) -> None:
     """Let the present state be the start of the next step."""
-    names = ("u", "v", "a") if group.spec.implicit else ("u", "v")
     for i in group.each(group.spec.n_moving):
-        for name in names:
+        for name in moving_rows(group):
             group.state[f"{name}0", i] = group.state[name, i]
-    if group.spec.smooth:
-        bouc_wen.keep(group)
+
+
+def moving_rows(group: Group) -> list[str]:
+    """Names of the rows that a step moves, by floors."""
+    return ["u", "v", *(["a"] if group.spec.implicit else []), *(["slip"] if group.spec.smooth else [])]
 
 
 def clear_forces(group: Group, lanes: Any) -> None:
@@ -415,11 +403,9 @@ class FixedSteps:
         for _ in when(closed.now):
             keep_start(group)
         for _ in when(touched.now):
-            for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
+            for name in moving_rows(group):
                 for k in group.each(group.spec.n_moving):
-                    s[now, k] = s[before, k]
-            if group.spec.smooth:
-                bouc_wen.return_to_start(group)
+                    s[name, k] = s[f"{name}0", k]
             begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 substep(group, h)

@@ -15,6 +15,8 @@ w_i = U_i - u - h_i theta, and on the base by reaction:
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
+from operator import add
 from typing import Any
 
 from pounding_sweep.kernel import hysteresis, links
@@ -30,21 +32,17 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
     forces, at = [], 0
     for b, floors in part:
         here = range(at, at + len(floors))
-        if on_own_terms(group, floors):
+        # storeys have dampers of their own, or drifts that a foundation's rocking is part of
+        if any(map(group.own_damper, floors)) or group.base(floors[0]) is not None:
             for i, p in zip(floors, here, strict=True):
                 drift, rate = (_drift(group, i, values, p, at) for values in (x, y))
-                forces.append(storey_force(group, b, i, drift, rate, constant))
+                forces.append(_storey_force(group, b, i, drift, rate, constant))
             at += len(floors)
             continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
         forces += [group.prop("k", i) * (w[s] - w[s - 1] if s else w[s]) for s, i in enumerate(floors)]
         at += len(floors)
     return forces
-
-
-def on_own_terms(group: Group, floors: Sequence[Any]) -> bool:
-    """Whether storeys of a building have dampers of their own, or drifts that a foundation's rocking is part of."""
-    return any(map(group.own_damper, floors)) or group.base(floors[0]) is not None
 
 
 def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
@@ -54,7 +52,7 @@ def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
     return x[p] if p == first else x[p] - x[p - 1]
 
 
-def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
+def _storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
     """Force of a storey of a building in which some may yield, or have dashpots, its dampers included."""
     # Of rates it is without its `constant`.
     if not group.own_damper(i):
@@ -155,27 +153,20 @@ class Pushes:
         return [self._signed.get(i, ()) for i in floors] if self._signed else ()
 
 
-def _sum(terms: Sequence[Any]) -> Any:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
-
-
 def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]:
     """Powers (kW) of the ground and of damping on each building, at the velocities y."""
     found, at = [], 0
     for b, floors in part:
         v = y[at : at + len(floors)]
         at += len(floors)
-        momentum = _sum([group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
+        momentum = reduce(add, [group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
         if (base := group.base(floors[0])) is not None:
             momentum = fma(group.prop("m", base[0]), y[base[0]], momentum)
             v = [group.deformation(i, y, i) for i in floors]
-        mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
+        mass = reduce(add, [group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
         first = at - len(floors)
         drift = [_drift(group, i, y, p, first) for p, i in enumerate(floors, first)]
-        stiff = _sum([damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
+        stiff = reduce(add, [damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
         gained, lost = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
         for i, dv in zip(floors, drift, strict=True):
             lost = fma(group.prop("dashpot", i), dv * dv, lost) if group.dashed(i) else lost
@@ -188,7 +179,7 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
 def kinetic(group: Group, floors: Sequence[Any]) -> Any:
     """v'Mv/2 of a building."""
     all_of_it = (*floors, *(group.base(floors[0]) or ()))
-    return _sum([0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in all_of_it])
+    return reduce(add, [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in all_of_it])
 
 
 def strain(group: Group, floors: Sequence[Any]) -> Any:
@@ -202,7 +193,7 @@ def strain(group: Group, floors: Sequence[Any]) -> Any:
         terms.append(0.5 * group.prop("k", i) * drift * drift if elastic else hysteresis.strain(group, i, drift))
         below = u
     terms += [0.5 * group.prop("k", i) * group.state["u", i] * group.state["u", i] for i in base or ()]
-    return _sum(terms)
+    return reduce(add, terms)
 
 
 def each_given(group: Group, j: Any, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:

@@ -39,7 +39,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
+from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, first_crossing, newton, tangents
 from pounding_sweep.kernel.row import Pushes, accelerations, powers
 
@@ -117,18 +117,13 @@ def _expand_term(group: Group, contacts: int, k: Any, ground: Any, inverse: Look
     for j in range(contacts) if not group.long else group.each_contact() if contacts else ():
         push.add_contact(j, _press(group, j, k, x))
     push.add_links(x, x.rates)
-    for b, floors in group.each_building():
-        _move_on(group, b, floors, k, x, ground, push.on(floors), inverse)
-
-
-def _move_on(group: Group, b: Any, floors: Any, k: Any, x: _Term, ground: Any, pushed: Any, inverse: Lookup) -> None:
-    """Find the next coefficients of a building's floors; numbers are read here: there is room for few."""
     s, n, per = group.state, group.spec.n_dof, group.state["h"] * inverse[k]
-    moved, sped = [x[i] for i in floors], [s[x.rates, i] for i in floors]
-    a = accelerations(group, [(b, floors)], moved, sped, ground, pushed, x.constant)
-    for i, yi, ai in zip(floors, sped, a, strict=True):
-        s["jet", i + (k + 1) * n] = yi * per
-        s["y", i] = ai * per
+    for b, floors in group.each_building():  # numbers are read building by building: there is room for few
+        moved, sped = [x[i] for i in floors], [s[x.rates, i] for i in floors]
+        a = accelerations(group, [(b, floors)], moved, sped, ground, push.on(floors), x.constant)
+        for i, yi, ai in zip(floors, sped, a, strict=True):
+            s["jet", i + (k + 1) * n] = yi * per
+            s["y", i] = ai * per
 
 
 class _Term:
@@ -345,8 +340,8 @@ def _look_at_storeys(group: Group, asks: Any, doubt: Cell, first: Cell) -> None:
     for i, below in hysteresis.each_storey(group):
         phase, dy, p = s["phase", i], group.prop("yield_drift", i), s["slip", i]
         margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
-        v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
-        z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
+        v0, v1 = (group.drift(i, below, name) for name in ("v0", "v"))
+        z0, z1 = (group.drift(i, below, name) - p for name in ("u0", "u"))
         elastic, drift = asks & (phase == 0.0), _drift(group, i, below, z0, 1.0)
         yields = asks & ~(phase == 0.0)
 
@@ -445,15 +440,10 @@ def _take_turns(group: Group) -> None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
         near = above + BULGE * h * (size(v0) + size(v1)) > 0.0
         with when_any(near):
-            course = _course(group, motion)
+            course = Series(lambda k: motion.of(_Term(group, k)), group.spec.series)  # noqa: B023
             asks = near & ((v0 * v1 <= 0.0) | _turns_twice(group, course))
             with when_any(asks):
                 take_extremes(group, motion, asks, (*_extremes(group, asks, course), x1))
-
-
-def _course(group: Group, motion: Motion) -> Series:
-    """Return the series of a motion that is followed."""
-    return Series(lambda k: motion.of(_Term(group, k)), group.spec.series)
 
 
 def _integrate(group: Group) -> None:

@@ -130,11 +130,6 @@ class LawShape:
         """Whether the published force can turn negative and is cut at zero."""
         return bool(self.damper) and not self.approach_only and not self.tension
 
-    @property
-    def steep(self) -> bool:
-        """Whether the damper begins with a root steeper than a line."""
-        return bool(self.damper) and 0.0 < self.damper_exponent < 1.0
-
     def grading(self, order: int) -> tuple[float, float]:
         """Power by which sub-steps grow after a touch and shrink before a release (1: no need to)."""
 

@@ -338,7 +338,7 @@ def _borne(group: Group, i: Any, below: Any, shear: Callable[[Any], Any], name: 
     """Shear of a storey, which bears what the weights above it push too."""
     if not group.spec.p_delta:
         return shear(name)
-    return shear(name) + group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
+    return shear(name) + group.prop("geometric", i) * group.drift(i, below, name)
 
 
 def _column_shear(results: KernelResults, end: int) -> np.ndarray:

@@ -47,12 +47,6 @@ class Explicit(Scheme):
         fastest = np.maximum(np.sqrt(w2), rate)
         return np.asarray(np.where(rate > 0.0, self.damped_radius, self.undamped_radius) / fastest)
 
-    def _grounds(self, group: Group) -> dict[float, Any]:
-        """Ground accelerations at the places of the stages."""
-        g0, g1 = group.state["g0"], group.state["g1"]
-        known = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
-        return known | {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in known}
-
     def step(
         self, group: Group, h: Any, part: Part | None = None, press: Press | None = None, joins: bool = False
     ) -> Any:
@@ -63,7 +57,9 @@ class Explicit(Scheme):
         """
         # Sums are of powers (``din``, ``ddamp``), works, impulses and energies given (``gain``); floors that rest on
         # each other are given one acceleration if `joins`.
-        s, asked, spec, grounds = group.state, group.asked, group.spec, self._grounds(group)
+        s, asked, spec, g0, g1 = group.state, group.asked, group.spec, group.state["g0"], group.state["g1"]
+        grounds = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
+        grounds |= {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in grounds}
         rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
         floors = [] if part is None else [i for _, mine in part for i in mine]
         if len(floors) == spec.n_dof:

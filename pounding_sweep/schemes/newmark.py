@@ -14,7 +14,7 @@ are swept until none changes any more (block Gauss-Seidel).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,15 +55,6 @@ MAX_SWEEPS = 500
 STIFF_RATE = 2.0
 #: Floors that a contact acts on at one of its sides, and the share of each (None: all).
 Floors = list[tuple[Any, Any]]
-
-
-def _each_whole(group: Group) -> Iterator[tuple[Part, Sequence[Any]]]:
-    """Go through what moves as one in a step, and its degrees of freedom: buildings, or the row."""
-    if group.spec.whole:
-        yield list(enumerate(group.building_floors)), range(group.spec.n_moving)
-        return
-    for b, floors in group.each_building():
-        yield [(b, floors)], floors
 
 
 def _step(group: Group, part: Part, start: Sequence[Sequence[Any]], h: Any) -> tuple[list[Any], list[Any], list[Any]]:
@@ -167,16 +158,12 @@ def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
 def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
     if group.spec.whole:  # both are of one whole, whose response is to the push on both
-        both = [(i, share if side else -share) for side in (0, 1) for i, share in _shares(group, j, side)]
+        each = ((i, sign, group.full(1.0) if share is None else share) for i, sign, share in group.ends(j))
+        both = [(i, -share if sign == "-" else share) for i, sign, share in each]
         return [(j * group.spec.n_moving, both, 1.0)]
     most = max(group.spec.storeys)
     sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
     return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
-
-
-def _shares(group: Group, j: Any, side: int) -> Floors:
-    """Floors that a contact acts on at a side, with numbers for shares."""
-    return [(i, group.full(1.0) if share is None else share) for i, share in group.floors_of(j, side)]
 
 
 def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
@@ -549,7 +536,7 @@ class Newmark(Scheme):
     def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s = group.state
-        for part, moving in _each_whole(group):
+        for part, moving in group.each_part(group.spec.whole):
             before = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
             for name, old, new in zip("uva", before, _step(group, part, before, h), strict=True):
                 for i, x, y in zip(moving, old, new, strict=True):
