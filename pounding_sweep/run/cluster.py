@@ -22,7 +22,6 @@ from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.identity import fingerprint
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.diagnosis import THREAD_LIMITS
-from pounding_sweep.run.execute import Item
 
 #: Chunks in flight per thread of a worker: one runs, one waits next to it, one is on its way back.
 IN_FLIGHT = 3
@@ -127,12 +126,10 @@ class ClusterWorkers:
             advance(len(shapes))
         return sum(counts)
 
-    def run(
-        self, items: Iterable[Item], task_of: Callable[[Item], ChunkTask]
-    ) -> Iterator[tuple[Item, np.ndarray | str]]:
+    def run(self, items: Iterable[Any], task_of: Callable[[Any], ChunkTask]) -> Iterator[tuple[Any, np.ndarray | str]]:
         """Run a task for each item; see `Dispatcher.run`."""
 
-        def submit(item: Item) -> Any:
+        def submit(item: Any) -> Any:
             return self._submit(list(self._fit), self._run, *task_of(item))
 
         failed = []
@@ -145,10 +142,10 @@ class ClusterWorkers:
             for _, result in self._complete([item], submit):
                 yield item, f"{type(result).__name__}: {result}" if isinstance(result, Exception) else result
 
-    def _complete(self, items: Iterable[Item], submit: Callable[[Item], Any]) -> Iterator[tuple[Item, Any]]:
+    def _complete(self, items: Iterable[Any], submit: Callable[[Any], Any]) -> Iterator[tuple[Any, Any]]:
         """Submit tasks in order, few at a time; give their results, or the errors that ended them, as they come."""
         waiting = deque((item, 0) for item in items)  # and how often all of its workers died
-        in_flight: dict[Any, tuple[Item, int, set[str]]] = {}
+        in_flight: dict[Any, tuple[Any, int, set[str]]] = {}
         done = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         while waiting or in_flight:
             self._poll_workers()

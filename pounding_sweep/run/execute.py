@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 SCHEDULERS = ("threads", "processes", "synchronous")
 #: Chunks under way per thread of this process: one runs, one waits beside it.
 AHEAD = 2
-
-Item = TypeVar("Item")
 
 
 @dataclass
@@ -157,9 +155,7 @@ class Dispatcher(ExitStack):
         """Make kernels ready where they will run; returns how many had to be compiled."""
         return self.cluster.prepare(shapes, advance) if self._has_cluster else prepare(shapes, self.workers, advance)
 
-    def run(
-        self, items: Iterable[Item], task_of: Callable[[Item], ChunkTask]
-    ) -> Iterator[tuple[Item, np.ndarray | str]]:
+    def run(self, items: Iterable[Any], task_of: Callable[[Any], ChunkTask]) -> Iterator[tuple[Any, np.ndarray | str]]:
         """Run a task for each item, begun in their order; gives items with tables, or what went wrong, as they come."""
         if self._has_cluster:
             yield from self.cluster.run(items, task_of)
@@ -167,7 +163,7 @@ class Dispatcher(ExitStack):
             for item in items:
                 yield item, self._run(*task_of(item))
         else:
-            following, in_flight = iter(items), dict[Future[Any], Item]()
+            following, in_flight = iter(items), dict[Future[Any], Any]()
             while True:
                 for item in islice(following, AHEAD * self.workers - len(in_flight)):
                     in_flight[self._threads.submit(self._run, *task_of(item))] = item
