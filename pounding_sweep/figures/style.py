@@ -121,9 +121,14 @@ def join_nonempty(*parts: str) -> str:
 def unit_text(attributes: Mapping[str, Any]) -> str:
     """Write the unit of a variable as engineers do; "" where it has none."""
     units = str(attributes.get("units", attributes.get("unit_text", "1")))
-    raised = {"1": "", "2": "²", "3": "³"}
-    text = re.sub(r" ?([A-Za-z]+)-([\d.]+)", lambda m: f"/{m[1]}{raised.get(m[2], f'^{m[2]}')}", units)
+    text = spell_units(units)
     return "" if units == "1" else text.replace("/", "1/", text.startswith("/"))
+
+
+def spell_units(text: str) -> str:
+    """Return a text whose units are written as engineers do: m/s² for m s-2."""
+    raised = {"1": "", "2": "²", "3": "³"}
+    return re.sub(r" ?([A-Za-z]+)-(\d+(?:\.\d+)?)", lambda m: f"/{m[1]}{raised.get(m[2], f'^{m[2]}')}", text)
 
 
 def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:

@@ -52,10 +52,11 @@ from pounding_sweep.figures.style import (
     label_edges,
     legend_below,
     put_title,
+    spell_units,
     subplots,
     unit_text,
 )
-from pounding_sweep.outputs.variables import STATUS, VARIABLES, Status
+from pounding_sweep.outputs.variables import Status
 
 _FORCES = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}
 #: Amplifications, the first three of which that are there are drawn.
@@ -364,8 +365,7 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     if name == "status":  # a colour for each that is drawn
         codes = np.unique(finite)
-        labels = {int(status): status.label for status in STATUS}
-        named = {code: labels.get(code, f"code {code:g}") for code in codes}
+        named = {status: status.label for status in Status if status in codes}
         norm = BoundaryNorm([*(codes - 0.5), high + 0.5], len(codes))
         return {"cmap": colormaps["YlOrRd"].resampled(len(codes)), "norm": norm}, (), named
     if ratio:  # to both sides of 1
@@ -471,21 +471,20 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
         for ax, building in zip(line, buildings, strict=True):
             here = cube.sel(building=building)
             others = [law for law in by_law if law != own]
-            for law in others:
-                label = "other laws" if law == others[0] else ""
-                _draw_profile(ax, here.sel(law=law), response, label, color="0.75", linewidth=1.0)
+            drawn = [(law, "other laws" * (law == others[0]), {"color": "0.75", "linewidth": 1.0}) for law in others]
             if by_law and "none" in laws:
-                dotted = {"color": "black", "linestyle": ":"}
-                _draw_profile(ax, here.sel(law="none"), response, law_name(cube, "none"), **dotted)
+                drawn.append(("none", law_name(cube, "none"), {"color": "black", "linestyle": ":"}))
             if by_law:
-                bold = {"color": COLOURS[2], "marker": "o", "linewidth": 1.6}
-                _draw_profile(ax, here.sel(law=own), response, "law of the row", **bold)
-            for law, style in zip(laws if not by_law else (), MARKED, strict=False):
-                _draw_profile(ax, here.sel(law=law), response, law_name(cube, law), **style)
+                drawn.append((own, "law of the row", {"color": COLOURS[2], "marker": "o", "linewidth": 1.6}))
+            else:
+                drawn = [(law, law_name(cube, law), style) for law, style in zip(laws, MARKED, strict=False)]
+            for law, label, style in drawn:
+                _draw_profile(ax, here.sel(law=law), response, label, **style)
             if len(response[0]) > 1:
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
+            names = [name for name in response[0] if name in cube]
             if not by_law or own == by_law[-1]:
-                ax.set_xlabel(f"{response[1]} ({drawn_unit({'units': VARIABLES[response[0][0]].units})[0]})")
+                ax.set_xlabel(f"{response[1]} ({drawn_unit(cube[names[0]].attrs)[0]})")
         if len(response[0]) == 1:
             line[0].set_xlim(left=0)
         title = f"{fill(law_name(cube, own), 18, break_on_hyphens=False)}\n" if own else ""
@@ -503,7 +502,7 @@ def _draw_profile(ax: Any, one: xr.Dataset, response: Any, label: str, **style: 
     floors = np.isfinite(one.floor_elevation.values)
     heights = one.floor_elevation.values[floors]
     for name in (name for name in names if name in one.data_vars):
-        x, y, marked = one[name].values[floors] * drawn_unit({"units": VARIABLES[name].units})[1], heights, slice(None)
+        x, y, marked = one[name].values[floors] * drawn_unit(one[name].attrs)[1], heights, slice(None)
         if where == "storeys":  # straight from the floor below to the floor above, marked halfway
             below = np.concatenate([[0.0], heights[:-1]])
             x, y = np.repeat(x, 3), np.column_stack([below, 0.5 * (below + heights), heights]).ravel()
@@ -618,9 +617,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     from matplotlib.transforms import ScaledTranslation
 
     result = result_of(cube, "fragility")
-    event = EVENTS[result.attrs["event"]]
-    spelt = (f" {event.units}", f" {unit_text({'units': event.units})}") if event.units else ("", "")
-    words, per = str(result.attrs["event_in_words"]).replace(*spelt), event.per
+    words, per = spell_units(result.attrs["event_in_words"]), EVENTS[result.attrs["event"]].per
     result = with_dims(result, *(dim for dim in ("law", per) if dim in result.coords))
     keep = (*TRIALS, "bound", "intensity", "quantile")
     axis = first_varied(result, but=keep) or "law"
@@ -649,17 +646,15 @@ def _draw_fit(ax: Any, part: xr.Dataset, style: dict[str, Any], marker: str, lab
     x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
     x, happened = x[np.isfinite(happened)], happened[np.isfinite(happened)]
     mark = {"color": style["color"], "marker": marker, "linestyle": "none"}
-    units = part["median"].attrs["units"]
+    units = unit_text(part["median"].attrs)
     if int(part["fit_status"]) == FitStatus.FITTED:
         at, band = part["intensity"].values, part["probability_interval"].values
         tried = (at >= x.min()) & (at <= x.max()) & np.isfinite(band).all()
         ax.fill_between(at, *band, where=tried, color=style["color"], alpha=0.15, linewidth=0)
-        numbers = float(part["median"]), unit_text({"units": units}), float(part["dispersion"])
-        fitted = "{}median {:.3g} {}, dispersion {:.2g}".format(label, *numbers)
+        fitted = f"{label}median {part['median']:.3g} {units}, dispersion {part['dispersion']:.2g}"
         ax.plot(at, part["probability"].values, label=fill(fitted, _ENTRY), **style)
     else:
-        why = sentence(part).replace(f" {units}", f" {unit_text({'units': units})}")
-        ax.plot([], [], label=fill(label + why, _ENTRY), **mark)
+        ax.plot([], [], label=fill(label + spell_units(sentence(part)), _ENTRY), **mark)
     order = np.argsort(x, kind="stable")  # a mark for trials of one intensity, if several share it, else of a class
     groups = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1) if x.size else []
     groups = groups if groups and min(map(len, groups)) > 1 else np.array_split(order, min(_CLASSES, len(order)) or 1)
@@ -709,9 +704,8 @@ def incremental(cube: xr.Dataset) -> Figure:
     intensity = _draw_intensities(axes[0, 0], result)  # shared by all, as y is by a row
     finish(figure, axes, intensity, [label] * len(laws), _name_records(result), shown, legend=4)
     if suite and NO_FRACTILES in result.attrs:
-        units = result["intensity"].attrs
-        why = result.attrs[NO_FRACTILES].replace(units["units"], unit_text(units))
-        words = fill(f"No fractiles: {why}.", int(12.5 * figure.get_figwidth()))
+        words = f"No fractiles: {spell_units(result.attrs[NO_FRACTILES])}."
+        words = fill(words, int(12.5 * figure.get_figwidth()))
         figure.suptitle("\n".join(filter(None, (figure.get_suptitle(), words))))
     return figure
 
@@ -757,7 +751,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
             ax.set_yscale("log")
             ax.legend(loc="upper right", fontsize=8)
     axes[0, 0].set_xlim(left=0.0)
-    intensity = str(result.attrs.get("intensity", "")).replace("m s-2", "m/s²").replace("m s-1", "m/s")
+    intensity = spell_units(result.attrs.get("intensity", ""))
     said = f"{result.attrs['confidence']:.0%} intervals; dots: shares of the {result.attrs['suite']} records"
     finish(figure, axes, "gap (mm)", rows, f"lognormal with {said}", shown)
     figure.legends[0].set_title(intensity or None, {"size": 9})
