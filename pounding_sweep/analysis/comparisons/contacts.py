@@ -109,8 +109,8 @@ def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
-#: What cubes of some rows have beside, and what the description of such a row holds.
-BESIDE = {"hysteretic_energy": '"yield_strengths":', "energy_links": '"links":'}
+#: What cubes of rows that yield, and of rows with links, have beside.
+BESIDE = ("hysteretic_energy", "energy_links")
 #: What goes along where a cube has it.
 _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
 
@@ -148,19 +148,21 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     [2.0]
     """
     what = "the energy budget"
-    row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))
     pairs = ["pair"] if "pair" in cube.coords else []
     check_needs(cube, what, axes=["building", *pairs])
-    work = ["contact_work"] if pairs else []
-    need_variables(cube, what, [*TERMS, *work, *(name for name, text in BESIDE.items() if text in row)])
-    if "sweep" in cube.attrs:  # a selection that left buildings or pairs out does not balance
+    terms = [*TERMS, *(["contact_work"] if pairs else [])]
+    if "sweep" in cube.attrs:
         scene = scene_of(stored_sweep(cube)["scene"])
+        has_them = any(scene.yields), bool(scene.links)
+        need_variables(cube, what, [*terms, *(name for name, has in zip(BESIDE, has_them, strict=True) if has)])
+        # a selection that left buildings or pairs out does not balance
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
             if cube.sizes.get(dim, 0) != count:
                 raise InputError(
                     f"{what} is of the whole row, and this cube has {cube.sizes.get(dim, 0)} of {count} along {dim!r}; "
                     "make it of all, and select from the result"
                 )
+    need_variables(cube, what, terms)
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     result = {name: values(cube, name) for name in present(cube, (*TERMS, *BESIDE))}
