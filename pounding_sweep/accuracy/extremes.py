@@ -584,7 +584,6 @@ class FamilyResult:
     unknown: int = 0
     worst_error: float = 0.0  # of ok scenarios that half the step does not give away and that are not sensitive
     worst_created_energy: float = 0.0  # by contacts of an ok scenario, relative to the largest energy of its balance
-    worst_energy: float = 0.0  # of any scenario, relative to what the ground can have brought in
     #: scenarios that failed a demand, each with what is needed to run it again
     violations: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0  # CPU time of the runs, without references and compilation
@@ -598,7 +597,7 @@ class FamilyResult:
             setattr(self, name, getattr(self, name) + int(getattr(verdict, name).sum()))
         errors = verdict.error[~verdict.told & ~verdict.sensitive & np.isfinite(verdict.error)]
         created = verdict.created[status == Status.OK]
-        worst = {"worst_error": errors, "worst_created_energy": created, "worst_energy": verdict.energy}
+        worst = {"worst_error": errors, "worst_created_energy": created}
         for name, values in worst.items():
             setattr(self, name, float(values.max(initial=getattr(self, name))))
         self.violations += [_violation(verdict.run, row, text) for row, text in verdict.faults]

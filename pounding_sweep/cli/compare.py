@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
-from pounding_sweep.base.errors import InputError, OutputError, unknown
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, option, reporting, say
 
@@ -220,16 +220,11 @@ def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrit
     from pounding_sweep.output.netcdf import write_cube
 
     table = folder / f"{key}.csv"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, _headings(rows))
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise OutputError(
-            f"can't write {str(table)!r} ({error.strerror or error}); give a folder that can be written to"
-        ) from error
+    folder.mkdir(parents=True, exist_ok=True)
+    with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, _headings(rows))
+        writer.writeheader()
+        writer.writerows(rows)
     files = [table, write_cube(result, folder / f"{key}.nc", overwrite)]
     if COMPARISONS[key].figure:
         try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -77,11 +76,6 @@ def published(number: int) -> xr.Dataset:
     """Return a table of the paper as outputs of a cube."""
     if number not in TABLES:
         raise InputError(unknown("table of results", number, map(str, TABLES)))
-    return _read(number).copy(deep=True)
-
-
-@cache
-def _read(number: int) -> xr.Dataset:
     with files("pounding_sweep").joinpath("data", "mate2015", f"table{number}.csv").open() as file:
         frame = pd.read_csv(file).replace({"model": MODELS}).rename(columns={"model": "law"})
     dims = [dim for dim in _DIMENSIONS if dim in frame]
