@@ -553,12 +553,10 @@ def leading_outputs(trade: xr.Dataset) -> list[str]:
     return sorted(outputs, key=lambda name: LEADING.index(name) if name in LEADING else len(LEADING))[: len(LEADING)]
 
 
-def _nested(table: xr.Dataset) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the values of variables by output, population and statistic."""
+def _nested(cells: Iterable[tuple[Any, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return cells by output, population and statistic."""
     nested: dict[str, dict[str, dict[str, Any]]] = {}
-    frame = table.to_dataframe(["output", "population", "statistic"])[list(table.data_vars)]
-    for (output, population, statistic), values in zip(frame.index, frame.to_dict("records"), strict=True):
-        cell = {str(name): finite(value) for name, value in values.items()}
+    for (output, population, statistic), cell in cells:
         nested.setdefault(output, {}).setdefault(population, {})[statistic] = cell
     return nested
 
@@ -576,25 +574,21 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
         row["time_steps"] = one["time_step"].to_series().to_dict()
         row |= {name: finite(one[name].item()) for name in ("cost", "cost_median")}
         row["statuses"] = {label: count for label, count in one["status_count"].to_series().items() if count}
-        cells = one[["error", "resolution"]].rename(error="value").assign(pareto=one["pareto"] == 1)
-        rows.append(row | {"errors": _nested(cells)})
+        frame = one[["error", "resolution", "pareto"]].to_dataframe(["output", "population", "statistic"])
+        numbers = zip(*(frame[name].tolist() for name in ("error", "resolution", "pareto")), strict=True)
+        cells = ({"value": finite(a), "resolution": finite(b), "pareto": bool(on)} for a, b, on in numbers)
+        rows.append(row | {"errors": _nested(zip(frame.index, cells, strict=True))})
     return rows
 
 
 def report(trade: xr.Dataset) -> dict[str, Any]:
     """Return every output, population and statistic of a trade, for JSON."""
-    errors = _nested(trade[["reference_error"]])
+    counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
+    errors = trade["reference_error"].transpose("output", "population", "statistic").to_series()
     return {
-        **{name: int(trade.attrs[name]) for name in ("sample_scenarios", "sensitive_scenarios", "touching_scenarios")},
-        "unique_scenarios": int(trade.attrs["unique_scenarios"]),
+        **{name: int(trade.attrs[name]) for name in counts},
         "reference_step": float(trade.attrs["reference_step"]),
-        "reference_errors": {
-            output: {
-                population: {statistic: cell["reference_error"] for statistic, cell in cells.items()}
-                for population, cells in populations.items()
-            }
-            for output, populations in errors.items()
-        },
+        "reference_errors": _nested((place, finite(error)) for place, error in errors.items()),
         "configurations": trade_rows(trade),
     }
 
