@@ -66,12 +66,14 @@ def structural_energy(histories: xr.Dataset, building: str) -> Figure:
     """Draw the structural energy of a building against time, model by model."""
     energy = histories["structural_energy"].sel(building=building)
 
-    def lines(one: xr.DataArray) -> list[tuple[Any, Any]]:
-        one = one.dropna("time")
-        return [(one["time"], one)]
-
     # records differ by an order of magnitude
-    figure = model_grid(energy, lines, "time (s)", "energy (kN m)", share_y=False)
+    figure = model_grid(
+        energy,
+        lambda one: [(one["time"][one.notnull()], one.dropna("time"))],
+        "time (s)",
+        "energy (kN m)",
+        share_y=False,
+    )
     for ax in figure.axes:
         ax.set_xlim(0.0, np.asarray(ax.lines[0].get_xdata())[-1])
         ax.set_ylim(bottom=0)
@@ -84,10 +86,11 @@ def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
     here = cube[["displacement_max", "displacement_min"]].sel(building=building) * 1e3
     floors = np.concatenate([[0], here["storey"].values])
 
-    def lines(one: xr.Dataset) -> list[tuple[Any, Any]]:
-        return [(np.concatenate([[0.0], peaks.values]), floors) for peaks in one.data_vars.values()]
-
-    figure = model_grid(here, lines, "displacement (mm)", "floor")
+    figure = model_grid(
+        here,
+        lambda one: [(np.concatenate([[0.0], peaks.values]), floors) for peaks in one.data_vars.values()],
+        *("displacement (mm)", "floor"),
+    )
     for ax in figure.axes:
         ax.axvline(0.0, color="0.4", linewidth=0.8)
         ax.set_yticks(floors)
@@ -100,10 +103,9 @@ def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
     shear = cube["storey_shear_max"].sel(building=building) * 1e-3
     edges = np.concatenate([[0], shear["storey"].values])  # constant over a storey: from one floor to the next
 
-    def lines(one: xr.DataArray) -> list[tuple[Any, Any]]:
-        return [(np.repeat(one.values, 2), np.repeat(edges, 2)[1:-1])]
-
-    figure = model_grid(shear, lines, "storey shear (MN)", "floor")
+    figure = model_grid(
+        shear, lambda one: [(np.repeat(one.values, 2), np.repeat(edges, 2)[1:-1])], "storey shear (MN)", "floor"
+    )
     for ax in figure.axes:
         ax.set_xlim(left=0)
         ax.set_yticks(edges)
@@ -165,28 +167,36 @@ class PaperFigure:
     draw: Callable[[Study], Figure]  # `Study` -> figure
 
 
-#: By the first of three figures in a row, for the left, middle and right building: what they show.
-_OF_BUILDINGS: dict[int, tuple[str, Callable[[str, Study], Figure]]] = {
-    5: ("Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
-    8: ("Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
-    11: ("Structural energy", lambda b, study: structural_energy(study.histories, b)),
-    14: ("5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
-    17: ("Roof displacement", lambda b, study: roof_histories(study.histories, study.records[-1].name, building=b)),
+#: By the first of the figures in a row: what they show, of which buildings or pairs, and how.
+_IN_A_ROW: dict[int, tuple[str, Sequence[str], Callable[[str, Study], Figure]]] = {
+    5: ("Signed peak displacements of the floors", BUILDINGS, lambda b, study: displacement_profiles(study.cube, b)),
+    8: ("Peak storey shears", BUILDINGS, lambda b, study: shear_profiles(study.cube, b)),
+    11: ("Structural energy", BUILDINGS, lambda b, study: structural_energy(study.histories, b)),
+    14: (
+        "5 % spectra of the roof's total acceleration",
+        BUILDINGS,
+        lambda b, study: roof_spectra(study.floor_spectra, b),
+    ),
+    17: (
+        "Roof displacement",
+        BUILDINGS,
+        lambda b, study: roof_histories(study.histories, study.records[-1].name, building=b),
+    ),
+    20: (
+        "Impact force between the roofs",
+        PAIRS,
+        lambda p, study: roof_histories(study.histories, study.records[-1].name, pair=p),
+    ),
 }
-
-
-def _force(pair: str, study: Study) -> Figure:
-    return roof_histories(study.histories, study.records[-1].name, pair=pair)
 
 
 PAPER_FIGURES: tuple[PaperFigure, ...] = (
     PaperFigure(4, "Ground motions and their 5 % spectra", lambda study: ground_motion(study.motions)),
     *(
-        PaperFigure(first + i, f"{title}, {building} building", partial(draw, building))
-        for first, (title, draw) in _OF_BUILDINGS.items()
-        for i, building in enumerate(BUILDINGS)
+        PaperFigure(first + i, f"{title}, {name}{' building' * (names is BUILDINGS)}", partial(draw, name))
+        for first, (title, names, draw) in _IN_A_ROW.items()
+        for i, name in enumerate(names)
     ),
-    *(PaperFigure(20 + i, f"Impact force between the roofs, {p}", partial(_force, p)) for i, p in enumerate(PAIRS)),
 )
 """Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair.
 Histories are of the paper's record, San Fernando, or of the last one at hand."""
