@@ -271,7 +271,7 @@ def test_simulate_allows_for_the_speed_at_the_start():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"locate": False}, "locate: accuracy was measured with located contacts only"),
+        ({"locate": False}, "locate: accuracy needs located contacts"),
         ({"method": "newmark", "beta": 0.3}, "beta: accuracy was measured with beta = 0.25"),
         ({"gamma": 0.6}, "gamma: accuracy was measured with gamma = 0.5"),
         ({"dt": 1e-3}, "dt: accuracy chooses the step"),

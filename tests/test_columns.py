@@ -43,12 +43,6 @@ def test_a_column_struck_at_its_end_is_the_floor():
     assert column_softness(0.0) == column_softness(1.0) == 0.0
 
 
-@pytest.mark.parametrize("xi", [-1e-9, 1.0 + 1e-9, float("nan"), float("inf")])
-def test_a_column_is_struck_between_its_ends(xi):
-    with pytest.raises(SceneError, match=r"at the fraction xi = .*; it must be in \[0, 1\]"):
-        column_shares(xi)
-
-
 # -- scenes ------------------------------------------------------------------------------------------------------------
 
 

@@ -285,9 +285,7 @@ def test_a_run_does_not_go_on_with_a_changed_law(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             sweep(path).run(out, scheduler="synchronous")
     law_file(tmp_path, number=1.4)
-    with pytest.raises(
-        OutputError, match=r"belong to another sweep: they differ in law my_law \(\w{12}\.\.\. there, \w{12}"
-    ):
+    with pytest.raises(OutputError, match=r"belong to another sweep: they differ in law my_law \(\w+ there, \w+"):
         sweep(path).run(out, scheduler="synchronous")
     law_file(tmp_path)
     again = sweep(path)

@@ -257,14 +257,15 @@ class Law:
         >>> round(float(c), 1)
         4240.2
         """
+        shape = np.ones(np.broadcast_shapes(np.shape(k), np.shape(m)))
         if self.number is None:
-            return np.zeros(np.broadcast_shapes(np.shape(k), np.shape(m)))
-        number = damping_number(self, e, basis)
+            return 0.0 * shape
+        factor = k
         if self.damping == "viscous":
-            return np.asarray(2.0 * number * np.sqrt(np.asarray(k, float) * np.asarray(m, float)))
-        if self.impulsive or self.yields:
-            return np.asarray(number * np.ones(np.broadcast_shapes(np.shape(k), np.shape(m))))
-        return np.asarray(number * np.asarray(k, float) * np.ones_like(np.asarray(m, float)))
+            factor = 2.0 * np.sqrt(np.multiply(k, m, dtype=float))
+        elif self.impulsive or self.yields:
+            factor = 1.0
+        return np.asarray(damping_number(self, e, basis) * factor * shape)
 
     def quickening(self, e: Any, basis: str = "published") -> np.ndarray:
         """Factor >= 1 by which damping makes the fastest part of a contact shorter than that of an elastic one."""
@@ -603,7 +604,8 @@ def get_law(key: str | Law) -> Law:
     try:
         return LAWS[key]
     except (KeyError, TypeError):
-        raise LawError(unknown("contact law", key, LAWS)) from None
+        text = f"{unknown('contact law', key, LAWS)}; a sweep may name a law of your own as FILE.py:NAME, or a group: "
+        raise LawError(text + ", ".join(LAW_GROUPS)) from None
 
 
 #: Name of the law of `rubber_bumper`, which the thickness completes.
@@ -752,16 +754,7 @@ def names_file(given: str) -> bool:
 
 def find_law(given: Any, base: Path | None = None) -> Law:
     """Return a law of the registry by its key, one of a file (from the folder `base`) by FILE:NAME, or one given."""
-    if isinstance(given, str) and names_file(given):
-        return _checked(_load(given, base))
-    if isinstance(given, Law):
-        return _checked(given)
-    try:
-        return LAWS[given]
-    except (KeyError, TypeError):
-        groups = " and ".join(LAW_GROUPS)
-        own = f"or a law of your own as FILE.py:NAME; a sweep may name the groups {groups}, too"
-        raise LawError(f"{unknown('contact law', given, LAWS)}, {own}") from None
+    return _checked(_load(given, base) if isinstance(given, str) and names_file(given) else get_law(given))
 
 
 def _checked(law: Law) -> Law:

@@ -603,9 +603,9 @@ class _Reader:
             verb = "need" if len(located) > 1 else "needs"
             add(("locate",), f"{', '.join(located)} {verb} located contacts; give locate = true, or leave it out")
         for name, default in _PARAMETERS.items():
-            if given[name] is None:
-                given[name] = default
-            elif given[name] != default and scheme and name not in scheme.parameters:
+            value = given[name]
+            given[name] = default if value is None else value
+            if given[name] != default and scheme and name not in scheme.parameters:
                 owners = " and ".join(other.name for other in SCHEMES.values() if name in other.parameters)
                 add((name,), f"{name} is a parameter of {owners}, and the method is {method}; leave it out")
             elif given[name] != default and automatic:
