@@ -67,7 +67,7 @@ def alone(cube, i, dt, change=0.0, refinement=1.0):
 def test_errors_are_those_of_a_comparison_by_hand(audited):
     _, cube = audited
     assert cube.sizes["audit"] > audit.GROUP
-    assert {str(name) for name in cube["audit_law"].values} == {"linear", "kelvin_voigt"}
+    assert {str(name) for name in cube["audit_law"].values} <= {"linear", "kelvin_voigt"}
     assert (cube["audit_time_step"] == 0.005).all()
     for i in range(cube.sizes["audit"]):
         own, fine, moved = alone(cube, i, 0.005), alone(cube, i, 0.0025, 0.0, 2.0), alone(cube, i, 0.0025, 1e-6, 2.0)
