@@ -184,7 +184,7 @@ def test_a_contact_yields_again_and_again(method, dt, bound):
 
 @pytest.mark.parametrize("key", ["hysteretic", "stereomechanical"])
 def test_what_happens_at_instants_needs_them_located(key):
-    with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave the law out"):
+    with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave it out"):
         simulate(PAIR, key, 20, locate=False)
 
 

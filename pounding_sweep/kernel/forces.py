@@ -62,28 +62,24 @@ LATE = 0.01
 
 
 @dataclass(frozen=True)
-class Touch:
-    """Onsets of contact `j` in some lanes, at the rates `v`, within a step of length h; which of them are counted."""
+class Onset:
+    """Onsets of contact `j` in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
 
     j: Any
     lanes: Any
     fresh: Any
-    v: Any
-    h: Any
+    speed: Any
+    time: Any
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Contact `j` at the end of an unlocated step: where it is closed, and freshly so; d, its rates, and the time."""
+    """Contact `j` at the end of an unlocated step of length `h`: where it is closed, and its penetration."""
 
     j: Any
     closed: Any
-    fresh: Any
     d: Any
-    v: Any
-    speed: Any
     h: Any
-    time: Any
 
 
 def penetration(group: Group, j: Any, name: str = "u") -> Any:
@@ -411,7 +407,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
                 s["shortest", which] = where(touches, minimum(s["shortest", which], lasts), s["shortest", which])
                 if law.shape.per_speed:
                     c = c / maximum(v, RESTING_SPEED)
-                note_touch(group, j, touches, touches, v, h)
+                note_onset(group, j, touches, touches, v, group.clock(h))
                 s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
                 if law.shape.yields:
                     _begin_yielding(group, j, touches, k, c, v, mass)
@@ -437,11 +433,11 @@ def is_late(group: Group) -> Any:
     return late.now
 
 
-def note_touch(group: Group, j: Any, lanes: Any, fresh: Any, v: Any, h: Any) -> None:
-    """Tell reducers of an onset at the rate v; in `fresh` lanes it counts as one of its own."""
+def note_onset(group: Group, j: Any, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
+    """Tell reducers of an onset."""
     for reducer in group.reducers:
         if reducer.touch:
-            reducer.touch(group, Touch(j, lanes, fresh, v, h))
+            reducer.touch(group, Onset(j, lanes, fresh, speed, time))
 
 
 def is_closed(group: Group) -> Any:

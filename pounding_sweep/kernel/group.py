@@ -215,8 +215,6 @@ class Group:
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             if "transfer" in self.asked:  # energy given so far, in the step, and powers
                 rows |= dict.fromkeys(("now", "gain", "given", "given0", "given1"), nb)
-        for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
-            rows |= {slot.name: slot.count(spec)}
         # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws
         if spec.implicit or spec.impulsive:
             rows |= {"a": n, "alone": n}

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pounding_sweep.kernel import transfers
-from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_touch, penetration
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_onset, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import NEVER, first_crossing
@@ -165,7 +165,7 @@ def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
     fast = v > COUNTED * RESTING_SPEED
     if "count" in r:
         fast = fast | (s["count", j] == 0.0)
-    note_touch(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, h)
+    note_onset(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, group.clock(h))
     s["next", j] = where(lanes, 2.0, s["next", j])
     for reducer, name in (("force", "fmax"), ("penetration", "dmax")):
         if reducer in r:

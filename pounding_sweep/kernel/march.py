@@ -55,7 +55,7 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
         for which in range(len(spec.laws)):
             put(("shortest", which), group.full(group.limit.far))
     for reducer in group.reducers:
-        for slot in (slot for slot in (*reducer.slots, *reducer.keeps) if slot.first):
+        for slot in (slot for slot in reducer.slots if slot.first):
             if slot.per == "building":
                 for b, floors in group.each_building():
                     put((slot.name, b), slot.first(group, floors))
@@ -106,9 +106,10 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         closed = d > 0.0
         fresh = closed & (s["mode", j] == 0.0)
         s["mode", j] = where(closed, 1.0, group.full(0.0))
+        forces.note_onset(group, j, fresh, fresh, speed, time)
         for reducer in group.reducers:
             if reducer.plain:
-                reducer.plain(group, forces.Sample(j, closed, fresh, d, v, speed, h, time))
+                reducer.plain(group, forces.Sample(j, closed, d, h))
         fastest = None
         if law.shape.per_speed:
             fastest = maximum(where(fresh, speed, s["vrun", j]), v)

@@ -16,7 +16,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel import bouc_wen, hysteresis, links
-from pounding_sweep.kernel.forces import Sample, Touch
+from pounding_sweep.kernel.forces import Onset, Sample
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.kernel.peaks import Motion
@@ -189,13 +189,12 @@ class Reducer:
     #: "": it exists in all kernels; else where storeys yield, "yields", neighbours are linked, "linked", buildings
     #: stand on foundations, "founded", floors of neighbours stand at one height, "neighbours", or can touch, "touch"
     where: str = ""
-    keeps: tuple[Slot, ...] = ()  # what it needs beside
     looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
     #: gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
     #: where that is asked for and the row is short
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
     step: Callable[[Group], None] | None = None  # what it does after each located step and sub-step
-    touch: Callable[[Group, Touch], None] | None = None  # what it does at the onset of a contact
+    touch: Callable[[Group, Onset], None] | None = None  # what it does at the onset of a contact
     #: what it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open)
     substep: Callable[[Group], None] | None = None
     plain: Callable[[Group, Sample], None] | None = None  # about a contact at the end of an unlocated step
@@ -352,23 +351,23 @@ def _first_time(results: KernelResults) -> np.ndarray:
     return np.where(times < 0, np.nan, times)
 
 
-def _count(group: Group, at: Touch | Sample) -> None:
+def _count(group: Group, at: Onset) -> None:
     s = group.state
     s["count", at.j] = s["count", at.j] + where(at.fresh, 1.0, group.full(0.0))
 
 
+def _first(group: Group, at: Onset) -> None:
+    s = group.state
+    s["tfirst", at.j] = where(at.lanes & (s["tfirst", at.j] < 0.0), at.time, s["tfirst", at.j])
+
+
+def _fastest(group: Group, at: Onset) -> None:
+    s = group.state
+    s["vmax", at.j] = where(at.lanes, maximum(s["vmax", at.j], at.speed), s["vmax", at.j])
+
+
 def _deepest(group: Group, at: Sample) -> None:
     group.state["dmax", at.j] = maximum(group.state["dmax", at.j], at.d)
-
-
-def _first(group: Group, j: Any, lanes: Any, time: Any) -> None:
-    s = group.state
-    s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), time, s["tfirst", j])
-
-
-def _fastest(group: Group, j: Any, lanes: Any, v: Any) -> None:
-    s = group.state
-    s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
 
 
 def _closed(group: Group, j: Any, lanes: Any, h: Any) -> None:
@@ -789,22 +788,20 @@ REDUCERS: dict[str, Reducer] = {
             ),
         ),
         Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
-        Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
+        Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count),
         Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
         Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
         Reducer(
             "first_time",
             (Slot("tfirst", "contact", lambda group, j: -1.0),),
             where="touch",
-            touch=lambda group, at: _first(group, at.j, at.lanes, group.clock(at.h)),
-            plain=lambda group, at: _first(group, at.j, at.fresh, at.time),
+            touch=_first,
         ),
         Reducer(
             "approach_speed",
             (Slot("vmax", "contact"),),
             where="touch",
-            touch=lambda group, at: _fastest(group, at.j, at.lanes, at.v),
-            plain=lambda group, at: _fastest(group, at.j, at.fresh, at.speed),
+            touch=_fastest,
         ),
         Reducer(
             "time",
