@@ -28,8 +28,8 @@ from pounding_sweep.run.audit import candidates, draw, sweep_cost
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
 
-#: Several groups of lanes in the audit.
-LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0}
+#: Several groups of lanes in the audit, by this title of both laws that touch.
+LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0, "title": "two"}
 
 
 def make(**changes):
@@ -100,7 +100,7 @@ def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
     again = make(**LARGER).run(scheduler="threads", workers=3)
     for name in cube.variables:
         np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=str(name))
-    other = make(**LARGER, title="another").run(scheduler="synchronous")
+    other = make(**{**LARGER, "title": "another"}).run(scheduler="synchronous")
     assert not all(np.array_equal(cube[f"audit_{n}"], other[f"audit_{n}"]) for n in ("law", "stiffness", "restitution"))
 
 

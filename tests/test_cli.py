@@ -471,7 +471,7 @@ def test_bad_paths_and_options(tiny, tmp_path):
     file = write(tmp_path, "", "file")
     assert "no_such.toml: the sweep file can't be read" in bad("run", "no_such.toml", "-o", "out.nc", cwd=tmp_path)
     assert "is not a folder" in bad("run", sweep, "-o", file / "out.nc")
-    assert "does not exist" in bad("run", sweep, "-o", tmp_path / "gone" / "out.nc")
+    assert "is not a folder" in bad("run", sweep, "-o", tmp_path / "gone" / "out.nc")
     assert "is a folder" in bad("run", sweep, "-o", tmp_path)
     assert "did you mean 'threads'?" in bad("run", sweep, "-o", tmp_path / "out.nc", "--scheduler", "thread")
     assert "at least 1" in bad("run", sweep, "-o", tmp_path / "out.nc", "--workers", 0)
