@@ -26,13 +26,13 @@ def found():
 
 @pytest.mark.slow
 def test_this_installation_passes(found):
-    assert found.passed
-    assert found.scenarios == len(self_check.converged()["scenarios"])
-    assert found.values == sum(
+    assert found["passed"]
+    assert found["scenarios"] == len(self_check.converged()["scenarios"])
+    assert found["values"] == sum(
         len(part) for item in self_check.converged()["scenarios"] for parts in item["values"].values() for part in parts
     )
-    assert 0.0 < found.error_max <= self_check.TOLERANCE
-    assert found.error_stored < 1e-3 * self_check.TOLERANCE
+    assert 0.0 < found["error_max"] <= self_check.TOLERANCE
+    assert found["error_stored"] < 1e-3 * self_check.TOLERANCE
 
 
 def tampered(change):

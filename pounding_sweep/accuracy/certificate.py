@@ -7,6 +7,7 @@ negligible, run by the same kernels as every sweep.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import product
@@ -58,7 +59,7 @@ def certify(
     *,
     method: str = "rk4",
     steps: int = STEPS,
-    workers: int = 1,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Measure the restitution of two free masses under contact laws, through the kernels.
@@ -73,8 +74,8 @@ def certify(
         Scheme, one of `pounding_sweep.schemes.SCHEMES`.
     steps : int
         Time steps in an undamped contact.
-    workers : int
-        Processes to compile kernels in.
+    workers : int, optional
+        Processes to compile kernels in; one per core by default.
     progress : Progress, optional
         Display.
 
@@ -117,7 +118,7 @@ def certify(
     progress = progress or Progress()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
     progress.stage("kernels", len(shapes))
-    prepare(shapes, workers, progress.advance)
+    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
     for kernel, row, number in zip(kernels, measured, forms[:, 1], strict=True):
         valid = np.isfinite(number)
         if valid.any():

@@ -19,6 +19,7 @@ or not and however sensitive they are.
 from __future__ import annotations
 
 import math
+import os
 import time
 import tomllib
 from collections import Counter
@@ -642,7 +643,7 @@ def run_extremes(
     families: Iterable[str] | None = None,
     methods: Iterable[str] | None = None,
     precision: str = "float64",
-    workers: int = 1,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> Extremes:
     """Run the stability suite, in the schemes that ``accuracy`` chooses from unless others are given."""
@@ -666,7 +667,7 @@ def run_extremes(
     formats = dict.fromkeys(("float64", precision))
     shapes = list(dict.fromkeys(b.kernel(method, b.steps[0], f).shape for b, method in runs for f in formats))
     progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
-    prepare(shapes, workers, progress.advance)
+    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
     ready = time.perf_counter()
     results: dict[tuple[str, str], FamilyResult] = {}
     progress.stage("batches", len(batches))
@@ -728,11 +729,9 @@ def stability_map(
                 force, expected = run["impact_force_max"][[i]], reference.peaks["impact_force_max"]
                 error[s, i, j] = relative_error("impact_force_max", force, expected)[0]
     dims = ("scheme", "stiffness", "dt")
-    flags = {
-        "long_name": "status of the scenario",
-        "flag_values": np.array([int(s) for s in Status], dtype=np.int8),
-        "flag_meanings": " ".join(s.label for s in Status),
-    }
+    labels = " ".join(s.label for s in STATUS)
+    codes = np.arange(len(STATUS), dtype=np.int8)
+    flags = {"long_name": "status of the scenario", "flag_values": codes, "flag_meanings": labels}
     return xr.Dataset(
         {
             "peak_force_error": (dims, error, {"units": "1", "long_name": "relative error of the peak contact force"}),
