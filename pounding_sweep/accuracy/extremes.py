@@ -601,16 +601,18 @@ class FamilyResult:
         worst = {"worst_error": errors, "worst_created_energy": created}
         for name, values in worst.items():
             setattr(self, name, float(values.max(initial=getattr(self, name))))
-        self.violations += [_violation(verdict.run, row, text) for row, text in verdict.faults]
+        run, batch = verdict.run, verdict.run.batch
+        for row, text in verdict.faults:
+            where = {"fault": text, "family": self.family, "case": batch.case, "law": batch.law.key}
+            how = {
+                "method": self.method,
+                "precision": run.precision,
+                "dt": run.dt,
+                "status": STATUS[int(status[row])].label,
+            }
+            names = ("gaps", "stiffness", "restitution", "scale")
+            self.violations.append({**where, **how, **{n: getattr(batch.table, n)[row].tolist() for n in names}})
         self.seconds += verdict.run.seconds
-
-
-def _violation(run: Run, row: int, text: str) -> dict[str, Any]:
-    batch = run.batch
-    values = {name: getattr(batch.table, name)[row].tolist() for name in ("gaps", "stiffness", "restitution", "scale")}
-    status = STATUS[int(run.status[row])].label
-    where = {"fault": text, "family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
-    return {**where, "precision": run.precision, "dt": run.dt, "status": status, **values}
 
 
 @dataclass(frozen=True)
