@@ -347,11 +347,11 @@ def test_a_cube_tells_its_bumpers(stub_engine):
     from pounding_sweep.output.describe import describe
 
     text = describe(row_sweep().run())
-    assert "storeys 1, 2 with bumpers 'rubber_bumper': 9 mm, k = 3e+08 kN/m^2.65, e = 0.5" in text
+    assert "storeys 1, 2 with bumpers 'rubber_bumper': 9 mm, k = 3e+08 kN m-2.65, e = 0.5" in text
     told = dict(overview(BUMPED))
     assert (
         told["c-wall"]
-        == "floors meet at 3, 6 m; storey 1 with bumpers 'modified_kelvin_voigt': k = 2e+05 kN/m, e = 0.4"
+        == "floors meet at 3, 6 m; storeys 1 with bumpers 'modified_kelvin_voigt': k = 2e+05 kN m-1, e = 0.4"
     )
     assert told["b-c"] == "floors meet at 3, 6 m"
 

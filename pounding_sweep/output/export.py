@@ -29,7 +29,7 @@ from pounding_sweep.output.identity import places_of, plain, scenario_keys
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records.record import RecordMeasures
-from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
+from pounding_sweep.spec.axes import axes_of, plain_name
 from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
@@ -272,7 +272,7 @@ def _known_by(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataAr
         "restitution": xr.where(law.copy(data=np.reshape(takes, law.shape)), part["restitution"], 1.0),
         "gap": part["pair_gap"],
     }
-    axes = property_axes(axes_of(sweep)) if sweep["cases"] is None else ()
+    axes = axes_of(sweep).property_axes if sweep["cases"] is None else ()
     for kind in ("period_factor", "mass_factor", "strength_factor", "hardening"):
         default = np.nan if kind == "hardening" else 1.0
         values = part.get(kind, xr.full_like(part["building"], default, dtype=float))

@@ -219,4 +219,4 @@ def recorded_axes(sweep: Mapping[str, Any]) -> dict[str, Sequence[Any] | int]:
     arguments = axes.axes_of(sweep)
     found: dict[str, Any] = arguments.along(sweep["laws"], [record["name"] for record in sweep["records"]])
     found["gap"] = arguments.gaps or 1
-    return found | {axis.dimension: axis.values for axis in axes.property_axes(arguments)}
+    return found

@@ -104,12 +104,11 @@ def reference_stiffness(scene: Scene, law: Law) -> float | None:
 
 def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
     """Say which contact property the scene lacks for laws of a force exponent."""
-    unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
     what = REFERENCE_PROPERTIES.get(exponent)
     where = f"{what} of the scene's contact properties" if what else "the law's reference_stiffness"
     return (
-        f"a reference stiffness for force ~ d^{exponent:g} ({unit}) is missing: stiffness factors of {', '.join(laws)} "
-        f"scale it; give {where}, or an absolute stiffness"
+        f"a reference stiffness for force ~ d^{exponent:g} (kN/m^{exponent:g}) is missing: stiffness factors of "
+        f"{', '.join(laws)} scale it; give {where}, or an absolute stiffness"
     )
 
 
@@ -263,14 +262,28 @@ class AxisValues:
     # fmt: on
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
-        """Return values by dimension, in the order of the cube, but for building properties."""
+        """Return values by dimension, in the order of the cube."""
         found: dict[str, Sequence[Any]] = {"law": laws}
         for column in COLUMNS:
             if column == "scale":
                 found["record"] = records
             axis = self.axis(column)
             found |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
-        return found
+        return found | {axis.dimension: axis.values for axis in self.property_axes}
+
+    @property
+    def property_axes(self) -> tuple[PropertyAxis, ...]:
+        """Axes over building properties, in the order of the cube."""
+        found: dict[str, PropertyAxis] = {}
+        for name, axis in AXES.items():
+            values = getattr(self, name)
+            if axis.by_building:
+                for building, each in values:
+                    dimension = plain_name(f"{axis.dimension}_{building}", found)
+                    found[dimension] = PropertyAxis(axis.column, building, each, dimension)
+            elif axis.of_buildings and values is not None:
+                found[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
+        return tuple(found.values())
 
     def needed_axis(self, column: str) -> tuple[Axis, tuple[float, ...]]:
         """Return the axis of a column that every product of axes has one of, with its values."""
@@ -377,20 +390,6 @@ def axes_of(told: Mapping[str, Any]) -> AxisValues:
         for name, axis in AXES.items()
     }
     return AxisValues(**given)
-
-
-def property_axes(given: AxisValues) -> tuple[PropertyAxis, ...]:
-    """Return the axes over building properties, in the order of the cube."""
-    found: dict[str, PropertyAxis] = {}
-    for name, axis in AXES.items():
-        values = getattr(given, name)
-        if axis.by_building:
-            for building, each in values:
-                dimension = plain_name(f"{axis.dimension}_{building}", found)
-                found[dimension] = PropertyAxis(axis.column, building, each, dimension)
-        elif axis.of_buildings and values is not None:
-            found[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
-    return tuple(found.values())
 
 
 def plain_name(text: str, taken: Collection[str]) -> str:

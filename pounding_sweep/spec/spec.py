@@ -18,7 +18,7 @@ from pounding_sweep.model.scene import Building, Contacts, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import Axis, AxisValues, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import Axis, AxisValues, Case
 from pounding_sweep.spec.design import Design
 
 #: Time-stepping schemes by name.
@@ -82,17 +82,11 @@ class SweepSpec(AxisValues):
         return next((law for law in self.own_laws if law.key == key), None) or get_law(key)
 
     @property
-    def property_axes(self) -> tuple[PropertyAxis, ...]:
-        """Axes over building properties; none for listed cases."""
-        return property_axes(self)
-
-    @property
     def axes(self) -> dict[str, Sequence[Any]]:
         """Values by dimension, in the order of the cube; empty for listed cases."""
         if self.cases is not None:
             return {}
-        found = self.along(self.laws, tuple(record.name for record in self.records))
-        return {**found, **{axis.dimension: axis.values for axis in self.property_axes}}
+        return self.along(self.laws, tuple(record.name for record in self.records))
 
     @property
     def n_scenarios(self) -> int:
@@ -264,9 +258,9 @@ def _bumpers(scene: Scene, pair: int) -> list[str]:
         if bumper.pair == scene.pair_names[pair]:
             each = zip(scene.contacts, scene.bumper_of, strict=True)
             storeys = [contact.storey for contact, own in each if own is bumper]
-            unit = "kN/m" if bumper.law.exponent == 1.0 else f"kN/m^{bumper.law.exponent:g}"
-            text = f"storey{'s' * (len(storeys) > 1)} {_listed(storeys)} with bumpers {bumper.law.key!r}: "
-            text += f"{1e3 * bumper.thickness:g} mm, " * bool(bumper.thickness) + f"k = {bumper.stiffness:.4g} {unit}"
+            thick = f"{1e3 * bumper.thickness:g} mm, " if bumper.thickness else ""
+            stiff = f"k = {bumper.stiffness:.4g} {bumper.law.stiffness_unit}"
+            text = f"storeys {_listed(storeys)} with bumpers {bumper.law.key!r}: {thick}{stiff}"
             found.append(text + (f", e = {bumper.restitution:g}" if bumper.restitution is not None else ""))
     return found
 
