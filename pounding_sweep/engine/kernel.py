@@ -226,11 +226,13 @@ def _emit_groups(group: Group, ground: Ground, arrays: dict[str, Any], put: Call
 
         inputs = rows_of("inputs", input_slots(spec))
         for name, n in inputs.count.items():
-            _copy(trace, inputs, group.state, name, n)
+            for i in count_to(n, trace):
+                group.state[name, i] = inputs[name, i]
         run_group(group, ground, noter(group, put, part == 0) if spec.history else None)
         results = rows_of("results", output_slots(spec))
         for name, n in results.count.items():
-            _copy(trace, group.state, results, name, n)
+            for i in count_to(n, trace):
+                results[name, i] = group.state[name, i]
 
 
 def make_flights(
@@ -254,16 +256,6 @@ def make_flights(
     )
     tables = fill, flight.blocks.blocks if spec.blocks else points
     return Flights(group, ground, flight, course, (inputs, results, scenarios), tables, kept, note)
-
-
-def _copy(trace: Tracer, source: Rows, target: Rows, name: str, n: int) -> None:
-    """Copy rows of a name; many in a loop."""
-    if n <= 40:
-        for i in range(n):
-            target[name, i] = source[name, i]
-        return
-    for i in count_to(n, trace):
-        target[name, i] = source[name, i]
 
 
 def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Callable[[Any], None]:

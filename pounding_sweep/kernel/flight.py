@@ -50,7 +50,6 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     count_to,
     each_lane,
-    each_true,
     first_true,
     flag,
     fma,
@@ -66,7 +65,6 @@ from pounding_sweep.kernel.lanes import (
     one,
     real,
     rounded,
-    side_by_side,
     size,
     sqrt,
     store,
@@ -191,11 +189,6 @@ def nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     return 0.5 + 0.5 * at, 0.5 * weights
 
 
-def instants(precision: str) -> int:
-    """How many instants of a scenario are looked at at once: as many on every processor, for the same results."""
-    return LANES // 2 if precision == "float64" else LANES
-
-
 class Layout:
     """Where the numbers of flight's tables lie, under one record."""
 
@@ -204,7 +197,8 @@ class Layout:
     # these stand for points.
 
     def __init__(self, group: Group) -> None:
-        spec, lanes = group.spec, instants(group.spec.precision)
+        # as many instants at once on every processor, for the same results
+        spec, lanes = group.spec, LANES // 2 if group.spec.precision == "float64" else LANES
         self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
         self.modes = n = spec.n_dof
         #: How many watched quantities, the first of all, end a flight where they reach something.
@@ -637,7 +631,15 @@ class Flight:
                 for _ in when(far):
                     self._pass_block(room)
             elif leaps:
-                self._pass_windows()
+                # by the bounds that modes have now
+                for _ in while_any(
+                    lambda: (
+                        not_(self.last - self.at.now < WIDE) & not_(self._near(self.at.now, "widest", "widest_least"))
+                    ),
+                    self.trace,
+                ):
+                    self._advance(self.lanes)
+                    self.at.now = self.at.now + WIDE
                 far = self.at.now > t
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
@@ -685,27 +687,18 @@ class Flight:
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
         s, w, far, (most, least, storeys) = self.group.state, self.rows, self.group.limit.far, self._lookups
-        many = self.layout.wide_watched
-        highs, lows = [far] * many, [-far] * many
-        # numbers that are put in one by one are waited for where vectors are read
-        short = len(self.layout.watched) <= STRAIGHT
-        for q, each in enumerate(self.layout.watched) if short else ():
-            if each.storey < 0:
-                x = s.lane(each.most, lane)
-                highs[q], lows[q] = x, -x if each.sized else lows[q] if each.least < 0 else s.lane(each.least, lane)
         for part in self.watched_parts:
-            mine = slice(part * self.lanes, (part + 1) * self.lanes)
-            w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
+            w["high", part], w["low", part] = self.times.full(far), self.times.full(-far)
         for low, high, alike in self._runs:
-            for q in self._run(low, high, 12) if alike.storey >= 0 else ():
-                down, up = self._storey_limits(storeys[q], lane, alike.kind)
+            for q in self._run(low, high, 12 if alike.storey >= 0 else 1):
+                if alike.storey >= 0:
+                    down, up = self._storey_limits(storeys[q], lane, alike.kind)
+                else:
+                    up = s.lane(most[q], lane)
+                    down = -up if alike.sized else s.lane(least[q], lane) if alike.least >= 0 else None
                 w.put_number("high", q, up)
-                w.put_number("low", q, down)
-            for q in () if alike.storey >= 0 or short else self._run(low, high):
-                x = s.lane(most[q], lane)
-                w.put_number("high", q, x)
-                if alike.sized or alike.least >= 0:
-                    w.put_number("low", q, -x if alike.sized else s.lane(least[q], lane))
+                if down is not None:
+                    w.put_number("low", q, down)
 
     def _run(self, low: int, high: int, times: int = 1) -> Iterator[Any]:
         for q in self.each(high - low, times):
@@ -829,17 +822,6 @@ class Flight:
             found.now = found.now | asks
         return any_lane(found.now)
 
-    def _pass_windows(self) -> None:
-        """Pass wide windows as long as the bounds that modes have now rule them out."""
-
-        def far() -> Any:
-            t = self.at.now
-            return not_(self.last - t < WIDE) & not_(self._near(t, "widest", "widest_least"))
-
-        for _ in while_any(far, self.trace):
-            self._advance(self.lanes)
-            self.at.now = self.at.now + WIDE
-
     def _pass_block(self, room: Any) -> None:
         """Pass what is left of a block."""
         left = Cell(room)
@@ -893,12 +875,13 @@ class Flight:
         self._weigh(self.layout.bulges, "bulge", "bulge0")
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
-            for q in self._reaching(kind, kind == ONSET):
-                for _ in when(not_(self.weighed.now)):
-                    self._know_rates(t)
-                    self._weigh(self.layout.misses, "missed", "missed0")
-                    self.weighed.now = flag(self.trace, True)
-                self._end_before(q, kind == ONSET)
+            for q in self._asked(kind):
+                for _ in when(self._reaches(q, kind == ONSET)):
+                    for _ in when(not_(self.weighed.now)):
+                        self._know_rates(t)
+                        self._weigh(self.layout.misses, "missed", "missed0")
+                        self.weighed.now = flag(self.trace, True)
+                    self._end_before(q, kind == ONSET)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
             turning = flag(self.trace, False)
             for _, asks in (each for kind in (TURN, ACCELERATION) for each in self._asking(kind)):
@@ -986,22 +969,15 @@ class Flight:
         same = counts[0] if len(set(counts)) == 1 else None
         return Lookup(self.trace, lows), same or Lookup(self.trace, counts)
 
-    def _reaching(self, kind: int, onset: bool) -> Iterator[Any]:
-        """Go through what may reach its limit in the window, between its points for all that is known of these."""
-        mine = self._of_kind(kind)
-        if sum(self.layout.ranges[q][1] for q in mine) > STRAIGHT:
-            for q in self._asked(kind):
-                for _ in when(self._reaches(q, onset)):
-                    yield q
-            return
-        asks = [self.rows.number("asks", q) > 0.5 for q in mine]
-        for q in each_true([asked & self._reaches(q, onset) for q, asked in zip(mine, asks, strict=True)], self.trace):
-            yield q + mine[0]
-
     def _reaches(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
         w = self.rows
-        w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
+        limit = w.number("high", q)
+        if onset:  # the middle between its limits
+            limit = 0.5 * (limit + w.number("low", q))
+        if self.layout.yields:
+            limit = limit - w.number("shift", q)
+        w["reached", q] = x = self._sum(q, "y") - limit
         return any_lane(
             (self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (self._numbers_of(0) <= real(self.steps.now))
         )
@@ -1031,13 +1007,6 @@ class Flight:
             return start, end
         added = self._sum(q, rise)
         return start + added, end + added
-
-    def _threshold(self, q: Any, onset: bool) -> Any:
-        """Return where what flies touches; of an onset the middle between its limits."""
-        high = self.rows.number("high", q)
-        if onset:
-            high = 0.5 * (high + self.rows.number("low", q))
-        return high - self.rows.number("shift", q) if self.layout.yields else high
 
     def _turn(self, q: Any, names: Sequence[str]) -> None:
         """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""

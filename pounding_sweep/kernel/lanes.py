@@ -600,17 +600,6 @@ def narrow(trace: Tracer | None, x: Any) -> Any:
     return type(x)(trace, trace.builder.fptrunc(x.value, trace.vector if isinstance(x, Vector) else trace.real))
 
 
-def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
-    """Return numbers, as many as there are lanes, in these."""
-    if trace is None:
-        return np.array(numbers, float)
-    found = ir.Constant(trace.vector, [0.0 if isinstance(x, Real) else trace.number(x).constant for x in numbers])
-    for i, x in enumerate(numbers):
-        if isinstance(x, Real):
-            found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, i))
-    return Vector(trace, found)
-
-
 def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
     """Return the number of each lane."""
     if trace is None:
@@ -701,17 +690,6 @@ def each_lane(mask: Any) -> Iterator[Any]:
         yield from np.flatnonzero(mask)
     else:
         yield from _each_bit(trace, _bits(mask))
-
-
-def each_true(flags: Sequence[Any], trace: Tracer | None) -> Iterator[Any]:
-    """Go through the numbers of the truths that hold, of so many that are known beforehand."""
-    if trace is None:
-        yield from (i for i, each in enumerate(flags) if each)
-        return
-    b, bits = trace.builder, ir.Constant(_I64, 0)
-    for i, each in enumerate(flags):
-        bits = b.or_(bits, b.shl(b.zext(each.value, _I64), ir.Constant(_I64, i)))
-    yield from _each_bit(trace, bits)
 
 
 def _each_bit(trace: Tracer, bits: Any) -> Iterator[Count]:

@@ -187,6 +187,7 @@ class Flights:
         #: Short steps in one of flight's grid.
         self.short = ground.steps // ground.substeps
         self.settled = Cell(flag(group.trace, False))
+        self._note_point = None if note is None else lambda point: note(point * self.short)
 
     def serve(self) -> None:
         """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
@@ -211,7 +212,7 @@ class Flights:
                     self._begin(lane)
                     has.now = flag(group.trace, True)
             for _ in when(has.now):
-                flight.fly(lane, self._note_point if self.note is not None else None)
+                flight.fly(lane, self._note_point)
                 flight.enter(lane, flight.at.now)
                 # a record of one point has no step
                 hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
@@ -225,10 +226,6 @@ class Flights:
                     for row, mine in self._each(self._results, number):
                         self._results.put_lane(mine, self._column(number), group.state.lane(row, lane))
                     has.now = flag(group.trace, False)
-
-    def _note_point(self, point: Any) -> None:
-        assert self.note is not None
-        self.note(point * self.short)
 
     @staticmethod
     def _column(number: Any) -> Any:
