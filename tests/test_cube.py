@@ -166,7 +166,7 @@ class TestRegistry:
         """First value, onsets and sub-steps: here, seven and the last approach speed, and the time beside contacts."""
 
         def touch(group, at):
-            group.state["made", at.j] = where(at.lanes, at.v, group.state["made", at.j])
+            group.state["made", at.j] = where(at.lanes, at.speed, group.state["made", at.j])
 
         def substep(group):
             group.state["passed"] = group.state["passed"] + group.state["h"]
@@ -179,7 +179,7 @@ class TestRegistry:
         group = make_group(shape, None, 2, np.zeros(property_slots(shape).size))
         march.begin(group, 0.0)
         assert (group.state["made"] == 7.0).all()
-        forces.note_touch(group, 0, np.array([True, False]), None, np.array([0.3, 0.4]), 0.01)
+        forces.note_onset(group, 0, np.array([True, False]), None, np.array([0.3, 0.4]), 0.01)
         assert group.state["made"].tolist() == [0.3, 7.0]
         group.state["h"] = 0.5
         for reducer in group.reducers:

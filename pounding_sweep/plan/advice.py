@@ -312,13 +312,13 @@ def _needed(
     for law in (*bumpers, *laws):
         # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
         similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
-        places = [(*scheme, key, kind) for key in similar for kind in classes_of(spec.outputs)]
-        if any(place not in measured.curves for place in places):
+        try:
+            curves = [measured.curves[(*scheme, key, kind)] for key in similar for kind in classes_of(spec.outputs)]
+        except KeyError:
             raise SweepError(
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
                 "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
-            )
-        curves = [measured.curves[place] for place in places]
+            ) from None
         # the run that is kept has half the step
         ordered = not law.impulsive and spec.accuracy <= ORDERLY
         start = EARLY * spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)

@@ -168,9 +168,8 @@ def _product(spec: SweepSpec) -> Requested:
 def _listed(spec: SweepSpec) -> Requested:
     cases, places = spec.cases or (), {record.name: i for i, record in enumerate(spec.records)}
     variants, variant = case_variants(spec.scene, cases)
-    gaps = np.empty((len(cases), len(spec.scene.pair_names)))
-    for i, case in enumerate(cases):
-        gaps[i] = spec.scene.gaps if case.gap is None else case.gap
+    n_pairs, own = len(spec.scene.pair_names), spec.scene.gaps
+    gaps = np.array([np.broadcast_to(own if case.gap is None else case.gap, n_pairs) for case in cases], float)
     values = {
         "scale": np.array([spec.case_value(case, "scale") for case in cases], float),
         "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
