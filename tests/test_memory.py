@@ -305,7 +305,7 @@ def test_what_was_held_is_written_unless_the_run_ends_well(tmp_path, monkeypatch
     monkeypatch.setattr("pounding_sweep.resume.HELD_SECONDS", 600.0)
     if ends == "full":
         monkeypatch.setattr(ChunkStore, "write", Mock(side_effect=WriteError("no space")))
-    store, table = ChunkStore(tmp_path), to_table({"status": np.zeros(2, "i1")}, ["status"], row())
+    store, table = ChunkStore(tmp_path), to_table({"status": np.zeros(2, "i1")}, row())
     results = Results(["status"], row(), 2)
     with contextlib.suppress(KeyboardInterrupt), store.lock():
         for key in "ab":

@@ -25,13 +25,11 @@ def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
     return np.dtype([(name, get_variable(name).dtype, inner_shape(name, scene)) for name in names], align=True)
 
 
-def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene) -> np.ndarray:
+def to_table(found: Mapping[str, np.ndarray], scene: Scene) -> np.ndarray:
     """Put variables of shape (n, *inner) side by side, one row per scenario."""
-    kind = table_type(names, scene)
-    fields = kind.names or ()
-    table = np.empty(len(found[fields[0]]), kind)
-    for name in fields:
-        table[name] = found[name]
+    table = np.empty(len(next(iter(found.values()))), table_type(found, scene))
+    for name, values in found.items():
+        table[name] = values
     return table
 
 
@@ -50,9 +48,12 @@ class Results:
         self.touched = np.zeros(n, bool)
         #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
         self.largest_drift = np.zeros(inner_shape("drift_max", scene))
-        self._slot = np.full(n, -1, np.int32)
-        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = []
-        self._first = [0]
+        missing = np.zeros(1, table_type(self.names, scene))  # of scenarios without an answer
+        for name in self.names:
+            missing[name] = get_variable(name).fill or 0
+        self._slot = np.zeros(n, np.int32)
+        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [missing]
+        self._first = [0, 1]
         self._kept = 0
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
@@ -87,9 +88,6 @@ class Results:
         order = np.argsort(slots, kind="stable")
         slots = slots[order]
         edges = np.searchsorted(slots, self._first)
-        nowhere = order[: edges[0]]
-        for name in self.names if len(nowhere) else ():
-            found[name][nowhere] = self.status[rows[nowhere]] if name == "status" else get_variable(name).fill
         for index in np.flatnonzero(np.diff(edges)).tolist():
             here = slice(edges[index], edges[index + 1])
             table, mine, there = self._table(index), order[here], slots[here] - self._first[index]
@@ -98,6 +96,7 @@ class Results:
                 continue
             for name in self.names:  # of a run without pounding, which has more fields
                 found[name][mine] = table[name].take(there, axis=0)
+        found["status"] = self.status[rows]
         return {name: found[name] for name in self.names}
 
     def _table(self, index: int) -> np.ndarray:

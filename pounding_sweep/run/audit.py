@@ -60,40 +60,18 @@ FLAGS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Audit:
-    """Measured errors of a sample of scenarios.
+    """Measured errors of a sample of scenarios, the arrays of shape (n,) or (n, outputs)."""
 
-    Attributes
-    ----------
-    rows : ndarray of int, shape (n,)
-        Rows of the plan's unique scenarios, rising.
-    outputs : tuple of str
-        Outputs that have an error.
-    error, sensitivity : ndarray, shape (n, outputs)
-        Relative difference to half the step, and relative change by the perturbation.
-    status : ndarray of int, shape (n,)
-        How the scenario ended in the sweep.
-    sensitive : ndarray of bool, shape (n,)
-        Where the perturbation changes an output by more than the tolerance, or a number of impacts.
-    undecided : ndarray of bool, shape (n,)
-        Beyond the tolerance, and no step settles it in double precision.
-    touching : int
-        Touching scenarios of the sweep that the sample was drawn from.
-    share : float
-        Cost over that of the touching scenarios in the sweep, in lane-steps.
-    tolerance : float
-        Error that was asked for, or `TOLERANCE`.
-    """
-
-    rows: np.ndarray
-    outputs: tuple[str, ...]
-    error: np.ndarray
-    sensitivity: np.ndarray
-    status: np.ndarray
-    sensitive: np.ndarray
-    undecided: np.ndarray
-    touching: int
-    share: float
-    tolerance: float
+    rows: np.ndarray  # of the plan's unique scenarios, rising
+    outputs: tuple[str, ...]  # that have an error
+    error: np.ndarray  # relative difference to half the step
+    sensitivity: np.ndarray  # relative change by the perturbation
+    status: np.ndarray  # how the scenario ended in the sweep
+    sensitive: np.ndarray  # whether the perturbation changes an output beyond the tolerance, or a number of impacts
+    undecided: np.ndarray  # whether it is beyond the tolerance and no step settles it in double precision
+    touching: int  # scenarios of the sweep that the sample was drawn from
+    share: float  # cost over that of the touching scenarios in the sweep, in lane-steps
+    tolerance: float  # error that was asked for, or `TOLERANCE`
 
     @property
     def exceeding(self) -> np.ndarray:
@@ -149,27 +127,7 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
-    """Run a sample of a sweep's scenarios again at half the step.
-
-    Parameters
-    ----------
-    plan : Plan
-        The sweep.
-    outcome : Outcome
-        Its results. The kernels are those that it compiled.
-    dispatcher : Dispatcher
-        Open; its workers run the sample.
-
-    Returns
-    -------
-    Audit or None
-        None where nothing touched, nothing has an error, or the sweep wants no audit.
-
-    Warns
-    -----
-    RuntimeWarning
-        An ok scenario's error is beyond what was asked for (5 % where nothing was), or the sample could not be run.
-    """
+    """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
     outputs = comparable(plan.spec.outputs)
     rows = candidates(plan, outcome)
     where, cost = draw(plan, rows) if outputs else (rows[:0], 0)

@@ -72,7 +72,7 @@ def run_chunk(
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
     try:
         found = run_scenarios(kernel, record, table, variants, outputs)
-        return to_table(found, found, kernel.scene)
+        return to_table(found, kernel.scene)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"
 
