@@ -165,7 +165,7 @@ def test_what_cannot_be_drawn_or_written_is_said(tmp_path):
     for key, options, text in (
         ("profile", {}, "did you mean 'profiles'"),
         ("force-gap", {"dpi": 5}, "dpi is 5; it must be from 10 to 1200"),
-        ("force-gap", {"y": "gap"}, "'force-gap' takes no y; map do"),
+        ("force-gap", {"y": "gap"}, "'force-gap' takes no y; it takes x, value, ax"),
         ("force-gap", {"value": "drift_max"}, "valid: impact_count, impact_force_max"),
         ("map", {"x": "gpa"}, "did you mean 'gap'"),
         ("map", {"x": "gap", "y": "gap"}, "are the same, gap"),
@@ -618,7 +618,7 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
         ((cube, "profiles"), "-o is missing"),
         ((cube, "profiles", "-o", picture, "--at", "gap"), "AXIS=VALUE"),
         ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
-        ((one, "histories", "-o", picture, "--x", "gap"), "'histories' takes no x; amplification, force-gap, law-comp"),
+        ((one, "histories", "-o", picture, "--x", "gap"), "'histories' takes no x; it takes start, end"),
     ):
         assert text in command("plot", *words, code=2).stderr
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial, wraps
+from functools import cache, wraps
 from importlib import import_module
 from inspect import signature
 from io import BytesIO
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, cast
 
 from pounding_sweep.base.errors import InputError, OutputError, unknown
@@ -86,9 +85,8 @@ class Kind:
 @cache
 def _figures() -> dict[str, Kind]:
     """Return all figures by name, in alphabetical order: modules of the gallery register theirs."""
-    gallery = import_module("pounding_sweep.figures.gallery")
-    for module in iter_modules(gallery.__path__, f"{gallery.__name__}."):
-        import_module(module.name)
+    for module in ("cubes", "scenario", "spectra", "studies"):
+        import_module(f"pounding_sweep.figures.gallery.{module}")
     return dict(sorted(_FIGURES.items()))
 
 
@@ -102,8 +100,6 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
     def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
-            from matplotlib.axes import Axes
-
             from pounding_sweep.figures.select import NothingToDrawError, describe
             from pounding_sweep.figures.style import in_style
             from pounding_sweep.output.netcdf import with_texts
@@ -119,9 +115,15 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
                         f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(whole)}; "
                         "choose others with --at"
                     ) from None
-            if isinstance(figure, Axes):
+            if not hasattr(figure, "savefig"):  # axes that were given
                 return cast("Figure", figure.get_figure())
-            figure._repr_png_ = partial(_png, figure)  # notebooks show it, though pyplot knows nothing of it
+
+            def png() -> bytes:
+                file = BytesIO()
+                figure.savefig(file, format="png")
+                return file.getvalue()
+
+            figure._repr_png_ = png  # notebooks show it, though pyplot knows nothing of it
             return cast("Figure", figure)
 
         _FIGURES[key] = Kind(key, drawn, source, title, needs)
@@ -147,29 +149,20 @@ def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
     for dim in INNER_DIMS:
         names = [name for name in dataset.data_vars if name in VARIABLES and dim in VARIABLES[name].dims]
         if names and dim in dataset.coords and not dataset[dim].ndim:
-            spread = {name: dataset[name].expand_dims(dim, -1) for name in names}
-            dataset = dataset.drop_vars([*names, dim]).assign(spread)
+            dataset = dataset.drop_vars(dim).assign({name: dataset[name].expand_dims(dim, -1) for name in names})
     return dataset
-
-
-def _png(figure: Figure) -> bytes:
-    """Return a figure as a PNG."""
-    file = BytesIO()
-    figure.savefig(file, format="png")
-    return file.getvalue()
 
 
 def require(dataset: xr.Dataset, key: str) -> None:
     """Raise `InputError` if a dataset lacks what a figure needs."""
     kind = _figures()[key]
     if missing := kind.missing(dataset):
-        msg = (
+        of_cube = kind.source == "cube" and "status" in dataset.variables
+        remedy = ": choose others with --at, or run the sweep again with such a law, axis or output" * of_cube
+        raise InputError(
             f"figure {key!r} needs {', '.join(missing)}, which this file has not; it is drawn from "
-            f"{SOURCES[kind.source]}"
+            f"{SOURCES[kind.source]}{remedy}"
         )
-        if kind.source == "cube" and "status" in dataset.variables:
-            msg += ": choose others with --at, or run the sweep again with such a law, axis or output"
-        raise InputError(msg)
 
 
 def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: float = 150.0, **options: Any) -> Path:
@@ -209,10 +202,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     options = {name: value for name, value in options.items() if value is not None}
     for name in options:
         if name not in figures[kind].options:
-            takers = ", ".join(key for key, item in figures.items() if name in item.options)
-            raise InputError(
-                f"figure {kind!r} takes no {name}; " + (f"{takers} do" if takers else "nor does any other")
-            )
+            raise InputError(f"figure {kind!r} takes no {name}; it takes {', '.join(figures[kind].options) or 'none'}")
     target = expanded(path)
     figure = figures[kind].draw(dataset, **options)
     try:

@@ -241,17 +241,14 @@ _MARKS: dict[Status, tuple[dict[str, Any], str]] = {
 }
 
 
-def _missing_axes(cube: xr.Dataset) -> str:
-    """Say that a cube has fewer than two axes of numbers that vary."""
-    several = len({axis.dim for axis in plot_axes(cube).values()}) > 1
-    return "" if several else "two axes of several numbers, such as gap and restitution"
-
-
 @figure_of(
     "map",
     "cube",
     "a response or its amplification over two axes of the sweep, pair by pair and law by law",
-    _missing_axes,
+    lambda cube: (
+        "two axes of several numbers, such as gap and restitution"
+        * (len({axis.dim for axis in plot_axes(cube).values()}) < 2)
+    ),
 )
 def response_map(
     cube: xr.Dataset,
