@@ -11,7 +11,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -225,22 +225,20 @@ def intensity_of(
         return described(cube["sa"].broadcast_like(cube["scale"]), "m s-2", name, bare=True)
     record = cube["record"]
     names = [str(name) for name in np.atleast_1d(record.values)]
-    if isinstance(intensity, str) and intensity == "pga":
-        if "record_pga" in cube.coords:
-            base = cube["record_pga"]
-        else:
-            peaks = {entry["name"]: entry["pga"] for entry in json.loads(cube.attrs.get("records", "[]"))}
-            base = record.copy(data=np.reshape([peaks.get(name, np.nan) for name in names], record.shape))
-        base = described(base, "m s-2", "peak ground acceleration")
+    if isinstance(intensity, xr.DataArray):
+        if intensity.dims != ("record",) or "record" not in intensity.coords:
+            raise InputError(
+                f"the intensity has dimensions {intensity.dims}; it must be along 'record' alone, at scale 1"
+            )
+        base = intensity.sel(record=record).assign_attrs(intensity.attrs)
+    elif intensity != "pga":
+        base = _measured(cube, intensity, names, records, folders).sel(record=record)
+    elif "record_pga" in cube.coords:
+        base = described(cube["record_pga"], "m s-2", "peak ground acceleration")
     else:
-        base = _measured(cube, intensity, records, folders) if isinstance(intensity, str) else intensity
-        if base.dims != ("record",) or "record" not in base.coords:
-            raise InputError(f"the intensity has dimensions {base.dims}; it must be along 'record' alone, at scale 1")
-        lacking = sorted(set(names) - {str(name) for name in base["record"].values})
-        if lacking:
-            which = f"record{'s' * (len(lacking) > 1)} {', '.join(lacking)}"
-            raise InputError(f"the intensity is not given for the {which} of this cube")
-        base = base.sel(record=record).assign_attrs(base.attrs)
+        peaks = {entry["name"]: entry["pga"] for entry in json.loads(cube.attrs.get("records", "[]"))}
+        base = record.copy(data=np.reshape([peaks.get(name, np.nan) for name in names], record.shape))
+        base = described(base, "m s-2", "peak ground acceleration")
     scale = abs(cube["scale"]) if "scale" in cube.coords else 1.0
     about = {"units": "1", "long_name": "intensity"} | base.attrs
     return described(base * scale, about["units"], about["long_name"], bare=True)
@@ -326,21 +324,19 @@ def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
     )
 
 
-def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.DataArray:
+def _measured(cube: xr.Dataset, name: str, wanted: Collection[str], records: Any, folders: Any) -> xr.DataArray:
     """Return an intensity of the records at scale 1 by its name, from their motions."""
     periods = periods_of(cube, name)
-    sweep, wanted = stored_sweep(cube), {str(record) for record in np.atleast_1d(cube["record"].values)}
+    sweep = stored_sweep(cube)
     sweep["records"] = [entry for entry in sweep["records"] if entry["name"] in wanted]
     motions = records_of(sweep, [] if records is None else resolve_records(records, folders), folders)
-    if periods:
-        mean = "geometric mean " * (len(periods) > 1)
-        of = f" of {name[3:-1]}" * (name[3:-1] in periods)
-        at = ", ".join(f"{period:{'g' if key == '' else '.3g'}}" for key, period in periods.items())
-        units, long_name = "m s-2", f"{_SPECTRAL_NAME} {mean}at {at} s{of}"
-        logs: Any = np.log(response_spectrum(motions, list(periods.values()), DAMPING)["pseudo_acceleration"])
-        measured = np.exp(logs.mean("period")).values
-    else:
-        units, long_name = "m s-1", "peak ground velocity"
-        measured = np.array([record_measures(motion).pgv for motion in motions])
     names = labelled("record", (motion.name for motion in motions), "ground-motion record")
-    return described(names.copy(data=measured), units, long_name)
+    if not periods:
+        velocities = [record_measures(motion).pgv for motion in motions]
+        return described(names.copy(data=velocities), "m s-1", "peak ground velocity")
+    mean = "geometric mean " * (len(periods) > 1)
+    of = f" of {name[3:-1]}" * (name[3:-1] in periods)
+    at = ", ".join(f"{period:{'g' if key == '' else '.3g'}}" for key, period in periods.items())
+    logs: Any = np.log(response_spectrum(motions, list(periods.values()), DAMPING)["pseudo_acceleration"])
+    spectral = names.copy(data=np.exp(logs.mean("period")))
+    return described(spectral, "m s-2", f"{_SPECTRAL_NAME} {mean}at {at} s{of}")

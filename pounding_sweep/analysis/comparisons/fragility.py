@@ -122,8 +122,16 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
         return LognormalFit(FitStatus.ALWAYS, high=float(x.min()))
     if x.min() == x.max():
         return LognormalFit(FitStatus.ONE_LEVEL, low=float(x[0]))
-    if x[~y].max() <= x[y].min():
-        return _separated(x, y)
+    low, high = float(x[~y].max()), float(x[y].min())
+    if low <= high:
+        limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
+        share = float(y[x == low].mean()) if low == high else 0.5
+        if share < 0.5:  # the median is beyond an intensity at which less than half happened
+            high = float(x[x > low].min(initial=np.inf))
+        elif share > 0.5:
+            low = float(x[x < high].max(initial=-np.inf))
+        low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
+        return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limits=limits)
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
     return _likeliest([(x, y)])[0]
@@ -133,20 +141,6 @@ def _usable(intensity: np.ndarray, happened: np.ndarray) -> tuple[np.ndarray, np
     """Return the trials above zero intensity."""
     used = intensity > 0.0
     return merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
-
-
-def _separated(x: np.ndarray, y: np.ndarray) -> LognormalFit:
-    """Return where the median of separated trials is: beyond an intensity at which less than half happened."""
-    low, high = float(x[~y].max()), float(x[y].min())
-    limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
-    if low == high:
-        share = float(y[x == low].mean())
-        if share < 0.5:
-            high = float(x[x > low].min(initial=np.inf))
-        elif share > 0.5:
-            low = float(x[x < high].max(initial=-np.inf))
-    low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
-    return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limits=limits)
 
 
 def merged(x: np.ndarray) -> np.ndarray:

@@ -481,7 +481,9 @@ def gap_for_probability(
         name, units = strength.attrs["long_name"], strength.attrs["units"]
         attributes["intensity"] = f"{name} ({units})"
         exact = _per_intensity(exact, strength, cube)
-        level = labelled("intensity", _levels(levels, strength), name, units)
+        middles = np.atleast_1d(strength.median("record").values)
+        own = sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
+        level = labelled("intensity", own if levels is None else check_levels(levels, units), name, units)
     elif levels is not None:
         raise InputError(
             "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
@@ -533,13 +535,6 @@ def check_numbers(probabilities: Sequence[float], confidence: float = 0.95, year
         )
     if not (math.isfinite(years) and years > 0.0):
         raise InputError(f"years are {years!r}; give a number above 0, such as 50")
-
-
-def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[float]:
-    if levels is None:
-        middles = np.atleast_1d(strength.median("record").values)
-        return sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
-    return [float(level) for level in check_levels(levels, strength.attrs["units"])]
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
