@@ -268,8 +268,7 @@ def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured)
     warn_of_doubt(measured)  # says nothing: warnings are errors here
     second = measured.scenario == 2
     doubtful = measured.assign(scenario_reference_error=measured.scenario_reference_error.where(~second, 2e-3))
-    gap = measured.scenario_gap[1, 0].item()
-    with pytest.warns(RuntimeWarning, match=rf"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt, gaps {gap:g} m"):
+    with pytest.warns(RuntimeWarning, match=r"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt"):
         warn_of_doubt(doubtful)
     with pytest.warns(RuntimeWarning, match="of 1 of 6"):  # however sensitive
         warn_of_doubt(doubtful.assign(sensitivity=measured.sensitivity.where(~second, 1.0)))

@@ -493,20 +493,18 @@ def tradeoff(
 
 
 def warn_of_doubt(measured: xr.Dataset) -> None:
-    """Warn, with the worst case by name, where the converged solution is not converged."""
+    """Warn, with the worst case by law and output, where the converged solution is not converged."""
     error = measured.scenario_reference_error.fillna(0.0)
     doubtful = int((error.max("output") > DOUBTFUL).sum())
-    if not doubtful:
-        return
-    one = measured.isel(error.argmax(...))
-    warnings.warn(
-        f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of twice "
-        f"its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst "
-        f"{one.scenario_reference_error.item():.1e} in {one.output.item()} of law {one.scenario_law.item()}, "
-        f"gaps {', '.join(f'{gap:g}' for gap in one.scenario_gap.values)} m. Compare a smaller finest step",
-        RuntimeWarning,
-        stacklevel=3,
-    )
+    if doubtful:
+        one = error[error.argmax(...)]
+        warnings.warn(
+            f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of "
+            f"twice its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst {one.item():.1e} "
+            f"in {one.output.item()} of law {one.scenario_law.item()}. Compare a smaller finest step",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:

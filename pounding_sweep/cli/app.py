@@ -277,13 +277,11 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
     def register(function: Callable[..., None]) -> Callable[..., None]:
         parameters, sets = [], dict[str, Any]()
         for parameter in inspect.signature(function, eval_str=True).parameters.values():
-            kind = parameter.annotation
-            if not (isinstance(kind, type) and is_dataclass(kind)):
-                parameters.append(parameter.replace(kind=parameter.KEYWORD_ONLY))
-                continue
-            sets[parameter.name] = kind
-            inner = inspect.signature(kind, eval_str=True).parameters.values()
-            parameters += [each.replace(kind=each.KEYWORD_ONLY) for each in inner]
+            inner: Iterable[inspect.Parameter] = (parameter,)
+            if is_dataclass(kind := parameter.annotation):
+                sets[parameter.name] = kind
+                inner = inspect.signature(kind, eval_str=True).parameters.values()  # type: ignore[arg-type]
+            parameters += [one.replace(kind=one.KEYWORD_ONLY) for one in inner]
 
         @functools.wraps(function)
         def call(**values: Any) -> None:

@@ -26,7 +26,7 @@ RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 
 @dataclass(frozen=True)
 class KnownRecord:
-    """A record the package knows by name, whether or not its file is at hand: `bundled` names one that it brings."""
+    """A record the package knows by name, whether or not its file is at hand; it brings one that is `bundled`."""
 
     key: str
     title: str
@@ -38,7 +38,7 @@ class KnownRecord:
     files: tuple[str, ...]
     #: Where to get it.
     place: str = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
-    bundled: str | None = None
+    bundled: bool = False
 
     @property
     def description(self) -> str:
@@ -51,13 +51,12 @@ def _peer(key: str, title: str, event: str, component: str, rsn: int, name: str)
     return KnownRecord(key, title, event, component, rsn, (f"{name.rpartition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2"))
 
 
-_BUNDLED = "elcentro_ns_1940.csv"
 KNOWN_RECORDS: dict[str, KnownRecord] = {
     entry.key: entry
     for entry in (
         KnownRecord(
-            *("el_centro", "El Centro", "Imperial Valley 1940", "N-S", None, (_BUNDLED,)),
-            *("shipped with pounding_sweep", _BUNDLED),
+            *("el_centro", "El Centro", "Imperial Valley 1940", "N-S", None, ("elcentro_ns_1940.csv",)),
+            *("shipped with pounding_sweep", True),
         ),
         _peer("arleta", "Arleta - Nordhoff Fire Sta", "Northridge 1994", "90", 949, "NORTHR_ARL090"),
         _peer("santa_monica", "Santa Monica City Hall", "Northridge 1994", "90", 1077, "NORTHR_STM090"),
@@ -230,8 +229,9 @@ def _known_file(name: str) -> KnownRecord | None:
 
 @cache
 def _bundled(entry: KnownRecord) -> Record:
-    with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / str(entry.bundled)) as file:
-        return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {entry.bundled})")
+    (name,) = entry.files
+    with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / name) as file:
+        return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {name})")
 
 
 def find_record(name: str, folders: Folders = None, column: str | int | None = None) -> Record:
