@@ -51,10 +51,12 @@ class Faults:
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None and self.entries:
-            text = [PydanticCustomError("fault", "{text}", {"text": text}) for _, text in self.entries]
-            details = zip(text, self.entries, strict=True)
             raise ValidationError.from_exception_data(
-                "sweep", [{"type": error, "loc": place, "input": None} for error, (place, _) in details]
+                "sweep",
+                [
+                    {"type": PydanticCustomError("fault", "{text}", {"text": text}), "loc": place, "input": None}
+                    for place, text in self.entries
+                ],
             )
 
     def add(self, place: Place, text: str) -> None:
@@ -66,8 +68,8 @@ class Faults:
         try:
             return make(*args, **named)
         except ValidationError as error:
-            worded = [_in_words(each) for each in error.errors(include_url=False)]
-            self.entries += [((*place, *inner), text) for inner, text in worded]
+            details = map(_in_words, error.errors(include_url=False))
+            self.entries += [((*place, *inner), text) for inner, text in details]
         except (PoundingSweepError, ValueError) as error:
             self.add((*place, *getattr(error, "place", ())), str(error))
         except ArithmeticError as error:  # numbers so large or small that nothing can be computed from them
@@ -84,11 +86,8 @@ def _in_words(error: ErrorDetails) -> Fault:
 
 def spell(place: Place) -> str:
     """Write a place as text, ``"gaps[3]"``."""
-    short = (
-        part[:SHOWN_CHARACTERS] + "..." * (len(part) > SHOWN_CHARACTERS) if isinstance(part, str) else part
-        for part in place
-    )
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in short).lstrip(".")
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN_CHARACTERS]}" for part in place)
+    return "".join(parts).lstrip(".")
 
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)

@@ -198,14 +198,13 @@ def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
     return (None if faults.entries else spec), faults.entries
 
 
-def _exclusions(chosen: Collection[str], named: str) -> Iterator[tuple[str, str, str]]:
-    """Tell of axes that exclude each other: the one, the other, and the fault, which names them as they are `named`."""
+def _exclusions(chosen: Collection[str]) -> Iterator[tuple[str, str, str]]:
+    """Tell of axes that exclude each other: the one, the other, and the fault."""
     groups = [[name for name, axis in AXES.items() if axis.column == column] for column in COLUMNS]
     for group in [*groups, *([name, axis.finds] for name, axis in AXES.items() if axis.finds)]:
         one, two, *_ = [*(name for name in group if name in chosen), "", ""]
         if two:
-            words = [name if named == "argument" else AXES[name].dimension for name in (one, two)]
-            yield one, two, f"{words[0]} and {words[1]} exclude each other; give one of them"
+            yield one, two, f"{one} and {two} exclude each other; give one of them"
 
 
 def _no_axis(value: Any) -> None:
@@ -464,7 +463,7 @@ class _Reader:
         chosen = stated | {name for name, _ in drawn}
         self.faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
-            for _, two, text in _exclusions(chosen, "argument")
+            for _, two, text in _exclusions(chosen)
         ]
         for column in dict.fromkeys(axis.column for axis in AXES.values() if not axis.by_building):
             names = [name for name, axis in AXES.items() if axis.column == column]
@@ -510,7 +509,7 @@ class _Reader:
                 faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
             dimensions = {name: axis.dimension for name, axis in AXES.items() if not axis.by_building and values}
             stated = {name for name, key in dimensions.items() if values[key] not in (None, getattr(Case, key))}
-            faults.entries += [((dimensions[one],), text) for one, _, text in _exclusions(stated, "dimension")]
+            faults.entries += [((dimensions[one],), text) for one, _, text in _exclusions(stated)]
             factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
             for (argument, name), (place, value) in self._by_building(values, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)

@@ -104,10 +104,7 @@ class SweepSpec(AxisValues):
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
-        for record in self.records:
-            if record.name == name:
-                return record
-        raise KeyError(name)
+        return {record.name: record for record in self.records}[name]
 
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
