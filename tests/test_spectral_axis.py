@@ -91,8 +91,8 @@ def test_one_record_is_scaled(tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"sa": 5.0}, "sa and sa_period belong together"),
-        ({"sa_period": 0.4}, "sa and sa_period belong together"),
+        ({"sa": 5.0}, "sa_period: is missing; give The period"),
+        ({"sa_period": 0.4}, "sa: is missing; give A spectral acceleration"),
         ({"sa": 5.0, "sa_period": 0.4, "pga": 2.0}, "sa and pga exclude each other"),
         ({"sa": 5.0, "sa_period": 0.4, "scale": 2.0}, "sa and scale exclude each other"),
         ({"sa": -5.0, "sa_period": 0.4}, "spectral acceleration to scale to"),

@@ -658,6 +658,21 @@ RECORD_TABLES: dict[str, Callable[..., Record]] = {
 SPECTRAL = ("sa", "sa_period")
 
 
+def _to_spectrum(record: Record, sa: float, sa_period: float) -> Record:
+    """Scale a record to a spectral acceleration.
+
+    Parameters
+    ----------
+    sa : float
+        A spectral acceleration (m/s2), of the period sa_period.
+    sa_period : float
+        The period (s) of the spectral acceleration sa.
+    """
+    from pounding_sweep.engine.spectrum import scaled_to_sa
+
+    return scaled_to_sa(record, sa, sa_period)
+
+
 def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     """Make the record that a table describes."""
     kinds = [kind for kind in RECORD_TABLES if isinstance(value, dict) and kind in value]
@@ -669,21 +684,15 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     if kind == "path" and isinstance(table["path"], str):
         table["path"] = folder / expanded(table["path"])
     more = {"folders": folders} if kind == "record" else {}
-    spectral = SPECTRAL if kind in ("path", "record") else ()
-    sa, period = (table.pop(name, None) if spectral else None for name in SPECTRAL)
-    if sa is period is None:
-        return called(make, table, kind, spectral, **more)
-    if sa is None or period is None:
-        raise SweepError(
-            "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
-        )
+    exists = kind in ("path", "record")
+    spectral = {name: table.pop(name) for name in SPECTRAL if exists and name in table}
+    record = called(make, table, kind, SPECTRAL if exists else (), **more)
+    if not spectral:
+        return record
     for name in ("pga", "scale"):
         if name in table:
             raise SweepError(f"sa and {name} exclude each other; give one of them")
-    from pounding_sweep.engine.spectrum import scaled_to_sa
-
-    record = called(make, table, kind, SPECTRAL, **more)
-    return called(scaled_to_sa, {"sa": sa, "period": period}, record=record)
+    return called(_to_spectrum, spectral, record=record)
 
 
 #: Arguments that are read together with others.
