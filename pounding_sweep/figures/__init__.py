@@ -90,8 +90,10 @@ def _figures() -> dict[str, Kind]:
     return dict(sorted(_FIGURES.items()))
 
 
-def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
-    """Register a function of a dataset as a figure by that name, in our style.
+def figure_of(
+    key: str, source: str, title: str, needs: str, *lacking: Callable[[xr.Dataset], str]
+) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+    """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
     Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
     axes it was given.
@@ -126,7 +128,7 @@ def figure_of(key: str, source: str, title: str, *needs: Need) -> Callable[[Call
             figure._repr_png_ = png  # notebooks show it, though pyplot knows nothing of it
             return cast("Figure", figure)
 
-        _FIGURES[key] = Kind(key, drawn, source, title, needs)
+        _FIGURES[key] = Kind(key, drawn, source, title, (*filter(None, needs.split(", ")), *lacking))
         return drawn
 
     return register

@@ -80,21 +80,16 @@ class FitStatus(IntEnum):
         return _MEANINGS[self].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
 
 
-_MEANINGS = dict(
-    zip(
-        FitStatus,
-        (
-            "fitted",
-            "no trials: no scenario is ok, or nothing of the kind exists there",
-            "never happened: the median is above {low} {units}, the strongest motion tried",
-            "always happened: the median is below {high} {units}, the weakest motion tried",
-            "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
-            "all trials have one intensity, {low} {units}: no curve follows from them",
-            "does not get more likely as the intensity rises, or hardly so over the intensities tried: no lognormal "
-            "describes it",
-        ),
-        strict=True,
-    )
+#: What the statuses mean, by their values.
+_MEANINGS = (
+    "fitted",
+    "no trials: no scenario is ok, or nothing of the kind exists there",
+    "never happened: the median is above {low} {units}, the strongest motion tried",
+    "always happened: the median is below {high} {units}, the weakest motion tried",
+    "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
+    "all trials have one intensity, {low} {units}: no curve follows from them",
+    "does not get more likely as the intensity rises, or hardly so over the intensities tried: no "
+    "lognormal describes it",
 )
 
 

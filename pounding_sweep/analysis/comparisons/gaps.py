@@ -1,22 +1,9 @@
-"""Rules that say how far apart buildings must stand, from the displacements of each alone.
+"""The gap that each pair needs: exactly, by separation rules, and so that it touches with a given probability.
 
-All of them take the largest absolute displacements u of the two floors that could meet, relative to the ground, by the
-linear run of each building alone under the record itself. Standards find theirs from forces divided by a behaviour
-factor and multiply them by it again; what is taken here was never divided, so that the factors are 1 unless the user
-gives others (an amplification of displacements by yielding, say, or displacements that were reduced).
-
-Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
-
-The gap that each pair needs so that nothing touches: exactly, and by separation rules.
-
-As long as nothing touches, buildings don't know of each other, and floors of a pair
-meet where u_left - u_right of the run without pounding reaches the gap. So nothing
-touches in a row whose every gap is at least the largest such value of its own pair.
-
-The gap that a pair needs so that it touches with a given probability: under a suite, at an intensity, in some years.
-
-Until something touches, the row is as linear as its buildings: the required gap of a record grows in proportion to
-the intensity that the record is scaled to. One run without pounding of each record tells the gap at any intensity.
+As long as nothing touches, buildings don't know of each other, and floors of a pair meet where u_left - u_right of the
+run without pounding reaches the gap; it grows in proportion to the intensity that a record is scaled to. Rules take the
+largest absolute displacements of the two floors by the linear run of each building alone, divided by no behaviour
+factor. Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
 """
 
 from __future__ import annotations

@@ -78,6 +78,7 @@ _COMPARED = {
     "approach_speed_max": "approach speed",
     "impact_count": "number of impacts",
 }
+_COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)])
 
 
 def _draw_laws(lines: xr.DataArray, axis: PlotAxis, size: tuple[float, float], ax: Any = None) -> tuple[Any, Any]:
@@ -107,7 +108,7 @@ def _choose_rows(value: str | None, valid: Sequence[str], most: int) -> list[str
     "force-gap",
     "cube",
     "peak impact force and impacts of each pair against the gap, or another axis, law by law",
-    *("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
+    f"law, gap, pair, impact_force_max, impact_count, {CONTACT}",
 )
 def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw peak impact force and impacts of each pair, of its storeys the largest, law by law.
@@ -142,7 +143,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     "amplification",
     "cube",
     "responses with pounding over responses without, by building and law",
-    *("law", f"{_RESPONSES}|{_RATIOS}", CONTACT, f"{NO_CONTACT}|{_RATIOS}"),
+    f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}",
 )
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the amplification of each building's responses by pounding.
@@ -185,7 +186,7 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     "law-comparison",
     "cube",
     "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
-    *("law", "pair", "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)]), "several law"),
+    f"law, pair, {_COMPARISONS}, several law",
 )
 def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     """Draw the peak impact force of each law over that of the reference law.
@@ -245,6 +246,7 @@ _MARKS: dict[Status, tuple[dict[str, Any], str]] = {
     "map",
     "cube",
     "a response or its amplification over two axes of the sweep, pair by pair and law by law",
+    "",
     lambda cube: (
         "two axes of several numbers, such as gap and restitution"
         * (len({axis.dim for axis in plot_axes(cube).values()}) < 2)
@@ -377,7 +379,7 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
     "stability-map",
     "map",
     "error and status over contact stiffness and time step, from 'extremes --map'",
-    *("peak_force_error", "status", "scheme", "stiffness", "dt"),
+    "peak_force_error, status, scheme, stiffness, dt",
 )
 def stability_map(cube: xr.Dataset) -> Figure:
     """Draw a map of `pounding_sweep.accuracy.extremes`: one panel per scheme and number format."""
@@ -431,9 +433,7 @@ _PARTS: dict[str, dict[str, Any]] = {
     "profiles",
     "cube",
     "peak displacement, drift, storey shear and acceleration over the height, law by law",
-    "law",
-    "floor_elevation",
-    "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max",
+    f"law, floor_elevation, {_RESPONSES}",
     lambda cube: "the storeys from the first on" if 1 not in np.atleast_1d(cube.get("storey", 1)) else "",
 )
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
@@ -514,7 +514,7 @@ def _draw_profile(ax: Any, one: xr.Dataset, response: Any, label: str, **style: 
     "energy-budget",
     "cube",
     "where the energy of each building went, law by law",
-    *("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
+    "building, energy_input, energy_damping, energy_kinetic, energy_strain",
 )
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
@@ -600,7 +600,7 @@ def _name_records(result: xr.Dataset) -> str:
     "fragility",
     "cube",
     "probability that a pair touches, against intensity, with its confidence",
-    *("pair", CONTACT, f"several {'|'.join(TRIALS)}"),
+    f"pair, {CONTACT}, several {'|'.join(TRIALS)}",
 )
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
@@ -711,7 +711,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     "gap-for-probability",
     "cube",
     "probability that a pair touches, and its annual rate, against the gap",
-    *("pair", "several record"),
+    "pair, several record",
 )
 def gap_for_probability(cube: xr.Dataset) -> Figure:
     """Draw the probability that a pair touches against its gap, and the rate where the result has a hazard.
@@ -767,7 +767,7 @@ def _draw_gaps(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, style: dict[
     "required-gap",
     "cube",
     "the gap that each pair needs, exactly and by separation rules",
-    *("pair", "record|case|exact"),
+    "pair, record|case|exact",
 )
 def required_gap(cube: xr.Dataset) -> Figure:
     """Draw the required gap of each pair, record by record, and what separation rules ask for over it.

@@ -39,7 +39,7 @@ _STOREYS = 4
     "histories",
     "histories",
     "ground acceleration, floor displacements and contact forces against time, peaks marked, from 'simulate'",
-    *("several time", "ground_acceleration", "displacement"),
+    "several time, ground_acceleration, displacement",
 )
 def histories(one: xr.Dataset, *, start: float | None = None, end: float | None = None) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces.
@@ -103,7 +103,7 @@ def _say_no_contact(ax: Any) -> None:
     "closing",
     "histories",
     "relative displacement of the floors that can meet against time, beside their gap, onsets marked, from 'simulate'",
-    *("several time", "pair", "displacement"),
+    "several time, pair, displacement",
 )
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
@@ -151,7 +151,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     "phase",
     "histories",
     "velocity against displacement of the top floors, in contact and out of it, from 'simulate'",
-    *("several time", "displacement", "velocity"),
+    "several time, displacement, velocity",
 )
 def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the velocity of each building's top floor against its displacement; where the building is in contact, bold.
@@ -187,7 +187,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     "force-penetration",
     "histories",
     "contact force against penetration, pair by pair, from 'simulate'",
-    *("several time", "contact_force", "penetration"),
+    "several time, contact_force, penetration",
 )
 def force_penetration(
     one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None
@@ -224,7 +224,7 @@ def force_penetration(
     "hysteresis",
     "histories",
     "storey shear against drift of the storeys that yield, from 'simulate'",
-    *("time", "storey_drift", "storey_shear", "plastic_drift"),
+    "time, storey_drift, storey_shear, plastic_drift",
 )
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw the hysteresis loops of each building's storeys."""
@@ -256,7 +256,7 @@ _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
     "row",
     "histories",
     "the row at the instant of its strongest impact, from 'simulate'",
-    *("several time", "floor_elevation", "displacement"),
+    "several time, floor_elevation, displacement",
 )
 def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement.

@@ -24,7 +24,7 @@ _ROWS = 12
     "ground-motion",
     "spectra",
     "acceleration histories and response spectra of records, as 'records plot' draws them",
-    *("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
+    "record, time, ground_acceleration, period, pseudo_acceleration, damping_ratio",
 )
 def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
@@ -68,7 +68,7 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     "response-spectra",
     "spectra",
     "response or floor spectra: pseudo-acceleration and displacement against period",
-    *("period", "pseudo_acceleration", "spectral_displacement"),
+    "period, pseudo_acceleration, spectral_displacement",
 )
 def response_spectra(spectra: xr.Dataset) -> Figure:
     """Draw pseudo-acceleration and displacement spectra against period."""
@@ -86,7 +86,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     "floor-spectra",
     "histories",
     "5 % response spectra of the floors' total accelerations, from 'simulate'",
-    *("time", "acceleration"),
+    "time, acceleration",
 )
 def floor_response(histories: xr.Dataset) -> Figure:
     """Draw the 5 % spectra of the total acceleration of every floor."""

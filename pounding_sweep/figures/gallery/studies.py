@@ -41,6 +41,7 @@ _INDICES = {
     "sensitivity",
     "design",
     "which inputs of a design matter: first and total Sobol indices",
+    "",
     lambda cube: "" if {"input", "design_block"} & {*cube.coords} else 'a design of kind "saltelli"',
 )
 def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
@@ -115,7 +116,7 @@ def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
     "work-precision",
     "trade",
     "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
-    *("scheme", "located", "error", "cost"),
+    "scheme, located, error, cost",
 )
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
