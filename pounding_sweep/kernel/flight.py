@@ -65,6 +65,7 @@ from pounding_sweep.kernel.lanes import (
     one,
     real,
     rounded,
+    side_by_side,
     size,
     sqrt,
     store,
@@ -686,19 +687,21 @@ class Flight:
 
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
-        s, w, far, (most, least, storeys) = self.group.state, self.rows, self.group.limit.far, self._lookups
+        s, w, far = self.group.state, self.rows, self.group.limit.far
+        highs, lows = ([x] * self.layout.wide_watched for x in (far, -far))
+        # numbers that are put in one by one are waited for where vectors are read
+        for q, each in enumerate(self.layout.watched):
+            if each.storey < 0:
+                highs[q] = x = s.lane(each.most, lane)
+                lows[q] = -x if each.sized else s.lane(each.least, lane) if each.least >= 0 else -far
         for part in self.watched_parts:
-            w["high", part], w["low", part] = self.times.full(far), self.times.full(-far)
+            mine = slice(part * self.lanes, (part + 1) * self.lanes)
+            w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
         for low, high, alike in self._runs:
-            for q in self._run(low, high, 12 if alike.storey >= 0 else 1):
-                if alike.storey >= 0:
-                    down, up = self._storey_limits(storeys[q], lane, alike.kind)
-                else:
-                    up = s.lane(most[q], lane)
-                    down = -up if alike.sized else s.lane(least[q], lane) if alike.least >= 0 else None
+            for q in self._run(low, high, 12) if alike.storey >= 0 else ():
+                down, up = self._storey_limits(self._lookups[2][q], lane, alike.kind)
                 w.put_number("high", q, up)
-                if down is not None:
-                    w.put_number("low", q, down)
+                w.put_number("low", q, down)
 
     def _run(self, low: int, high: int, times: int = 1) -> Iterator[Any]:
         for q in self.each(high - low, times):

@@ -600,6 +600,17 @@ def narrow(trace: Tracer | None, x: Any) -> Any:
     return type(x)(trace, trace.builder.fptrunc(x.value, trace.vector if isinstance(x, Vector) else trace.real))
 
 
+def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
+    """Return numbers, as many as there are lanes, in these."""
+    if trace is None:
+        return np.array(numbers, float)
+    found = ir.Constant(trace.vector, [0.0 if isinstance(x, Real) else trace.number(x).constant for x in numbers])
+    for i, x in enumerate(numbers):
+        if isinstance(x, Real):
+            found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, i))
+    return Vector(trace, found)
+
+
 def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
     """Return the number of each lane."""
     if trace is None:
