@@ -212,6 +212,10 @@ class Record:
 SIGNIFICANT_SHARES = (0.05, 0.95)
 
 
+def _measure(units: str, long_name: str) -> Any:
+    return field(metadata={"units": units, "long_name": long_name})
+
+
 @dataclass(frozen=True)
 class RecordMeasures:
     """How strong and how long a ground motion is; ``dataclasses.fields`` gives units and long names.
@@ -236,13 +240,13 @@ class RecordMeasures:
         what is left beside `pgv` is drift, or motion that was cut off.
     """
 
-    pga: float = field(metadata={"units": "m s-2", "long_name": "peak ground acceleration"})
-    pgv: float = field(metadata={"units": "m s-1", "long_name": "peak ground velocity, no baseline correction"})
-    arias_intensity: float = field(metadata={"units": "m s-1", "long_name": "Arias intensity"})
-    cav: float = field(metadata={"units": "m s-1", "long_name": "cumulative absolute velocity"})
-    significant_duration: float = field(metadata={"units": "s", "long_name": "significant duration, 5 to 95 %"})
-    duration: float = field(metadata={"units": "s", "long_name": "time from first to last point"})
-    end_velocity: float = field(metadata={"units": "m s-1", "long_name": "ground velocity at the last point"})
+    pga: float = _measure("m s-2", "peak ground acceleration")
+    pgv: float = _measure("m s-1", "peak ground velocity, no baseline correction")
+    arias_intensity: float = _measure("m s-1", "Arias intensity")
+    cav: float = _measure("m s-1", "cumulative absolute velocity")
+    significant_duration: float = _measure("s", "significant duration, 5 to 95 %")
+    duration: float = _measure("s", "time from first to last point")
+    end_velocity: float = _measure("m s-1", "ground velocity at the last point")
 
 
 def record_measures(record: Record) -> RecordMeasures:
