@@ -79,10 +79,9 @@ def get_preset(name: str) -> Scene:
     >>> get_preset("mate2015").pair_names
     ('left-middle', 'middle-right')
     """
-    preset = PRESETS.get(name) if isinstance(name, str) else None
-    if preset is None:
+    if not isinstance(name, str) or name not in PRESETS:
         raise SceneError(unknown("preset scene", name, PRESETS))
-    return preset.scene
+    return PRESETS[name].scene
 
 
 @checked_call(SceneError)

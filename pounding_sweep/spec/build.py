@@ -207,11 +207,6 @@ def _exclusions(chosen: Collection[str]) -> Iterator[tuple[str, str, str]]:
             yield one, two, f"{one} and {two} exclude each other; give one of them"
 
 
-def _no_axis(value: Any) -> None:
-    if value is not None:
-        raise InputError("listed cases take the place of laws and axes; leave it out, or leave out the cases")
-
-
 class _Reader:
     """Reads the arguments that need each other, one after the other. Places are those in the whole sweep."""
 
@@ -313,7 +308,6 @@ class _Reader:
     def _read_laws(self, value: Any) -> None:
         """Read the laws of a sweep, groups expanded."""
         if self.listing:
-            _no_axis(value)
             return
 
         def read(item: Any) -> list[Law]:
@@ -428,8 +422,8 @@ class _Reader:
         faults, scene, given = self.faults, self.scene, self.given
         stated = {name for name in AXES if given[name] is not None}
         if self.listing:
-            for name in (*AXES, "building"):
-                faults.attempt((name,), _no_axis, given[name])
+            text = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
+            faults.entries += [((name,), text) for name in ("laws", *AXES, "building") if given[name] is not None]
             return {}
         laws, records = list(self.laws.values()), self.records or []
         sizes = {"records": len(records), "laws": len(laws)}
