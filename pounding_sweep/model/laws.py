@@ -182,8 +182,7 @@ class Law:
         """Whether E is a power of the penetration all along."""
         if self.exponent is None or self.impulsive or self.yields:
             return True
-        share = _tried(self.elastic, _DEPTHS) / _DEPTHS**self.exponent
-        return bool(np.ptp(share) <= _ALIKE * share[0])
+        return _is_constant(_tried(self.elastic, _DEPTHS) / _DEPTHS**self.exponent)
 
     @property
     def grows(self) -> bool:
@@ -360,6 +359,10 @@ def _tried(text: str, depths: np.ndarray, coefficient: float = 1.0) -> np.ndarra
         return formulas.on_arrays(text, d=depths, k=coefficient, c=coefficient) * np.ones(len(depths))
 
 
+def _is_constant(ratio: np.ndarray) -> bool:
+    return bool(np.ptp(ratio) <= _ALIKE * ratio[0])
+
+
 def _is_slope(text: str, force: str) -> bool:
     """Whether a formula is the derivative of another one by d."""
     step = 1e-4 * _DEPTHS
@@ -386,19 +389,15 @@ def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
 def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[str, float]:
     """Relation between damping number and restitution, and the factor of the number; ("", 1) where none is known."""
     n = float(law.exponent or 1.0)
-
-    def alike(ratio: np.ndarray) -> bool:
-        return bool(np.ptp(ratio) <= _ALIKE * ratio[0])
-
-    if law.damping == "elastic" and alike(ratio := dashpot / spring):
+    if law.damping == "elastic" and _is_constant(ratio := dashpot / spring):
         name = "approach" if law.approach_only else "rebound" if law.rebound_only else "both_phases"
         return name, float(np.round(ratio[0], 12))
     # w = d^((n + 1) / 2) makes it a linear dashpot beside a linear spring
     if (
         law.damping == "viscous"
         and not law.rebound_only
-        and alike(spring / _DEPTHS**n)
-        and alike(ratio := dashpot / _DEPTHS ** (0.5 * (n - 1.0)))
+        and _is_constant(spring / _DEPTHS**n)
+        and _is_constant(ratio := dashpot / _DEPTHS ** (0.5 * (n - 1.0)))
     ):
         name = "dashpot_approach" if law.approach_only else "dashpot_tension" if law.tension else "dashpot_clipped"
         return name, float(ratio[0] * math.sqrt(2.0 / (n + 1.0)))

@@ -91,13 +91,15 @@ def _check_title(value: str) -> str:
 
 
 def _check_outputs(value: Any) -> tuple[str, ...]:
-    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs
+    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs, get_variable
 
-    groups = {"default": DEFAULT_OUTPUTS, "all": tuple(VARIABLES)}
-    if value is None or (isinstance(value, str) and value in groups):
-        return tuple(check_outputs(groups[value or "default"]))
-    words = "variables, 'default' or 'all'"
-    return tuple(check_outputs(read_each(value, lambda name: check_outputs([name])[0], words, (str,))))
+    if value is None or (isinstance(value, str) and value == "default"):
+        return check_outputs(DEFAULT_OUTPUTS)
+    if isinstance(value, str) and value == "all":
+        return tuple(VARIABLES)
+    return check_outputs(
+        read_each(value, get_variable, "variables, 'default' or 'all'", (str,), key=lambda each: each.name)
+    )
 
 
 def read_each(
