@@ -216,8 +216,7 @@ def laws_command(
         str | None, option("LIST", "With --restitution or --check: nominal values, as 0.2,0.6.", "--e")
     ] = None,
     check: Annotated[
-        str | None,
-        option("LAW", "Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin."),
+        str | None, option("LAW", "Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

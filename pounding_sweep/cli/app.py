@@ -188,14 +188,12 @@ def argument(metavar: str, text: str) -> Any:
 SweepFile = Annotated[Path, argument("SWEEP.toml", "Sweep file.")]
 CubeFile = Annotated[Path, argument("CUBE.nc", "Cube made by 'run'.")]
 At = Annotated[
-    list[str] | None,
-    option("AXIS=VALUE", "Only this value of an axis; repeat for more axes, or values.", "--at"),
+    list[str] | None, option("AXIS=VALUE", "Only this value of an axis; repeat for more axes, or values.", "--at")
 ]
 Quiet = Annotated[bool, Option("--quiet", help="Show no progress.")]
 AsJson = Annotated[bool, Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
-    list[Path] | None,
-    option("FOLDER", "Folder of record files, instead of POUNDING_SWEEP_RECORDS.", "--records"),
+    list[Path] | None, option("FOLDER", "Folder of record files, instead of POUNDING_SWEEP_RECORDS.", "--records")
 ]
 Workers = Annotated[int | None, option("N", "Threads or processes; one per core by default.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace the output file if it exists.")]
@@ -242,8 +240,7 @@ class ScenarioOptions:
     law: Annotated[str | None, option("LAW", "Contact law, or FILE.py:NAME.")] = None
     gap: Annotated[float | None, option("M", "Gap of every pair (m).")] = None
     stiffness: Annotated[
-        float | None,
-        option("K", "Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5)."),
+        float | None, option("K", "Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5).")
     ] = None
     stiffness_factor: Annotated[
         float | None, option("X", "Factor on the scene's reference contact stiffness, instead.")

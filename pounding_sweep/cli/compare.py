@@ -73,12 +73,10 @@ class CompareOptions:
         None
     )
     quantiles: Annotated[
-        list[float] | None,
-        option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile"),
+        list[float] | None, option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
     ] = None
     probabilities: Annotated[
-        list[float] | None,
-        option("P", "Probability of touching, 0 to 1; repeat for several.", "--probability"),
+        list[float] | None, option("P", "Probability of touching, 0 to 1; repeat for several.", "--probability")
     ] = None
     intensity: Annotated[
         str | None,
@@ -89,8 +87,7 @@ class CompareOptions:
         ),
     ] = None
     levels: Annotated[
-        list[float] | None,
-        option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given"),
+        list[float] | None, option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given")
     ] = None
     hazard: Annotated[
         str | None,

@@ -101,10 +101,7 @@ def _print_unfinished(survey: Survey) -> None:
 
 @command("plot")
 def plot_command(
-    cube: Annotated[
-        Path | None,
-        argument("CUBE.nc", "Cube made by 'run', or another file made here."),
-    ] = None,
+    cube: Annotated[Path | None, argument("CUBE.nc", "Cube made by 'run', or another file made here.")] = None,
     kind: Annotated[str | None, argument("FIGURE", "Figure; without it, figures are listed.")] = None,
     out: Annotated[Path | None, option("FILE", FIGURE_FILE, "-o", "--output")] = None,
     at: At = None,
@@ -172,10 +169,7 @@ def _print_figures(dataset: xr.Dataset) -> None:
 @command("export")
 def export_command(
     cube: CubeFile,
-    out: Annotated[
-        Path,
-        option("FILE", "What to write: .csv, .parquet or .zarr.", "-o", "--output"),
-    ],
+    out: Annotated[Path, option("FILE", "What to write: .csv, .parquet or .zarr.", "-o", "--output")],
     names: Annotated[list[str] | None, option("NAME", "Only this variable; repeat for several.", "--var")] = None,
     at: At = None,
     table: Annotated[

@@ -27,10 +27,7 @@ REPORT = "report.html"
 
 @command("paper")
 def paper_command(
-    out: Annotated[
-        Path,
-        option("FOLDER", "Folder of the report and its figures.", "-o", "--output"),
-    ],
+    out: Annotated[Path, option("FOLDER", "Folder of the report and its figures.", "-o", "--output")],
     cubes: Annotated[
         list[Path] | None,
         argument(

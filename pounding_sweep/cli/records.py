@@ -136,10 +136,7 @@ def _print(report: dict[str, Any]) -> None:
 def plot_command(
     context: typer.Context,
     out: Annotated[Path, option("FILE", FIGURE_FILE, "-o", "--output")],
-    names: Annotated[
-        list[str] | None,
-        argument("NAME", "Records, files or sets; by default all at hand."),
-    ] = None,
+    names: Annotated[list[str] | None, argument("NAME", "Records, files or sets; by default all at hand.")] = None,
     data: Annotated[Path | None, option("MOTIONS.nc", "netCDF file for what is drawn.")] = None,
     overwrite: Overwrite = False,
     damping: Annotated[float, option("RATIO", "Damping ratio of the spectra.")] = 0.05,

@@ -35,13 +35,9 @@ if TYPE_CHECKING:
 
 @command("init")
 def init_command(
-    out: Annotated[
-        Path | None,
-        argument("[SWEEP.toml]", "File to write; by default the example's name."),
-    ] = None,
+    out: Annotated[Path | None, argument("[SWEEP.toml]", "File to write; by default the example's name.")] = None,
     example: Annotated[
-        str | None,
-        option("EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from"),
+        str | None, option("EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from")
     ] = None,
     only_list: Annotated[bool, Option("--list", help="List the examples.")] = False,
     overwrite: Overwrite = False,
@@ -81,8 +77,7 @@ def init_command(
 def run_command(
     options: SweepOptions,
     out: Annotated[
-        Path | None,
-        option("OUT.nc", "netCDF file for the cube; SWEEP.nc here by default.", "-o", "--output"),
+        Path | None, option("OUT.nc", "netCDF file for the cube; SWEEP.nc here by default.", "-o", "--output")
     ] = None,
     scheduler: Annotated[
         str, option("WHICH", "threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
@@ -249,10 +244,7 @@ def simulate_command(
 
 @command("animate")
 def animate_command(
-    out: Annotated[
-        Path,
-        option("FILE", "GIF, or MP4 with ffmpeg; replaced if it exists.", "-o", "--output"),
-    ],
+    out: Annotated[Path, option("FILE", "GIF, or MP4 with ffmpeg; replaced if it exists.", "-o", "--output")],
     options: ScenarioOptions,
     start: Annotated[
         float | None,
