@@ -49,10 +49,6 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it; NaN where modes are coupled.
     first_mass: np.ndarray | float = math.nan
 
-    def step(self, h: float) -> dict[str, np.ndarray]:
-        """Motion over one step of `h` (s), shape (variants, modes) each."""
-        return step(None, self.w, self.c, self.participation, h)
-
 
 def aligned(numbers: int, precision: str) -> np.ndarray:
     """Return room for numbers, none of whose vectors lies across two lines of the processor's cache."""
@@ -220,7 +216,7 @@ def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """How modes move from a point to each Gauss node of the step, shape (variants, modes, nodes, numbers)."""
     found = []
     for share in nodes(layout.nodes)[0]:
-        a = modes.step(share * h)
+        a = step(None, modes.w, modes.c, modes.participation, share * h)
         (q0, q1), (p0, p1) = ((a[f"{name}0"], a[f"{name}1"]) for name in "qp")
         ground = [(q0 + (1.0 - share) * q1, share * q1), (p0 + (1.0 - share) * p1, share * p1)]
         found.append(np.stack([a["qq"], a["qp"] / h, *ground[0], a["pq"], a["pp"] / h, *ground[1]], axis=2))
@@ -252,7 +248,7 @@ def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
 def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
-    a = modes.step(h)
+    a = step(None, w, c, modes.participation, h)
     found = a | {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     if "weight" in layout.decays:  # energies of a unit mass at the first floor
         weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)

@@ -364,14 +364,15 @@ class Blocks(_Filler):
                 here, there = (self._state(group - before, block + 1, m) for before in (0, 1))
                 for k in range(STATE):
                     store(self.wide, self.decays, here + k * self.lanes, self._wide(there + k * self.lanes))
-        for (_, many, shaken), run in groupby(range(len(self.layout.watched)), self._kind):
+        kinds = [each.kind for each in self.layout.watched]
+        for (kind, many), run in groupby(range(len(kinds)), lambda q: (kinds[q], self.layout.ranges[q][1])):
             mine = list(run)
             for q in count_to(len(mine), self.trace):
                 new = flag(self.trace, False)
                 for k in range(many):
                     new = new | self._is_new(group, self.lows[q + mine[0]] + k)
                 for _ in when(new):
-                    self._watch(q + mine[0], many, shaken, steps)
+                    self._watch(q + mine[0], many, kind == ACCELERATION, steps)
         self._hand_out(block)
 
     def _row(self, group: Any, name: str, m: Any) -> Any:
@@ -428,10 +429,6 @@ class Blocks(_Filler):
             f.put_decays(self.wide, self.decays, self._own(group * lanes + lane))
 
     # through a block ---------------------------------------------------------------------------------------------
-
-    def _kind(self, q: int) -> tuple[int, int, bool]:
-        each = self.layout.watched[q]
-        return each.kind, self.layout.ranges[q][1], each.kind == ACCELERATION
 
     def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
