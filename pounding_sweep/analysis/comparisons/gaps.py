@@ -293,15 +293,15 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
 
     # of each floor that could meet another: shares of the floors that it moves with, those beside struck columns
     moves = np.zeros((2, len(labels), scene.n_storeys, len(names), scene.n_storeys))
-    thick, meets = np.zeros((2, len(labels), scene.n_storeys))
+    thick = np.zeros((len(labels), scene.n_storeys))
     for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
         place = contact.place, contact.storey - 1
-        meets[place], thick[place] = 1.0, thickness
+        thick[place] = thickness
         for dof, share in contact.ends:
             building = int(np.searchsorted(scene.offsets, dof, side="right")) - 1
             moves[(int(share < 0.0), *place, building, dof - scene.offsets[building])] += abs(share)
     peaks = peak_displacement(runs).reset_coords(drop=True).rename(storey="floor")
-    known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(meets > 0.0, floor, ("pair", "storey"))
+    known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(moves.any((0, 3, 4)), floor, ("pair", "storey"))
     dims = ("pair", "storey", "building", "floor")
     left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
     level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)

@@ -169,7 +169,16 @@ def incremental_curves(
     x = np.asarray(strength.values, dtype=float)
     ways = directions(cube[scaled].values)
     units, long_name = strength.attrs["units"], strength.attrs["long_name"]
-    at, why = _levels(x, ways, levels, units)
+    ends = np.array([[motion[way].min(), motion[way].max()] for motion in x for way in ways])
+    low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
+    if levels is not None:
+        at = check_levels(levels, units)
+    elif low > high * (1.0 + ROUND_OFF):
+        at = np.linspace(float(x.min()), float(x.max()), LEVELS)
+    elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
+        at = np.sort(x[0])
+    else:
+        at = np.linspace(low, high, LEVELS)
     level = labelled("level", at, long_name, units)
     result: dict[str, xr.DataArray] = {}
     for name in names:
@@ -185,30 +194,12 @@ def incremental_curves(
         "intensity": f"{long_name} ({units})",
         "over": over_text({"record": len(x), "direction": len(ways)}),
     }
-    return xr.Dataset(result, attrs={**about, **why}).assign_coords(intensity=strength)
-
-
-def _levels(
-    x: np.ndarray, ways: list[np.ndarray], levels: Sequence[float] | None, units: str
-) -> tuple[np.ndarray, dict[str, str]]:
-    """Return the intensities of fractiles, and why there are none of all curves."""
-    ends = np.array([[motion[way].min(), motion[way].max()] for motion in x for way in ways])
-    low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
-    if levels is not None:
-        at = check_levels(levels, units)
-    elif low > high * (1.0 + ROUND_OFF):
-        at = np.linspace(float(x.min()), float(x.max()), LEVELS)
-    elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
-        at = np.sort(x[0])
-    else:
-        at = np.linspace(low, high, LEVELS)
-    if ((at >= low * (1.0 - ROUND_OFF)) & (at <= high * (1.0 + ROUND_OFF))).any():
-        return at, {}
-    why = (
-        f"none of these intensities is within the scales of all {len(ends)} curves (one begins at {low:.3g} {units}, "
-        f"one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
-    )
-    return at, {NO_FRACTILES: why}
+    if not ((at >= low * (1.0 - ROUND_OFF)) & (at <= high * (1.0 + ROUND_OFF))).any():
+        about[NO_FRACTILES] = (
+            f"none of these intensities is within the scales of all {len(ends)} curves (one begins at {low:.3g} "
+            f"{units}, one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
+        )
+    return xr.Dataset(result, attrs=about).assign_coords(intensity=strength)
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:
