@@ -121,10 +121,10 @@ def rounds(group: Group) -> Iterator[None]:
         going.now, astray.now = mine & again.now, mine & far.now
         for i, lines in better.items():
             for name, value in lines.items():
-                s[name, i] = where(going.now, value, s[name, i])
+                s.put(going.now, value, name, i)
     # one that is tried as a whole step is tried again in shorter ones where it was too long
     short = (s["time_left"] > 0.0) | ~_too_long(group, s["h"])
-    s["unsolved"] = where(astray.now & short, 1.0, s["unsolved"])
+    s.put(astray.now & short, 1.0, "unsolved")
 
 
 def _most(group: Group, i: int, n: float, z0: Any) -> Any:

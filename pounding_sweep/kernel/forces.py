@@ -21,7 +21,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-from pounding_sweep.kernel.group import Group, LaneLaw
+from pounding_sweep.kernel.group import Group, LaneLaw, power_of
 from pounding_sweep.kernel.lanes import (
     Cell,
     fma,
@@ -121,33 +121,28 @@ def longest_substep(group: Group, h: Any) -> Any:
             if law.touch_power > 1.0:
                 share = maximum(law.touch_share * most, law.least_share)
                 age = minimum(s["age", j] / lasts, LONG)
-                x = _root(age, law.touch_power) + share
-                grown = lasts * (_raised(x, law.touch_power) - age)
+                x = _power(age, 1.0 / law.touch_power) + share
+                grown = lasts * (_power(x, law.touch_power) - age)
                 longest.now = minimum(longest.now, where(k > 0.0, grown, h))
             if law.release_power > 1.0:
                 rest = minimum(maximum(now, 0.0) / (-v * lasts), LONG)
                 share = maximum(law.release_share * most, law.least_share)
-                x = _root(rest, law.release_power) - share
-                shrunk = lasts * (rest - _raised(x, law.release_power))
+                x = _power(rest, 1.0 / law.release_power) - share
+                shrunk = lasts * (rest - _power(x, law.release_power))
                 near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
                 if group.spec.staged:  # which it ends, as near as one can tell
                     parts = (k > 0.0) & (v < 0.0)
-                    last = lasts * maximum(OVER * rest, _raised(group.full(law.least_share), law.release_power))
+                    last = lasts * maximum(OVER * rest, _power(group.full(law.least_share), law.release_power))
                     longest.now = minimum(longest.now, where(parts, where(near, shrunk, last), h))
                 else:
                     longest.now = minimum(longest.now, where(near, shrunk, h))
     return minimum(longest.now, group.prop("cap") / sqrt(fastest.now)) if capped else longest.now
 
 
-def _root(x: Any, degree: float) -> Any:
-    """Root of a number >= 0: square roots where they do."""
-    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: roughly_power(x, 1.0 / degree))()
-
-
-def _raised(x: Any, degree: float) -> Any:
-    """Power of a number; of a negative one it may be anything."""
-    known = {2.0: lambda: x * x, 4.0: lambda: (x * x) * (x * x)}
-    return known.get(degree, lambda: roughly_power(maximum(x, 0.0), degree))()
+def _power(x: Any, exponent: float) -> Any:
+    """Power of a number >= 0, by products and roots where they do, else to six figures; of others anything."""
+    quick = 4.0 * exponent in (1.0, 2.0, 8.0, 16.0)
+    return power_of(x, exponent) if quick else roughly_power(maximum(x, 0.0), exponent)
 
 
 def measure(group: Group) -> Any:
@@ -195,12 +190,12 @@ def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
     s, first, cap = group.state, Cell(group.full(1.0)), Cell(group.full(1.0))
     for j in group.each_contact():
-        s["event", j] = where(asks, NEVER, s["event", j])
+        s.put(asks, NEVER, "event", j)
         with when_any(busy := asks & (s["asks", j] > 0.0)):
             event, target = _event(group, j, busy, cap)
             first.now = minimum(first.now, event)
-            s["event", j] = where(busy, event, s["event", j])
-            s["next", j] = where(busy, target, s["next", j])
+            s.put(busy, event, "event", j)
+            s.put(busy, target, "next", j)
     return minimum(first.now, cap.now)
 
 
@@ -368,7 +363,7 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, fol
             ("work", "work", 0.5 * h * (f0 * v0 + f1 * v1)),
         ):
             if reducer in r:
-                s[name, j] = where(presses, s[name, j] + value, s[name, j])
+                s.put(presses, s[name, j] + value, name, j)
     if group.looks("ends"):
         q0, q1 = where(size(r0) < limit.far, r0, mean), where(size(r1) < limit.far, r1, mean)
         if follows is None:
@@ -377,9 +372,9 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, fol
             taken, stiff = s["taken"] > 0.0, s["stiff"] > 0.0
             held = where(stiff & ~follows, s["force", j], 0.0)
             s["f0", j] = where(taken, where(follows, f0, held), s["f1", j])
-            s["f1", j] = where(taken, where(follows, f1, held), s["f1", j])
+            s.put(taken, where(follows, f1, held), "f1", j)
             s["q0", j] = where(taken, where(follows, q0, 0.0), s["q1", j])
-            s["q1", j] = where(taken, where(follows, q1, 0.0), s["q1", j])
+            s.put(taken, where(follows, q1, 0.0), "q1", j)
 
 
 def is_due(group: Group, j: Any, lands: Any) -> Any:
@@ -403,20 +398,22 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
                 v, mass = group.between("v", j), group.prop("reduced", j)
                 k, c = group.stiffness(j), s["c", j]
                 lasts = law.duration(k, v, mass)
-                s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
-                s["shortest", which] = where(touches, minimum(s["shortest", which], lasts), s["shortest", which])
+                s.put(touches, lasts, "lasts", j)
+                s.put(touches, 0.0, "age", j)
+                s.put(touches, minimum(s["shortest", which], lasts), "shortest", which)
                 if law.shape.per_speed:
                     c = c / maximum(v, RESTING_SPEED)
                 note_onset(group, j, touches, touches, v, group.clock(h))
-                s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
+                s.put(touches, k, "kl", j)
+                s.put(touches, c, "cl", j)
                 if law.shape.yields:
                     _begin_yielding(group, j, touches, k, c, v, mass)
             k, c = s["kl", j], s["cl", j]
             if law.shape.yields:
                 _switch_yielding(group, j, due, mode, target)
             else:
-                s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
-                s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
+                s.put(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), "ke", j)
+                s.put(due, where(target == PRESSING, c, 0.0), "ce", j)
             s["mode", j] = where(due, target, mode)
     return switched.now
 
@@ -488,29 +485,29 @@ def _begin_yielding(group: Group, j: Any, lanes: Any, k: Any, loss: Any, v: Any,
         ("yield", yields),
         ("plastic", 0.0),
     ):
-        s[name, j] = where(lanes, value, s[name, j])
+        s.put(lanes, value, name, j)
     stick(group, j, lanes)
 
 
 def set_plastic(group: Group, j: Any, lanes: Any, d: Any) -> None:
     """Plastic part of a contact that has slipped to the penetration d."""
     s = group.state
-    s["plastic", j] = where(lanes, where(s["ce", j] > 0.0, d - s["yield", j], d), s["plastic", j])
+    s.put(lanes, where(s["ce", j] > 0.0, d - s["yield", j], d), "plastic", j)
 
 
 def stick(group: Group, j: Any, lanes: Any) -> None:
     """Let the plastic part stand still from here on."""
     s = group.state
-    s["ke", j] = where(lanes, s["kl", j] + s["cl", j], s["ke", j])
-    s["ce", j] = where(lanes, -s["cl", j] * s["plastic", j], s["ce", j])
+    s.put(lanes, s["kl", j] + s["cl", j], "ke", j)
+    s.put(lanes, -s["cl", j] * s["plastic", j], "ce", j)
 
 
 def slip(group: Group, j: Any, lanes: Any, d: Any) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
     s = group.state
     deep = d - s["plastic", j] > 0.5 * s["yield", j]
-    s["ke", j] = where(lanes, s["kl", j], s["ke", j])
-    s["ce", j] = where(lanes, where(deep, s["cl", j] * s["yield", j], 0.0), s["ce", j])
+    s.put(lanes, s["kl", j], "ke", j)
+    s.put(lanes, where(deep, s["cl", j] * s["yield", j], 0.0), "ce", j)
 
 
 def _switch_yielding(group: Group, j: Any, due: Any, mode: Any, target: Any) -> None:
@@ -519,7 +516,7 @@ def _switch_yielding(group: Group, j: Any, due: Any, mode: Any, target: Any) -> 
     d = penetration(group, j)
     opens, sticks, slips = due & (target == 0.0), due & (target == 1.0), due & (target == 2.0)
     for name in ("ke", "ce"):
-        s[name, j] = where(opens, 0.0, s[name, j])
+        s.put(opens, 0.0, name, j)
     set_plastic(group, j, sticks & (mode > 0.0), d)
     stick(group, j, sticks)
     slip(group, j, slips, d)
@@ -537,7 +534,7 @@ def settle_yielding(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
     s = group.state
     stretch, top = d - s["plastic", j], s["yield", j]
     plastic = where(stretch > top, d - top, where(stretch < 0.0, d, s["plastic", j]))
-    s["plastic", j] = where(lanes, plastic, s["plastic", j])
+    s.put(lanes, plastic, "plastic", j)
     slips = lanes & (((stretch >= top) & (v > 0.0)) | ((stretch <= 0.0) & (v < 0.0)))
     slip(group, j, slips, d)
     stick(group, j, lanes & ~slips)

@@ -33,8 +33,7 @@ def begin(group: Group, lanes: Any = None) -> None:
     s = group.state
     for i in group.each(group.spec.n_dof):
         for name in ("kt", "kd") if group.spec.tangent else ("kt",):
-            k = group.full(group.prop("k", i))
-            s[name, i] = k if lanes is None else where(lanes, k, s[name, i])
+            s.put(lanes, group.full(group.prop("k", i)), name, i)
 
 
 def shear(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
@@ -92,7 +91,7 @@ def first_event(group: Group, asks: Any) -> Any:
     s = group.state
     first = Cell(group.full(1.0))
     for i, below in each_storey(group):
-        s["turn", i] = where(asks, NEVER, s["turn", i])
+        s.put(asks, NEVER, "turn", i)
         busy = asks & _may_change(group, i, below, s["h"])
         with when_any(busy):
             _event(group, i, below, busy)
@@ -121,8 +120,8 @@ def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     leaves = before | after
     when = crossing(group, leaves, low, high, z.begun(start), side)
     found = where(leaves, when, where(turns & ~elastic, extreme, NEVER))
-    s["turn", i] = where(busy, found, s["turn", i])
-    s["then", i] = where(busy, where(elastic, side, 0.0), s["then", i])
+    s.put(busy, found, "turn", i)
+    s.put(busy, where(elastic, side, 0.0), "then", i)
 
 
 def apply_events(group: Group, lands: Any) -> Any:
@@ -139,11 +138,11 @@ def apply_events(group: Group, lands: Any) -> Any:
             k, (hard, soft) = group.prop("k", i), hardened(group, i)
             elastic = phase == 0.0
             held = phase * (soft * group.prop("yield_drift", i))
-            s["kt", i] = where(due, where(elastic, k, hard), s["kt", i])
-            s["ct", i] = where(due, where(elastic, -soft * s["slip", i], held), s["ct", i])
+            s.put(due, where(elastic, k, hard), "kt", i)
+            s.put(due, where(elastic, -soft * s["slip", i], held), "ct", i)
             if group.spec.tangent:
                 less = group.prop("tangent", i) * soft
-                s["kd", i] = where(due, where(elastic, k, k - less), s["kd", i])
+                s.put(due, where(elastic, k, k - less), "kd", i)
         switched.now = switched.now | due
     return switched.now
 
@@ -155,7 +154,7 @@ def _follow(group: Group, i: Any, below: Any) -> None:
     new = where(phase == 0.0, p, group.drift(i, below) - phase * group.prop("yield_drift", i))
     s["slip", i] = new
     if "hysteretic" in group.asked:
-        s["travel", i] = s["travel", i] + size(new - p)
+        s["travel", i] += size(new - p)
 
 
 def follow(group: Group) -> None:

@@ -87,9 +87,9 @@ def rest(group: Group, lanes: Any) -> None:
     put_accelerations(group, "alone", "u", "v", s["g1"])
     join_rows(group, "alone", "joining")
     for i in group.each(group.spec.n_moving):
-        s["a", i] = where(lanes, s["alone", i], s["a", i])
+        s.put(lanes, s["alone", i], "a", i)
     for j in group.each(len(group.contacts)):
-        s["f1", j] = where(lanes, s["joining", j], s["f1", j])
+        s.put(lanes, s["joining", j], "f1", j)
 
 
 def measure(group: Group) -> Any:
@@ -127,8 +127,8 @@ def first_event(group: Group, asks: Any) -> Any:
         pulls = closed & (late < 0.0)
         held = maximum(s["f0", j], 0.0)
         share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
-        s["event", j] = where(asks, where(pulls, share, NEVER), s["event", j])
-        s["next", j] = where(asks, where(pulls, OPEN, mode), s["next", j])
+        s.put(asks, where(pulls, share, NEVER), "event", j)
+        s.put(asks, where(pulls, OPEN, mode), "next", j)
         clear = group.limit.clear * _how_far(group, j)
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
@@ -136,8 +136,8 @@ def first_event(group: Group, asks: Any) -> Any:
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
             depth = course_of(group, j).begun(minimum(d0, 0.0))
             when = first_crossing(group, busy, depth, 1.0, crosses, turns, least=clear)
-            s["event", j] = where(when < NEVER, when, s["event", j])
-            s["next", j] = where(when < NEVER, 1.0, s["next", j])
+            s.put(when < NEVER, when, "event", j)
+            s.put(when < NEVER, 1.0, "next", j)
         first.now = minimum(first.now, s["event", j])
     return first.now
 
@@ -147,7 +147,7 @@ def ends(group: Group, whole: Any) -> None:
     del whole
     s, r, h = group.state, group.asked, group.state["h"]
     for j in group.each_contact() if group.spec.implicit and "impulse" in r else ():
-        s["impulse", j] = s["impulse", j] + 0.5 * h * (s["f0", j] + s["f1", j])
+        s["impulse", j] += 0.5 * h * (s["f0", j] + s["f1", j])
 
 
 def hold(group: Group, end: str) -> None:
@@ -166,10 +166,10 @@ def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
     if "count" in r:
         fast = fast | (s["count", j] == 0.0)
     note_onset(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, group.clock(h))
-    s["next", j] = where(lanes, 2.0, s["next", j])
+    s.put(lanes, 2.0, "next", j)
     for reducer, name in (("force", "fmax"), ("penetration", "dmax")):
         if reducer in r:
-            s[name, j] = where(lanes, 1.0, s[name, j])
+            s.put(lanes, 1.0, name, j)
 
 
 def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
@@ -178,7 +178,7 @@ def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
     s["v", i] = after = where(lanes, v, before)
     if "transfer" in group.asked:
         b = group.home_of(i)[2]
-        s["now", b] = s["now", b] + 0.5 * group.prop("m", i) * (before - after) * (before + after)
+        s["now", b] += 0.5 * group.prop("m", i) * (before - after) * (before + after)
 
 
 def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
@@ -191,9 +191,9 @@ def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
     if not is_wall(right):
         _set_speed(group, right, lanes, s["v", right] + p * group.prop("im", right))
     if "impulse" in r:
-        s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
+        s["impulse", j] += where(lanes, p, 0.0)
     if "work" in r:
-        s["work", j] = s["work", j] + where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
+        s["work", j] += where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
     if "transfer" in r:
         transfers.jumped(group)
 
@@ -220,17 +220,17 @@ def _halt(group: Group, lanes: Any) -> None:
     s, r = group.state, group.asked
     for j in group.each_contact():
         v = group.between("v", j)
-        s["w1", j] = where(lanes, v, s["w1", j])
+        s.put(lanes, v, "w1", j)
         stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
-        s["ke", j] = where(lanes, where(stays, 1.0, group.full(0.0)), s["ke", j])
+        s.put(lanes, where(stays, 1.0, group.full(0.0)), "ke", j)
     speeds, taken = join(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
     for j, p in enumerate(taken):
         if "impulse" in r:
-            s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
+            s["impulse", j] += where(lanes, p, 0.0)
         if "work" in r:
-            s["work", j] = s["work", j] + where(lanes, 0.5 * p * s["w1", j], 0.0)
+            s["work", j] += where(lanes, 0.5 * p * s["w1", j], 0.0)
     if "transfer" in r:
         transfers.jumped(group)
 
@@ -248,7 +248,7 @@ def _choose(group: Group, lanes: Any) -> None:
             worse = (s["ke", j] > 0.0) & (pressed < least.now)
             least.now, at.now = where(worse, pressed, least.now), where(worse, real(j), at.now)
         for j in group.each_contact():
-            s["ke", j] = where(mine & (at.now == real(j)), 0.0, s["ke", j])
+            s.put(mine & (at.now == real(j)), 0.0, "ke", j)
         going.now = mine & (at.now >= 0.0)
 
 
@@ -260,7 +260,7 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
         opened = s["mode", j] == OPEN
         pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
         takes_part = pressed | (due & opened) | (~due & ~opened)
-        s["next", j] = where(lanes, where(takes_part, 1.0, group.full(0.0)), s["next", j])
+        s.put(lanes, where(takes_part, 1.0, group.full(0.0)), "next", j)
     _collide(group, lanes, h)
     _halt(group, lanes)
     _choose(group, lanes)
@@ -269,5 +269,5 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
         comes = lanes & (mode > s["mode", j])
         with when_any(comes):
             _note_onset(group, j, comes, s["w1", j], h)
-        s["mode", j] = where(lanes, mode, s["mode", j])
+        s.put(lanes, mode, "mode", j)
     return lanes

@@ -357,12 +357,12 @@ def _where(condition: Any, a: Any, b: Any, fenced: bool) -> Any:
 
 def maximum(a: Any, b: Any) -> Any:
     """Return the larger number; a where b is none."""
-    return _where(b > a, b, a, fenced=False) if not isinstance(b, float) else _where(a < b, b, a, fenced=False)
+    return _where(a < b, b, a, fenced=False)
 
 
 def minimum(a: Any, b: Any) -> Any:
     """Return the smaller number; a where b is none."""
-    return _where(b < a, b, a, fenced=False) if not isinstance(b, float) else _where(a > b, b, a, fenced=False)
+    return _where(a > b, b, a, fenced=False)
 
 
 def any_lane(mask: Any) -> Any:
@@ -556,6 +556,10 @@ class Rows:
             self.array[self._row(key)] = x
         else:
             self.trace.write(Vector, self.pointer, self._row(key) * self.stride, x, self.wide)
+
+    def put(self, lanes: Any, x: Any, name: str, i: Any = 0) -> None:
+        """Write a row in some lanes (None: all)."""
+        self[name, i] = x if lanes is None else where(lanes, x, self[name, i])
 
     def lane(self, row: Any, lane: Any) -> Any:
         """Return a lane's number in a row, by the row's number."""

@@ -34,8 +34,8 @@ def accelerate(group: Group, name: str, x: Any, y: Any) -> None:
     s = group.state
     for j, (left, right) in group.each_link():
         pull = force(group, j, (left, right), x, y)
-        s[name, left] = s[name, left] - group.prop("im", left) * pull
-        s[name, right] = s[name, right] + group.prop("im", right) * pull
+        s[name, left] -= group.prop("im", left) * pull
+        s[name, right] += group.prop("im", right) * pull
 
 
 # energies ------------------------------------------------------------------------------------------------------------
@@ -57,8 +57,8 @@ def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
         pull, rate = weight * force(group, j, (left, right), x, y), _across(group, (left, right), y)
         for floor, sign in ((left, 1.0), (right, -1.0)):
             b, v = group.home_of(floor)[2], group.floor(y, floor)
-            s["dgiven", b] = s["dgiven", b] + sign * pull * v
-        s["dlost", j] = s["dlost", j] + weight * group.prop("link_c", j) * (rate * rate)
+            s["dgiven", b] += sign * pull * v
+        s["dlost", j] += weight * group.prop("link_c", j) * (rate * rate)
 
 
 def record(group: Group, h6: Any) -> None:

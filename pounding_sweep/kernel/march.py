@@ -41,27 +41,23 @@ FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 def begin(group: Group, start: Any, lanes: Any = None) -> None:
     """Fill lanes (all, or some) whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec
-
-    def put(row: Any, x: Any) -> None:
-        s[row] = x if lanes is None else where(lanes, x, s[row])
-
     for i in group.each(spec.n_moving):
-        put(("u", i), group.full(group.prop("u0", i)))
-        put(("v", i), group.full(group.prop("v0", i)))
-    put("g1", s["scale"] * start)
+        s.put(lanes, group.full(group.prop("u0", i)), "u", i)
+        s.put(lanes, group.full(group.prop("v0", i)), "v", i)
+    s.put(lanes, s["scale"] * start, "g1")
     if spec.yielding:
         hysteresis.begin(group, lanes)
     if spec.law is not None:
         for which in range(len(spec.laws)):
-            put(("shortest", which), group.full(group.limit.far))
+            s.put(lanes, group.full(group.limit.far), "shortest", which)
     for reducer in group.reducers:
         for slot in (slot for slot in reducer.slots if slot.first):
             if slot.per == "building":
                 for b, floors in group.each_building():
-                    put((slot.name, b), slot.first(group, floors))
+                    s.put(lanes, slot.first(group, floors), slot.name, b)
             else:
                 for i in group.each(slot.count(spec)):
-                    put((slot.name, i), group.full(slot.first(group, i)))
+                    s.put(lanes, group.full(slot.first(group, i)), slot.name, i)
     if spec.implicit:
         group.scheme.begin(group)
 
@@ -116,7 +112,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             s["vrun", j] = where(closed, fastest, 0.0)
         with when_any(fresh):
             lasts = law.duration(group.stiffness(j), speed, group.prop("reduced", j))
-            s["shortest", which] = where(fresh, minimum(s["shortest", which], lasts), s["shortest", which])
+            s.put(fresh, minimum(s["shortest", which], lasts), "shortest", which)
         if not (implicit or group.spec.history or group.looks("force")):
             continue
         c, last = s["c", j], s["f1", j]
@@ -129,7 +125,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         if implicit:
             for reducer, value in (("impulse", last + force), ("work", last * before + force * v)):
                 if reducer in r:
-                    s[reducer, j] = s[reducer, j] + 0.5 * h * value
+                    s[reducer, j] += 0.5 * h * value
             for force_at, v_at in ((last, "v0"), (force, "v")) if "transfer" in r else ():
                 for b, power in each_given(group, j, force_at, v_at):
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
@@ -139,7 +135,7 @@ def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
     """Begin a step of length h, the ground moving from `ga` to `gb`, in some lanes."""
     s = group.state
     for name, value in (("time_left", h), ("ga", ga), ("gb", gb), ("tries", 0.0), ("land", 0.0)):
-        s[name] = value if lanes is None else where(lanes, value, s[name])
+        s.put(lanes, value, name)
 
 
 def look_ahead(group: Group, h: Any) -> None:
@@ -162,14 +158,15 @@ def look_ahead(group: Group, h: Any) -> None:
 def refuse(group: Group, lanes: Any) -> None:
     """Lanes that refuse their trial return to its start."""
     s, spec = group.state, group.spec
-    s["land"] = s["land"] + where(lanes, 1.0, 0.0)
-    s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
+    s["land"] += where(lanes, 1.0, 0.0)
+    s.put(lanes, 0.0, "taken")
+    s.put(lanes, 0.0, "h")
     floors = [(name, f"{name}0") for name in moving_rows(group)]
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
     for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
             for i in group.each(n, straight=False):
-                s[now, i] = where(lanes, s[before, i], s[now, i])
+                s.put(lanes, s[before, i], now, i)
 
 
 def cut(group: Group, lanes: Any) -> None:
@@ -181,13 +178,14 @@ def cut(group: Group, lanes: Any) -> None:
         for n, name in enumerate(BENDS, 3):
             bend = power * s[name, i]
             sped, moved, power = fma(float(n), bend, sped), moved + bend, t * power
-            s[name, i] = where(lanes, bend, s[name, i])
-        s["u", i] = where(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), s["u", i])
-        s["v", i] = where(lanes, fma(h, sped, s["v0", i]), s["v", i])
+            s.put(lanes, bend, name, i)
+        s.put(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), "u", i)
+        s.put(lanes, fma(h, sped, s["v0", i]), "v", i)
     for j in group.each_contact():
         s["d1", j], s["w1", j] = forces.penetration(group, j), group.between("v", j)
-    s["g1"] = where(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), s["g1"])
-    s["land"], s["h"] = where(lanes, 1.0, s["land"]), where(lanes, h, s["h"])
+    s.put(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), "g1")
+    s.put(lanes, 1.0, "land")
+    s.put(lanes, h, "h")
 
 
 def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
@@ -203,7 +201,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         with when_any(lands):
             change = group.scheme.touch_miss(group)
             again = lands & ~(change == 0.0)
-            s["ahead"] = where(again, minimum(maximum(h - change, 0.0), s["time_left"]), s["ahead"])
+            s.put(again, minimum(maximum(h - change, 0.0), s["time_left"]), "ahead")
             with when_any(again):
                 refuse(group, again)
         # on the way that Newton changed, another contact may have touched before
@@ -218,8 +216,8 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         if group.spec.smooth:
             fraction = minimum(fraction, bouc_wen.first_event(group, asks))
         early = asks & (fraction < 1.0)
-        s["fraction"] = where(early, fraction, s["fraction"])
-        s["ahead"] = where(early, h * fraction, s["ahead"])
+        s.put(early, fraction, "fraction")
+        s.put(early, h * fraction, "ahead")
         with when_any(early):
             # sums over the stages of a trial know no part of it
             sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
@@ -241,7 +239,7 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
             group.scheme.settle(group, stiff)
             switched.now = stiff
     with when_any(lands):
-        s["land"] = where(lands, 0.0, s["land"])
+        s.put(lands, 0.0, "land")
         if group.spec.yielding:
             switched.now = switched.now | hysteresis.apply_events(group, lands)
         if group.touching:
@@ -281,13 +279,13 @@ def substep(group: Group, h: Any) -> None:
 def close(group: Group, kind: ModuleType, h: Any) -> None:
     """Conclude a sub-step: time goes on, lanes that land change their modes."""
     s = group.state
-    s["tries"] = s["tries"] + where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
+    s["tries"] += where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)
     if any(law.graded for law in group.laws) and not group.spec.impulsive:
         for j in group.each(len(group.contacts)):
-            s["age", j] = s["age", j] + s["h"]
+            s["age", j] += s["h"]
     if group.spec.yielding:
         hysteresis.follow(group)
     if group.spec.smooth:
@@ -297,7 +295,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
     finalize_substep(group, kind, h)
     keep_start(group)
     late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
-    s["fallback"] = where(late, 1.0, s["fallback"])
+    s.put(late, 1.0, "fallback")
 
 
 def keep_start(group: Group) -> None:
@@ -316,7 +314,7 @@ def clear_forces(group: Group, lanes: Any) -> None:
     """Flight goes on without contact forces, in some lanes."""
     for j in group.each(len(group.contacts)):
         for name in ("f0", "f1", "q0", "q1"):
-            group.state[name, j] = where(lanes, 0.0, group.state[name, j])
+            group.state.put(lanes, 0.0, name, j)
 
 
 def needs_ends(group: Group) -> bool:

@@ -175,15 +175,11 @@ def take_extremes(group: Group, motion: Motion, lanes: Any, found: tuple[Any, An
 def samples(group: Group, lanes: Any = None) -> None:
     """Take the motion at the present state, in some lanes."""
     s = group.state
-
-    def put(row: Any, x: Any) -> None:
-        s[row] = x if lanes is None else where(lanes, x, s[row])
-
     for motion in followed(group, straight=True):
         x = motion.of("u")
-        put(motion.most, maximum(s[motion.most], size(x) if motion.sized else x))
+        s.put(lanes, maximum(s[motion.most], size(x) if motion.sized else x), *motion.most)
         if motion.least is not None:
-            put(motion.least, minimum(s[motion.least], x))
+            s.put(lanes, minimum(s[motion.least], x), *motion.least)
 
 
 def each_step(group: Group) -> None:

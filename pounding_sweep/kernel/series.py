@@ -246,7 +246,7 @@ def _converge(group: Group) -> None:
         keep(group.lanes_where(True), [s["jet", i + k * n] for k in range(4)], s["jet", i + order * n])
     s["fraction"] = group.full(1.0)
     with when_any(room.now < 1.0):
-        s["fraction"] = where(room.now < 1.0, roughly_power(room.now, 1.0 / order), s["fraction"])
+        s.put(room.now < 1.0, roughly_power(room.now, 1.0 / order), "fraction")
     # of what rests, no first term tells the size
     s["fraction"] = maximum(minimum(s["fraction"], back.now), SOONEST)
 
@@ -296,7 +296,8 @@ def _look_at_contact(group: Group, j: Any, asks: Any, doubt: Cell) -> None:
     for lanes, sign, series, target, leaning in changes:
         t = _first(group, lanes, sign, series, doubt, leaning)
         sooner = t < s["event", j]
-        s["event", j], s["next", j] = where(sooner, t, s["event", j]), where(sooner, target, s["next", j])
+        s.put(sooner, t, "event", j)
+        s.put(sooner, target, "next", j)
 
 
 def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
@@ -347,7 +348,8 @@ def _look_at_storeys(group: Group, asks: Any, doubt: Cell, first: Cell) -> None:
 
         def take(t: Any, then: Any, i: Any = i) -> None:
             sooner = t < s["turn", i]
-            s["turn", i], s["then", i] = where(sooner, t, s["turn", i]), where(sooner, then, s["then", i])
+            s.put(sooner, t, "turn", i)
+            s.put(sooner, then, "then", i)
 
         with when_any(elastic):
             most, least = _hull(group, z0, z1, v0, v1)

@@ -90,7 +90,7 @@ def _find_ends(group: Group, forces_of: Callable[[Any], tuple[Any, Any]]) -> Non
     for j in group.each_contact():
         for row, force, v in zip(("given0", "given1"), forces_of(j), ("v0", "v"), strict=True):
             for b, power in each_given(group, j, force, v):
-                s[row, b] = s[row, b] + power
+                s[row, b] += power
 
 
 def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
@@ -111,7 +111,7 @@ def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
     for j in group.each_contact():
         with when_any(s["mode", j] > OPEN):
             for each, power in each_given(group, j, force(group, j, t), v):
-                s["given", each] = s["given", each] + power
+                s["given", each] += power
     return s["given", b]
 
 
@@ -140,7 +140,7 @@ def by_series(group: Group, nodes: int, course: Course) -> None:
     with when_any(closed):
         _find_ends(group, lambda j: (course[0](group, j, group.full(0.0)), course[0](group, j, s["fraction"])))
         for b in group.each(group.spec.n_buildings, straight=False):
-            s["now", b] = s["now", b] + s["gain", b]
+            s["now", b] += s["gain", b]
             _take(group, b, s["now", b])
         for b in group.each(group.spec.n_buildings, straight=False):
             turning = closed & _may_turn(group, b)

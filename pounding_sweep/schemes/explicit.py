@@ -69,9 +69,6 @@ class Explicit(Scheme):
         def every() -> Iterable[Any]:
             return group.each(spec.n_dof) if rows else range(len(floors))
 
-        def contacts() -> Iterable[Any]:
-            return group.each_contact() if rows else range(len(group.contacts))
-
         for i in every():
             m["x", i], m["y", i] = m["u0", i], m["v0", i]
         for b in group.each(spec.n_buildings) if rows and "transfer" in asked and group.touching else ():
@@ -94,7 +91,7 @@ class Explicit(Scheme):
                     known = rows or ("gain", b) in m
                     m["gain", b] = fma(weight, power, m["gain", b]) if known else weight * power
 
-            for j in contacts() if press is not None else ():
+            for j in group.each_contact(straight=True) if press is not None else ():
                 assert press is not None
                 force = press(j, x, y)
                 push.add_contact(j, force)
@@ -114,7 +111,7 @@ class Explicit(Scheme):
                     add("ddamp", some[0][0] if rows else k, lost)
             if joins:
                 impulse.join_rows(group, now, memory=m)
-                for j in contacts():
+                for j in group.each_contact(straight=True):
                     count(j, m["force", j])
             names = ("x", "y") if number < len(self.nodes) else ("u", "v")
             for i in every():

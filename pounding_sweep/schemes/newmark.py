@@ -227,9 +227,9 @@ def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: An
     for p in group.each(storeys):
         i = home + p
         a = change * s["response", first + p]
-        s["a", i] = where(lanes, s["a", i] + a, s["a", i])
-        s["u", i] = where(lanes, s["u", i] + be * a, s["u", i])
-        s["v", i] = where(lanes, s["v", i] + ga * a, s["v", i])
+        s.put(lanes, s["a", i] + a, "a", i)
+        s.put(lanes, s["u", i] + be * a, "u", i)
+        s.put(lanes, s["v", i] + ga * a, "v", i)
 
 
 def _unit(group: Group, j: Any) -> Any:
@@ -339,7 +339,7 @@ def _iterate(
         largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
         going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
     failed = going.now & (moved.now > group.limit.unswept * largest.now)
-    s["unsolved"] = where(failed, 1.0, s["unsolved"])
+    s.put(failed, 1.0, "unsolved")
 
 
 def correct_resting(group: Group, h: Any) -> None:
@@ -353,7 +353,7 @@ def correct_resting(group: Group, h: Any) -> None:
             with when_any(live & (s["ke", j] > 0.0)):
                 for first, floors, _ in _sides(group, j):
                     _keep_compliance(group, first, floors, h)
-            s["force", j] = where(live, 0.0, s["force", j])
+            s.put(live, 0.0, "force", j)
 
         def update(j: Any, here: Any) -> tuple[Any, Any]:
             del here
@@ -375,14 +375,14 @@ def balance(group: Group, lanes: Any, end: str = "1") -> None:
 
         add_forces(group, "alone", force)
     for i in group.each(group.spec.n_moving):
-        s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
+        s.put(lanes, s["alone", i], "a", i)
 
 
 def soften(group: Group) -> None:
     """Mark lanes in which a closed contact is too stiff for the next sub-step."""
     s, h = group.state, group.state["h"]
     mine = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
-    s["stiff"] = where(mine, 0.0, s["stiff"])
+    s.put(mine, 0.0, "stiff")
     closed = mine & is_closed(group)
     with when_any(closed):
         hard = Cell(closed & ~closed)
@@ -392,7 +392,8 @@ def soften(group: Group) -> None:
             if law.shape.yields:
                 set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
             # the clip and the phase are those of the end, which `closed_force` knows
-            s["ke", j], s["ce", j] = where(here, s["kl", j], s["ke", j]), where(here, s["cl", j], s["ce", j])
+            s.put(here, s["kl", j], "ke", j)
+            s.put(here, s["cl", j], "ce", j)
             if law.shape.yields:
                 stick(group, j, here)
             ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
@@ -400,18 +401,18 @@ def soften(group: Group) -> None:
                 here & (h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE)
             )
         stiff = hard.now
-        s["stiff"] = where(stiff, 1.0, s["stiff"])
+        s.put(stiff, 1.0, "stiff")
         soft = closed & ~stiff
         for j in group.each_contact():
             slack = soft & (s["mode", j] == SLACK)
-            s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
-            s["ke", j] = where(slack, 0.0, s["ke", j])
+            s.put(slack | (soft & (s["mode", j] == REBOUND)), 0.0, "ce", j)
+            s.put(slack, 0.0, "ke", j)
             if group.law_of(j).shape.yields:
                 slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
         with when_any(stiff):
             balance(group, stiff, end="0")
             for i in group.each(group.spec.n_moving):
-                s["a0", i] = where(stiff, s["a", i], s["a0", i])
+                s.put(stiff, s["a", i], "a0", i)
 
 
 def settle(group: Group, lanes: Any) -> None:
@@ -421,14 +422,14 @@ def settle(group: Group, lanes: Any) -> None:
         law, here = group.law_of(j), lanes & (s["mode", j] > OPEN)
         d, v, force = penetration(group, j), group.between("v", j), s["force", j]
         if "force" in r:
-            s["fmax", j] = where(here, maximum(s["fmax", j], force), s["fmax", j])
+            s.put(here, maximum(s["fmax", j], force), "fmax", j)
         if "penetration" in r:
-            s["dmax", j] = where(here, maximum(s["dmax", j], d), s["dmax", j])
+            s.put(here, maximum(s["dmax", j], d), "dmax", j)
         if "impulse" in r:
-            s["impulse", j] = where(here, s["impulse", j] + h * force, s["impulse", j])
+            s.put(here, s["impulse", j] + h * force, "impulse", j)
         if "work" in r:
             w = 0.5 * h * force * (group.between("v0", j) + v)
-            s["work", j] = where(here, s["work", j] + w, s["work", j])
+            s.put(here, s["work", j] + w, "work", j)
         nears, parting = SIDES[law.shape.rebound_only]
         mode = where(d > 0.0, group.full(nears), OPEN)
         if law.shape.one_sided:
@@ -437,11 +438,11 @@ def settle(group: Group, lanes: Any) -> None:
             slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
             mode = where((d > 0.0) & slack, SLACK, mode)
         pressing = mode == PRESSING
-        s["ke", j] = where(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), s["ke", j])
-        s["ce", j] = where(here, where(pressing, s["cl", j], 0.0), s["ce", j])
+        s.put(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), "ke", j)
+        s.put(here, where(pressing, s["cl", j], 0.0), "ce", j)
         if law.shape.yields:
             mode = where(here & pressing, settle_yielding(group, j, here & pressing, d, v), mode)
-        s["mode", j] = where(here, mode, s["mode", j])
+        s.put(here, mode, "mode", j)
 
 
 def touch_miss(group: Group) -> Any:
