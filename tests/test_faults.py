@@ -158,8 +158,8 @@ CHANGES = {
     "a kernel": (
         lambda folder: edit(
             folder / "package/pounding_sweep/model/laws.py",
-            '"elastic": "k*d", "elastic_slope": "k"}',
-            '"elastic": "2.0*k*d", "elastic_slope": "2.0*k"}',
+            '"elastic": "k*d"}',
+            '"elastic": "2.0*k*d"}',
         ),
         r"source \(\w{60} there, \w{60} here\);",
     ),
