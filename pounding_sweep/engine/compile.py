@@ -1,10 +1,8 @@
 """Kernels compiled once and kept on disk, several at once, each process its share.
 
-A kernel is a small module whose one function has the traced kernel for its body. Its
-name is a digest of all that decides its machine code: what it is compiled for, the
-sources that trace it, the versions of numba and llvmlite, the processor. So an edited
-law, scheme or reducer is another file, compiled afresh. numba compiles under one lock
-per process, so kernels that are not on disk yet are shared out to child processes.
+A kernel is a small module whose one function has the traced kernel for its body. Its name is a digest of all that
+decides its machine code: what it is compiled for, the sources that trace it, the versions of numba and llvmlite, the
+processor. numba compiles under one lock per process, so missing kernels are shared out to child processes.
 """
 
 from __future__ import annotations

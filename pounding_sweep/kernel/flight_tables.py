@@ -280,14 +280,10 @@ class Tables(_Filler):
 
 
 class Blocks(_Filler):
-    """The motion of rows of buildings that each have one of their own: block by block, and in one point by point.
+    """Fills blocks of rows of buildings that each have a motion of their own, many side by side in the lanes."""
 
-    Where hardly any scenarios share a motion, tables of all its points would cost more than the
-    impacts. So many rows of buildings move side by side in the lanes, in double precision and in
-    steps as long as the ground allows; what is kept is their state at the beginning of each block
-    of the grid, and bounds of what is watched in it. A block that these don't rule out is gone
-    through again, point by point, for the one scenario that flies.
-    """
+    # tables of all points would cost more than the impacts; what stays is the state at the beginning of each block and
+    # bounds of what is watched in it: a block that these don't rule out is gone through again, for one scenario
 
     # decays: `HEAD` numbers, the ground's acceleration at all points of the grid, what it pushes each mode by, the rows
     #     of `Layout.strides` of each group of rows of buildings, of which the first two are known, and room for those
