@@ -841,27 +841,7 @@ class Scene:
     pair_of_label: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
     #: bumper of each contact; None where it takes the law of the sweep
     bumper_of: tuple[Bumper | None, ...] = field(default=(), init=False, repr=False, compare=False)
-    FILE_KEYS: ClassVar = ("preset",)
-
-    @classmethod
-    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
-        """Return the arguments of a table, which may start from a preset."""
-        from pounding_sweep.model.presets import get_preset
-
-        if (name := table.pop("preset", None)) is None:
-            return {"row": (), **table}
-        if "row" in table:
-            faults.add(("preset",), "preset and row exclude each other; give one of them")
-            return table
-        try:
-            preset = get_preset(name)
-        except SceneError as error:
-            raise SceneError(str(error), ("preset",)) from None
-        contact, start = table.get("contact", {}), vars(preset.contact)
-        if isinstance(contact, dict):
-            default = {key: value for key, value in start.items() if key != "hertz_stiffness" or "hertz" not in contact}
-            contact = {**default, **contact}
-        return {"row": preset.row, "gaps": preset.gaps, **table, "contact": contact}
+    FILE_KEYS: ClassVar = ("preset",)  # a sweep file's reader replaces it
 
     def __post_init__(self) -> None:
         row = self.row

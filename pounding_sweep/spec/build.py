@@ -49,6 +49,7 @@ from pounding_sweep.model.faults import (
     valid_part,
 )
 from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law
+from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
@@ -261,8 +262,21 @@ class _Reader:
 
     # --- scene, records, laws ---
 
-    def _scene(self, value: Any) -> Scene:
+    def _scene(self, value: Any) -> Scene | None:
         table = {"preset": value} if isinstance(value, str) else value
+        if isinstance(table, dict) and "preset" in table:
+            if "row" in table:
+                raise SceneError("preset and row exclude each other; give one of them", ("preset",))
+            if (preset := self.faults.attempt(("scene", "preset"), get_preset, table["preset"])) is None:
+                return None
+            own = table.get("contact", {})
+            if isinstance(own, dict):
+                start = vars(preset.contact).items()
+                own = {k: v for k, v in start if k != "hertz_stiffness" or "hertz" not in own} | own
+            kept = {k: v for k, v in table.items() if k != "preset"}
+            table = {"row": preset.row, "gaps": preset.gaps, **kept, "contact": own}
+        elif isinstance(table, dict):
+            table = {"row": (), **table}
         return TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
 
     def _records(self, value: Any) -> list[Record]:
