@@ -227,10 +227,12 @@ class Group:
         rows |= {"peak": n, "there": n, "press": nc} if self.presses and "acceleration" in self.asked else {}
         if spec.series:
             order, laws = spec.series, spec.laws
-            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "span": 1}
+            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "pick": order + 1}
             rows |= {"fj": nc * order} if any(law.damper for law in laws) else {}
             rows |= {"wj": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
+            rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
+            rows |= {"ruled_out": 2 * (nc + n)}
             rows |= {"swing": nb} if "transfer" in self.asked and self.touching else {}
         return rows
 
@@ -251,6 +253,10 @@ class Group:
     def looks(self, what: str) -> bool:
         """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""
         return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in self.reducers)
+
+    def change(self, i: Any, kind: int) -> Any:
+        """Return the number of a kind of change, of a contact or of a storey, these counted after contacts."""
+        return i + kind * (len(self.contacts) + self.spec.n_dof)
 
     # what the scene gives ------------------------------------------------------------------------------------------
 

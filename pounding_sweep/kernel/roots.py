@@ -117,18 +117,17 @@ def first_crossing(
     crosses: Any,
     turns: Any,
     rises: Any = None,
-    end: Any = 1.0,
     least: Any = 0.0,
 ) -> Any:
     """Where sign times a series turns positive, in some lanes: before the end, where it `crosses`, else `NEVER`."""
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
     rises = turns & ~turns if rises is None else rises
     bends = lanes & (turns | rises)
-    low, high, event = Cell(group.full(0.0)), Cell(group.full(end)), Cell(lanes & crosses)
+    low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(lanes & crosses)
     with when_any(bends):
-        extreme = crossing(group, bends, 0.0, end, series.rate, where(rises, sign, -sign))
+        extreme = crossing(group, bends, 0.0, 1.0, series.rate, where(rises, sign, -sign))
         event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > least)))
-        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, end)
+        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
     return where(event.now, crossing(group, event.now, low.now, high.now, series, sign), NEVER)
 
 

@@ -13,7 +13,7 @@ a few steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from functools import reduce
 from typing import Any
 
@@ -31,6 +31,7 @@ from pounding_sweep.kernel.lanes import (
     maximum,
     minimum,
     not_,
+    power,
     real,
     roughly_power,
     size,
@@ -40,7 +41,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import followed, take_extremes
-from pounding_sweep.kernel.roots import NEVER, Series, first_crossing, newton, tangents
+from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
 from pounding_sweep.kernel.row import Pushes, accelerations, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
@@ -51,6 +52,8 @@ LEFT_OUT_YIELDING = {"float64": 1e-11, "float32": 2e-7}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Newton's rounds to where a motion turns, in both number formats, at least.
+TURNS = {"float64": 3, "float32": 2}
 #: Parts of a step in which extremes of motions are looked for.
 PARTS = 4
 #: Most halvings of a step in which an event may hide, and its part after which none is sought.
@@ -71,8 +74,7 @@ def substep(group: Group, h: Any) -> None:
     march.look_ahead(group, h)
     _expand(group)
     _meet(group)
-    _place(group)
-    group.state["h"] = group.state["span"] * group.state["fraction"]
+    _go(group)
     _take_contacts(group)
     _take_turns(group)
     if "link_force" in group.asked:
@@ -195,109 +197,177 @@ def _per(group: Group) -> Any:
 
 
 def _meet(group: Group) -> None:
-    """Find the first instant at which contacts or storeys change their modes: ``fraction``, of the step."""
+    """Find the first instant at which contacts change their modes: ``fraction``, of the step."""
     s = group.state
     ongoing = s["time_left"] > 0.0
     s["taken"] = where(ongoing, 1.0, 0.0 * s["h"])
+    s["fraction"] = group.full(1.0)
     for j in group.each_contact():
         s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
-    for i, _ in hysteresis.each_storey(group) if group.spec.yielding else ():
-        s["turn", i], s["then", i] = group.full(NEVER), s["phase", i]
+        for kind in range(_kinds(group, j)):
+            s["ruled_out", group.change(j, kind)] = 0.0
     _converge(group)
+    if group.spec.yielding:
+        _begin_storeys(group)
+    s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
+    if group.spec.yielding:
+        _place(group)
+    events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
-    for _ in while_any(lambda: going.now, group.trace, at_most=HALVINGS + 1):
-        asks, first, doubt = going.now, Cell(s["fraction"]), Cell(group.lanes_where(False))
-        if group.spec.yielding:
-            _place(group)
-            _look_at_storeys(group, asks, doubt, first)
-        for j in group.each_contact():
-            mine = Cell(asks)
+    # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
+    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events + HALVINGS):
+        choice = _choose(group, going.now)
+        doubt = choice.doubt.now
+        found = choice.found.now & ~doubt
+        going.now = found | doubt
+        with when_any(going.now):
+            s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
+            _locate(group, found)
             if group.spec.yielding:
-                most, _ = _hull(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))
-                nears = most + _depth(group, j).bulge(s["fraction"]) > group.gap(j)
-                mine.now = asks & ((s["mode", j] > OPEN) | nears)
-            with when_any(mine.now):
-                _look_at_contact(group, j, mine.now, doubt)
-            first.now = minimum(first.now, s["event", j])
-        going.now = asks & doubt.now  # half the step tells
-        s["fraction"] = where(going.now, 0.5 * s["fraction"], first.now)
+                _place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
+def _kinds(group: Group, j: Any) -> int:
+    """How many kinds of changes a contact has: of its penetration's sign, and of that of its rate or its force."""
+    law = group.law_of(j).shape
+    return 2 if law.approach_only or law.clips else 1
+
+
 def _converge(group: Group) -> None:
-    """Find where series leave out more than rounding, or floors that part come back: ``fraction``, of the step."""
+    """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    s, n, order, precision = group.state, group.spec.n_dof, group.spec.series, group.spec.precision
-    room, back = Cell(group.full(1.0)), Cell(group.full(1.0))
-
-    def keep(lanes: Any, first: Sequence[Any], last: Any) -> None:
-        most = (LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT)[precision] * reduce(maximum, map(size, first))
-        short = lanes & (size(last) > most)
-        room.now = where(short, minimum(room.now, most / size(last)), room.now)
-
+    s, order, room, back = group.state, group.spec.series, Cell(group.full(1.0)), Cell(group.full(1.0))
+    left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
     for j in group.each_contact(straight=True):
-        depth, closed = _depth(group, j), s["mode", j] > OPEN
+        depth = _depth(group, j)
+        large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
+        most, last = left_out[group.spec.precision] * large, size(depth.read(order))
+        short = (s["mode", j] > OPEN) & (last > most)
+        room.now = where(short, minimum(room.now, most / last), room.now)
         d, v, bend = (depth.read(k) for k in range(3))
-        keep(closed, (d, v, bend), depth.read(order))
-        returns = ~closed & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
+        returns = (s["mode", j] == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
         back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
-    for i in group.each(n) if group.spec.yielding else ():
+    short = room.now < 1.0
+    with when_any(short):
+        s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
+    s["fraction"] = minimum(s["fraction"], back.now)
+
+
+def _begin_storeys(group: Group) -> None:
+    """Let no storey change its phase yet, and end the step where the series of a floor is left out too early."""
+    s, n, order = group.state, group.spec.n_dof, group.spec.series
+    for i, _ in hysteresis.each_storey(group):
+        s["turn", i], s["then", i] = group.full(NEVER), s["phase", i]
+        for kind in range(2):
+            s["ruled_out", group.change(i + len(group.contacts), kind)] = 0.0
+
+    def terms(i: Any) -> tuple[Any, Any]:
         # the fourth of them too: a floor at rest begins with the ground's ramp
-        keep(group.lanes_where(True), [s["jet", i + k * n] for k in range(4)], s["jet", i + order * n])
-    s["fraction"] = group.full(1.0)
-    with when_any(room.now < 1.0):
-        s.put(room.now < 1.0, roughly_power(room.now, 1.0 / order), "fraction")
-    # of what rests, no first term tells the size
-    s["fraction"] = maximum(minimum(s["fraction"], back.now), SOONEST)
+        first = reduce(maximum, [size(s["jet", i + k * n]) for k in range(4)])
+        return LEFT_OUT_YIELDING[group.spec.precision] * first, size(s["jet", i + order * n])
+
+    over = Cell(group.full(0.0))
+    for i in group.each(n):
+        most, last = terms(i)
+        over.now = maximum(over.now, last - most)
+    with when_any(over.now > 0.0):
+        share = Cell(group.full(1.0))
+        for i in group.each(n, straight=False):
+            most, last = terms(i)
+            share.now = minimum(share.now, where(last > most, most / last, 1.0))
+        s["fraction"] = minimum(s["fraction"], power(share.now, 1.0 / order))
 
 
-def _first(group: Group, lanes: Any, sign: Any, series: Series, doubt: Cell, leans: Any = None) -> Any:
-    """Where sign times a series turns positive by ``fraction`` or before; where it `leans`, if it rises there."""
-    end = group.state["fraction"]
-    e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
-    crosses = e1 > 0.0
-    if leans is not None:
-        crosses = crosses & (~leans | (r1 >= 0.0))
-    turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
-    reach, found = Cell(group.full(-1.0)), Cell(group.full(NEVER))
-    with when_any(turns):
-        third = (1.0 / 3.0) * end
-        reach.now = maximum(fma(third, r0, e0), fma(-third, r1, e1)) + series.bulge(end)
-    # one that turns twice may have been positive before
-    above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
-    below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
-    unseen = lanes & (above | below) & (end > HALVED)
-    with when_any(unseen):
-        bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
-        doubt.now = doubt.now | (unseen & (bends | _turns_twice(group, series)))
-    turns = turns & (reach.now > 0.0)
-    lanes = lanes & (crosses | turns)
-    with when_any(lanes):
-        found.now = first_crossing(group, lanes, series, sign, crosses, turns, (r0 < 0.0) & (r1 > 0.0) & crosses, end)
-    return found.now
+class _Choice:
+    """The event that seems to come first, in each lane; its series in ``pick``."""
+
+    def __init__(self, group: Group) -> None:
+        self.group, nobody = group, group.lanes_where(False)
+        self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
+        #: Lanes in which the step is too long to tell.
+        self.doubt = Cell(nobody)
+        group.state["bends"] = 0.0
+
+    def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
+        """How far it goes between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
+        return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
+
+    def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
+        group, s, end = self.group, self.group.state, self.group.state["fraction"]
+        e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
+        crosses = e1 > 0.0
+        if leans is not None:
+            crosses = crosses & (~leans | (r1 >= 0.0))
+        turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
+        reach = Cell(group.full(-1.0))
+        with when_any(turns):
+            reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
+        hops = turns & (reach.now > 0.0)
+        # one that turns twice may have been positive before: half the step tells
+        above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
+        below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
+        unseen = lanes & (above | below) & (end > HALVED)
+        with when_any(unseen):
+            bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
+            self.doubt.now = self.doubt.now | (unseen & (bends | _turns_twice(group, series)))
+        rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
+        lanes = lanes & (crosses | hops)
+        with when_any(lanes):
+            low = minimum(e0, 0.0)
+            guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
+            guess = where(guess >= 0.0, guess, 0.0)
+            self.found.now = self.found.now | lanes
+            better = lanes & (guess < self.soonest.now)
+            self.soonest.now = where(better, guess, self.soonest.now)
+            for k in range(group.spec.series + 1):
+                term = sign * series.read(k) if k <= series.order else 0.0
+                s["pick", k] = where(better, term, s["pick", k])
+            s["picked"], s["aim"] = where(better, number, s["picked"]), where(better, target, s["aim"])
+            s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
-def _look_at_contact(group: Group, j: Any, asks: Any, doubt: Cell) -> None:
-    """Find the first change of a contact's mode before ``fraction``, in lanes that ask."""
+def _choose(group: Group, asks: Any) -> _Choice:
+    """Find what may change first before ``fraction``, in lanes that ask."""
+    s, choice = group.state, _Choice(group)
+    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
+    for j in group.each_contact():
+        if not group.spec.yielding:
+            _offer_contact(group, choice, j, asks, per)
+            continue
+        mine = asks & ((s["mode", j] > OPEN) | _may_touch(group, j, _depth(group, j)))
+        with when_any(mine):
+            _offer_contact(group, choice, j, mine, per)
+    if group.spec.yielding:
+        _offer_storeys(group, asks, choice)
+    return choice
+
+
+def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
+    """Consider the changes of a contact's mode, in lanes that ask."""
     s, law, depth, mode = group.state, group.law_of(j), _depth(group, j), group.state["mode", j]
-    closed, toward = mode > OPEN, where(mode == PRESSING, -1.0, group.full(1.0))
+    closed, pressing = mode > OPEN, mode == PRESSING
+
+    def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        number = group.change(j, kind)
+        known = (s["next", j] == target) & ~(s["event", j] > s["fraction"])
+        lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
+        choice.offer(real(number), lanes, sign, series, target, leans)
+
+    sign = where(closed, -1.0, group.full(1.0))
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
-    changes = [(asks, where(closed, -1.0, group.full(1.0)), depth, where(closed, OPEN, group.full(PRESSING)), leans)]
+    offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
     if law.shape.approach_only:
-        target = where(mode == PRESSING, REBOUND, group.full(PRESSING))
-        changes.append((asks & closed, toward, depth.rate, target, None))
+        toward = where(pressing, -1.0, group.full(1.0))
+        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
-        c = s["cl", j] * _per(group)
-        press = Series(_pressing(depth, s["kl", j], c, _is_product(group, j), group.limit.at_release), depth.order - 1)
-        target = where(mode == PRESSING, SLACK, group.full(PRESSING))
-        changes.append((asks & closed & (c > 0.0), toward, press, target, None))
-    for lanes, sign, series, target, leaning in changes:
-        t = _first(group, lanes, sign, series, doubt, leaning)
-        sooner = t < s["event", j]
-        s.put(sooner, t, "event", j)
-        s.put(sooner, target, "next", j)
+        k, c = s["kl", j], s["cl", j] * per
+        press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
+        toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
+        offer(1, asks & closed & (c > 0.0), toward, press, target)
 
 
 def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
@@ -334,92 +404,152 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def _look_at_storeys(group: Group, asks: Any, doubt: Cell, first: Cell) -> None:
-    """Find the first changes of storeys' phases before ``fraction``, in lanes that ask."""
-    # A storey's shear is one straight line in its drift while its phase lasts, so that the series goes on to hold.
-    s = group.state
+def _may_touch(group: Group, j: Any, depth: Series) -> Any:
+    """Lanes in which an open contact may close."""
+    most, _ = _hull(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))
+    return most + depth.bulge(group.state["fraction"]) > group.gap(j)
+
+
+def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
+    """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
+    s, first = group.state, len(group.contacts)
     for i, below in hysteresis.each_storey(group):
         phase, dy, p = s["phase", i], group.prop("yield_drift", i), s["slip", i]
+        # that of an event that ends the step as it is
+        then = where(s["turn", i] > s["fraction"], phase, s["then", i])
+        sides = [group.change(first + i, kind) for kind in range(2)]
         margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
         v0, v1 = (group.drift(i, below, name) for name in ("v0", "v"))
         z0, z1 = (group.drift(i, below, name) - p for name in ("u0", "u"))
-        elastic, drift = asks & (phase == 0.0), _drift(group, i, below, z0, 1.0)
-        yields = asks & ~(phase == 0.0)
-
-        def take(t: Any, then: Any, i: Any = i) -> None:
-            sooner = t < s["turn", i]
-            s.put(sooner, t, "turn", i)
-            s.put(sooner, then, "then", i)
-
+        elastic = asks & (phase == 0.0)
         with when_any(elastic):
             most, least = _hull(group, z0, z1, v0, v1)
-            bulge = drift.bulge(s["fraction"])
+            bulge = _drift(group, i, below, z0, 1.0).bulge(s["fraction"])
             most, least = most + bulge, least - bulge
             leaves, beyond = elastic & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
-            # where it may turn twice, it may be beyond and back
-            unseen = leaves & (v0 * v1 >= 0.0) & ~beyond
+            # where it may turn twice, it may be beyond and back: half the step tells
+            unseen = leaves & (then == 0.0) & (v0 * v1 >= 0.0) & ~beyond
             with when_any(unseen):
-                _, early, late, last = tangents(drift.rate, s["fraction"])
+                _, early, late, last = tangents(_drift(group, i, below, z0, 1.0).rate, s["fraction"])
                 twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
-                doubt.now = doubt.now | (unseen & twice)
+                choice.doubt.now = choice.doubt.now | (unseen & twice)
             with when_any(leaves):
                 toward = where(v0 > 0.0, 1.0, group.full(-1.0))
                 # it leaves its range on the side to which it moves first, and comes back, or stays beyond
                 turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
-                hops = turns & ~(toward * z1 > dy + margin)
+                ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
+                hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
                 side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
                 start = side * z0 - dy
                 start = where(start > -margin, start - margin, start)
-                lanes = leaves & (hops | beyond)
-                take(_first(group, lanes, 1.0, _drift(group, i, below, start, side), doubt), side)
+                lanes = leaves & (hops | beyond) & ~(then == side)
+                number = where(side > 0.0, *(group.full(real(each)) for each in sides))
+                choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
+        yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
-            end, last, third = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
-            early, late = fma(third, drift.read(2) * 2.0, drift.read(1)), fma(-third, drift.rate.rate.value(end), last)
+            rate = _drift(group, i, below, z0, 1.0).rate
+            end, last, per = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
+            early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
             turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
             with when_any(turns):
-                take(_first(group, turns, -phase, drift.rate, doubt), 0.0)
-        first.now = minimum(first.now, s["turn", i])
+                choice.offer(real(sides[0]), turns, -phase, rate, 0.0)
+
+
+def _locate(group: Group, found: Any) -> None:
+    """Find when the chosen event happens; one that does not is ruled out."""
+    s = group.state
+    pick, end, bends = Series(lambda k: s["pick", k], group.spec.series), s["fraction"], s["bends"]
+    s["low"], s["high"], happens = group.full(0.0), end, Cell(found)
+    with when_any(found & ~(bends == 0.0)):
+        extreme = newton(group, found & ~(bends == 0.0), 0.0, end, pick.rate, bends)
+        turns = bends < 0.0
+        s["low"], s["high"] = where(bends > 0.0, extreme, s["low"]), where(turns, extreme, s["high"])
+        happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
+    t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
+    s["fraction"] = where(happens.now, t, end)
+    for j in group.each_contact():
+        for kind in range(_kinds(group, j)):
+            number = group.change(j, kind)
+            mine = found & (s["picked"] == real(number))
+            s["event", j] = where(mine & happens.now, t, s["event", j])
+            s["next", j] = where(mine & happens.now, s["aim"], s["next", j])
+            s["ruled_out", number] = where(mine & ~happens.now, 1.0, s["ruled_out", number])
+    if group.spec.yielding:
+        _keep_storeys(group, found, happens.now, t)
+
+
+def _keep_storeys(group: Group, found: Any, happens: Any, t: Any) -> None:
+    """Keep what was found of the storeys that were chosen."""
+    s, first = group.state, len(group.contacts)
+    for i, _ in hysteresis.each_storey(group):
+        for kind in range(2):
+            number = group.change(i + first, kind)
+            mine = found & (s["picked"] == real(number))
+            s["turn", i] = where(mine & happens, t, s["turn", i])
+            s["then", i] = where(mine & happens, s["aim"], s["then", i])
+            s["ruled_out", number] = where(mine & ~happens, 1.0, s["ruled_out", number])
 
 
 def _place(group: Group) -> None:
-    """Go to ``fraction``, of the step."""
-    s, t, per = group.state, group.state["fraction"], _per(group)
+    """Find displacements and velocities at ``fraction``, of the step."""
+    s, n, order, t = group.state, group.spec.n_dof, group.spec.series, group.state["fraction"]
+    moves = s["span"] > 0.0
+    per = where(moves, 1.0 / s["span"], 0.0)
+    for i in group.each(n, straight=False):
+        x = rate = s["jet", i + order * n]
+        x = fma(t, x, s["jet", i + (order - 1) * n])
+        for k in range(order - 2, -1, -1):
+            rate = fma(t, rate, x)
+            x = fma(t, x, s["jet", i + k * n])
+        s["u", i], s["v", i] = x, where(moves, rate * per, s["v0", i])
+
+
+def _go(group: Group) -> None:
+    """Go to the end of the step, or to the event that ends it."""
+    s, t = group.state, group.state["fraction"]
+    moves = s["span"] > 0.0
+    per = where(moves, 1.0 / s["span"], 0.0)
+    s["h"] = s["span"] * t
+    if group.spec.yielding:  # it is there
+        return
     for i in group.each(group.spec.n_dof, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t)
-        s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
+        s["v", i] = where(moves, rate * per, s["v0", i])
 
 
 def _take_contacts(group: Group) -> None:
     """Take the largest forces and penetrations of closed contacts."""
     s, r = group.state, group.asked
+    moves = s["span"] > 0.0
     for j in group.each_contact() if r & {"force", "penetration"} else ():
-        closed, depth, force = (s["mode", j] > OPEN) & (s["span"] > 0.0), _depth(group, j), _force(group, j)
+        closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
         with when_any(closed):
             # of the force itself, a spring's too: the same bits in the kernel of a damped law
             for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
                 if reducer in r:
-                    x, rate = series.with_slope(s["fraction"])
-                    s[most, j] = maximum(s[most, j], where(closed, maximum(series.read(0), x), 0.0))
-                    turns = closed & (((series.read(1) > 0.0) & (rate < 0.0)) | _turns_twice(group, series))
-                    with when_any(turns):
-                        s[most, j] = maximum(s[most, j], where(turns, _extremes(group, turns, series)[0], 0.0))
+                    s[most, j] = maximum(s[most, j], _largest(group, closed, series))
 
 
-def _extremes(group: Group, lanes: Any, series: Series) -> tuple[Any, Any]:
-    """Return the largest and the least value of a series over the step, in some lanes."""
-    x0, rate0 = Cell(series.read(0)), Cell(series.read(1))
-    most, least, low = Cell(x0.now), Cell(x0.now), Cell(0.0 * x0.now)
-    for q in count_to(PARTS, group.trace):  # beside other contacts it may turn more than once
-        end = (1.0 / PARTS) * real(q + 1) * group.state["fraction"]
-        x, rate = series.with_slope(end)
-        turns, there = lanes & (rate0.now * rate < 0.0), Cell(x)
-        with when_any(turns):
-            at = newton(group, turns, low.now, end, series.rate, where(rate0.now > 0.0, -1.0, group.full(1.0)))
-            there.now = where(turns, series.value(at), x)
-        most.now = maximum(most.now, maximum(x, there.now))
-        least.now = minimum(least.now, minimum(x, there.now))
-        low.now, rate0.now = end, rate
-    return most.now, least.now
+def _largest(group: Group, lanes: Any, series: Series) -> Any:
+    """Return the largest value of a series in the step, in some lanes; 0 or more."""
+    t, r0 = group.state["fraction"], series.read(1)
+    x1, r1 = series.with_slope(t)
+    most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
+
+    def take(turns: Any, start: Any, end: Any) -> None:
+        at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
+        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
+
+    turns = lanes & (r0 > 0.0) & (r1 < 0.0)
+    with when_any(turns):
+        take(turns, 0.0, t)
+    twice = lanes & _turns_twice(group, series)
+    with when_any(twice):
+        for start, end in _parts(group):
+            falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
+            with when_any(falls):
+                take(falls, start, end)
+    return most.now
 
 
 def _turns_twice(group: Group, series: Series) -> Any:
@@ -445,7 +575,19 @@ def _take_turns(group: Group) -> None:
             course = Series(lambda k: motion.of(_Term(group, k)), group.spec.series)  # noqa: B023
             asks = near & ((v0 * v1 <= 0.0) | _turns_twice(group, course))
             with when_any(asks):
-                take_extremes(group, motion, asks, (*_extremes(group, asks, course), x1))
+                for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
+                    r0, r1 = course.rate.value(a), course.rate.value(b)
+                    with when_any(turns := asks & (r0 * r1 < 0.0)):
+                        at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
+                        take_extremes(group, motion, turns, (course.value(at), x0, x1))
+                take_extremes(group, motion, asks, (x0, x0, x1))
+
+
+def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
+    """Go through the parts of the step: start and end."""
+    for q in count_to(PARTS, group.trace):
+        start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
+        yield start, end
 
 
 def _integrate(group: Group) -> None:
@@ -506,8 +648,14 @@ def _velocity(group: Group, t: Any) -> Callable[[Any], Any]:
 def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
     """Take the largest absolute value of a series over the step."""
     s, moves = group.state, group.state["span"] > 0.0
-    most, least = _extremes(group, moves, x)
-    s[name, i] = maximum(s[name, i], where(moves, maximum(most, -least), 0.0))
+    most = Cell(where(moves, size(x.read(0)), 0.0))
+    for start, end in _parts(group):  # beside other contacts it may turn more than once
+        r0, r1 = x.rate.value(start), x.rate.value(end)
+        most.now = maximum(most.now, where(moves, size(x.value(end)), 0.0))
+        with when_any(turns := moves & (r0 * r1 < 0.0)):
+            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
+            most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
+    s[name, i] = maximum(s[name, i], most.now)
 
 
 def _take_links(group: Group) -> None:
