@@ -16,7 +16,7 @@ COMMANDS = {
     "--help": ("-m", "pounding_sweep", "--help"),
 }
 #: Libraries that only a run may load.
-HEAVY = ("numba", "dask", "distributed", "matplotlib", "scipy", "xarray", "netCDF4")
+HEAVY = ("numba", "dask", "distributed", "matplotlib", "scipy", "xarray", "pandas", "netCDF4")
 
 
 def start_seconds(rounds: int = 5) -> dict[str, float]:

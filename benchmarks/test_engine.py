@@ -60,7 +60,7 @@ except SystemExit:
 
 
 def test_a_run_loads_no_more_than_it_takes(tmp_path):
-    """No figures, no cluster of processes, no HDF5 library beside netCDF4's."""
+    """No figures, no dask, no tables: what is written to a file needs netCDF4 alone."""
     (tmp_path / "tiny.toml").write_text(_TINY)
     run = f"""
 from pounding_sweep.cli import main
@@ -72,7 +72,7 @@ except SystemExit:
     pass
 sys.stdout = shown
 """
-    assert set(loaded_by(run)) == {"numba", "dask", "xarray", "scipy", "netCDF4"}
+    assert set(loaded_by(run)) == {"numba", "scipy", "netCDF4"}
 
 
 def test_start_is_a_few_times_that_of_python(measured, benchmark):
