@@ -151,7 +151,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
         ``scenarios``: how many there are; ``statuses``: scenarios by name of their status;
         ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
-        ``row``: names and descriptions of `pounding_sweep.spec.overview.overview`.
+        ``row``: names and descriptions of `pounding_sweep.spec.spec.overview`.
         Numbers that are not finite are None.
 
     Examples
