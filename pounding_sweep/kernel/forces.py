@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, LaneLaw, power_of
@@ -141,7 +142,8 @@ def longest_substep(group: Group, h: Any) -> Any:
 
 def _power(x: Any, exponent: float) -> Any:
     """Power of a number >= 0, by products and roots where they do, else to six figures; of others anything."""
-    quick = 4.0 * exponent in (1.0, 2.0, 8.0, 16.0)
+    x, exponent = (x * x, 2.0) if exponent == 4.0 else (x, exponent)
+    quick = 4.0 * exponent in (1.0, 2.0, 8.0)
     return power_of(x, exponent) if quick else roughly_power(maximum(x, 0.0), exponent)
 
 
@@ -250,7 +252,8 @@ def _slack(group: Group, j: Any, asks: Any, event: tuple[Any, Any], depth: Serie
     mode, k, c = (s[name, j] for name in ("mode", "kl", "cl"))
 
     def press(t: Any) -> tuple[Any, Any, Any]:
-        d, slope = depth.with_slope(t)
+        both = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
+        d, slope = (reduce(lambda x, each: each + t * x, powers) for powers in both)
         return law.pressing(k, c, d, slope / s["h"]), d, slope
 
     asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))

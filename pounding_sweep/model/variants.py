@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -289,7 +289,8 @@ class Variants:
     def contact_masses(self) -> np.ndarray:
         """Effective masses of all contacts (t), the floor's own at a wall, shape (n, contacts)."""
         ends = [contact.ends for contact in self.scene.contacts]
-        masses = [1.0 / sum(share**2 / self.masses[:, i] for i, share in own) for own in ends]
+        parts = ([self.masses[:, i] / share**2 for i, share in own if share] for own in ends)
+        masses = [reduce(lambda a, b: a * b / (a + b), each) for each in parts]
         return np.array(masses).T.reshape(len(self), len(ends))
 
     def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
