@@ -52,7 +52,7 @@ def test_exact_flight_is_cheaper_than_steps_through_flight(short_work, reference
 
 @pytest.mark.parametrize("key", all_peers())
 def test_peers_do_the_same_work_slower(key, short_work, reference, exact, benchmark):
-    """Every tool finds the engine's peaks, and takes more than ten times as long for no better ones."""
+    """Every tool that sees contacts finds the engine's peaks, and takes over ten times as long for no better ones."""
     peer = all_peers()[key]
     if peer.missing():
         pytest.skip(f"{peer.missing()}; pip install pounding-sweep[peers]")
@@ -60,8 +60,11 @@ def test_peers_do_the_same_work_slower(key, short_work, reference, exact, benchm
     benchmark.extra_info |= {"error": point.error, "times_the_engine": point.milliseconds / exact.milliseconds}
     run = peer.prepare(short_work, point.setting)
     found = benchmark.pedantic(lambda: run(ERROR_GAPS), rounds=1)
-    assert (found.onsets == reference("linear").onsets).all()
-    assert exact.error < point.error < SAME_WORK
+    if key == "heyoka-plain":  # what its flight alone takes: without events it sees no corner of the force
+        assert point.error > SAME_WORK
+    else:
+        assert (found.onsets == reference("linear").onsets).all()
+        assert exact.error < point.error < SAME_WORK
     assert point.milliseconds > 10.0 * exact.milliseconds
 
 
