@@ -670,7 +670,7 @@ def test_choices_of_a_scenario_on_the_command_line(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
+@pytest.mark.filterwarnings("always:a record:UserWarning")  # printed, as in a process of its own
 def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     sweep, gone, one, gif = (tmp_path / name for name in ("s.toml", "gone.toml", "one.nc", "row.gif"))
     sweep.write_text(SWEEP)

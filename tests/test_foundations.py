@@ -134,12 +134,13 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     one = ps.simulate(ps.Scene([smooth]), record, law="none", dt=2e-4)
     mass, damping, stiff = classical(replace(smooth, yield_strengths=None, hardening=0.0, bouc_wen=None))
     drift = np.eye(2) - np.eye(2, k=-1)
-    k, strength, r, (n, beta, gamma) = (
+    k, strength, r, law = (
         np.array(smooth.stiffnesses),
         np.array(smooth.yield_strengths),
         smooth.hardening,
         smooth.bouc_wen,
     )
+    n, beta, gamma = law.n, law.beta, law.gamma
 
     def rates(t, x):
         w, v, z = x[:4], x[4:8], x[8:]

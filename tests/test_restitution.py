@@ -496,7 +496,8 @@ def cli(*words):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("certificate")
-def test_the_certificate_as_text():
+def test_the_certificate_as_text(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
     got = cli("--restitution", "--e", "0.3,0.6")
     assert got.exit_code == 0, got.output
     lines = {tuple(line.split()[:2]): line.split()[2:] for line in got.stdout.splitlines() if line.strip()}
