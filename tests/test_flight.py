@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -295,6 +296,21 @@ def some_scenarios(n=70):
         "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
         "restitution": rng.uniform(0.2, 1.0, n),
     }
+
+
+def test_tables_that_stay_are_those_of_their_record():
+    kernel, (first, second), given = kernel_of(pair()), motions()[:2], some_scenarios()
+    second = ps.Record("second", first.dt, second.acceleration[: first.n_points])
+
+    def run(record):
+        return kernel.run(record, **given)
+
+    for record in (first, first, second, first):
+        found = run(record)
+        with ThreadPoolExecutor(1) as other:  # that has no tables yet
+            alone = other.submit(run, record).result()
+        for name, values in alone.items():
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 def test_a_negative_scale_is_the_record_upside_down():

@@ -57,16 +57,27 @@ def aligned(numbers: int, precision: str) -> np.ndarray:
     return room[first : first + numbers]
 
 
-def flight_tables(layout: Layout, stops: int, fixed: Fixed) -> np.ndarray:
+def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) -> np.ndarray:
     """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
-    # they stand until the thread's next call
+    # those that do not `stay` stand until the thread's next call
     precision, count = str(fixed.own.dtype), len(fixed.own)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     numbers = layout.start + rows * int(layout.size(stops))
-    tables = _room(numbers, precision, precision)
+    tables = aligned(numbers, precision) if stay else _room(numbers, precision, precision)
     tables[: layout.start] = fixed.shared
     tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
     return tables
+
+
+def filled_tables(fixed: Fixed) -> np.ndarray | None:
+    """Return the tables that this thread's latest call to fill some has filled with these `fixed` ones."""
+    last, tables = getattr(_KEPT, "filled", (None, None))
+    return tables if last is fixed else None
+
+
+def keep_filled(fixed: Fixed, tables: np.ndarray) -> None:
+    """Keep tables that a call has filled for this thread's next one."""
+    _KEPT.filled = fixed, tables
 
 
 def fixed_tables(

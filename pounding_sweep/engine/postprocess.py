@@ -9,6 +9,7 @@ diverged, however finite it is: `energy_limit` tells.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     return np.asarray(np.max(weights[:, None] * w * lasting * share, axis=0, initial=0.0))
 
 
+@lru_cache(maxsize=64)
 def loses_ground(record: Record, numerics: Numerics) -> bool:
     """Whether the ground turns back within more of single steps than the scheme follows."""
     steps, need = numerics.steps(record), numerics.scheme.min_ground_steps

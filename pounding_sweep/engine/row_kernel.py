@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import Fixed, fixed_tables, flight_tables, stops_of
+from pounding_sweep.engine.flight import Fixed, filled_tables, fixed_tables, flight_tables, keep_filled, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -128,6 +128,7 @@ def kernel_shape(
     )
 
 
+@lru_cache(maxsize=64)
 def _compiled(law: Law) -> LawShape:
     """Part of a law that is compiled."""
     return LawShape(
@@ -294,7 +295,7 @@ class RowKernel:
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, groups_done = self._tables(record, flight_substeps, part, groups - first)
+            tables, buildings, groups_done, shared = self._tables(record, flight_substeps, part, groups - first, twin)
             mine = slice(first * LANES, (first + groups_done) * LANES)
             inputs = {name: values[mine] for name, values in given.items()}
             lanes = self._lanes(buildings, row=row[mine], rough=record.is_rough, **inputs)
@@ -311,6 +312,8 @@ class RowKernel:
                 *tables,
                 len(inputs["scale"]),
             )
+            if shared is not None:
+                keep_filled(shared, tables[0])
             first += groups_done
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
@@ -326,11 +329,11 @@ class RowKernel:
         return found
 
     def _tables(
-        self, record: Record, flight_substeps: int, row: Variants, most_groups: int
-    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
-        """Tables of flight, which of them each scenario needs, and how many groups (at most so many) they serve."""
+        self, record: Record, flight_substeps: int, row: Variants, most_groups: int, twin: bool
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
+        """Tables of flight, which each scenario needs, how many groups (at most so many) they serve; their `Fixed`."""
         if not self.numerics.scheme.flies_exactly:
-            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups, None
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.scene)
@@ -343,9 +346,12 @@ class RowKernel:
         rows: Any = needed if len(needed) < len(row) else slice(None)
         if self.varied or self.shape.blocks:
             fixed, decays = _fixed_tables(self.shape, row[rows], record, flight_substeps)
-        else:
-            fixed, decays = _fixed_tables_of_scene(self.shape, variants_of(self.scene), record, flight_substeps)
-        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups
+            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
+        fixed, decays = _fixed_tables_of_scene(self.shape, variants_of(self.scene), record, flight_substeps)
+        if not twin and (filled := filled_tables(fixed)) is not None:
+            return (filled, decays, 0), which, groups, None
+        tables = flight_tables(layout, stops, fixed, stay=not twin)
+        return (tables, decays, len(needed)), which, groups, None if twin else fixed
 
     def _lanes(
         self,
