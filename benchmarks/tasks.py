@@ -58,6 +58,7 @@ def _part_of(plan: Any, size: int) -> Callable[[int], ChunkTask]:
 
 def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], ChunkTask]) -> list[list[tuple[float, float]]]:
     """Run `n` jobs; return when (s since 1970) each began and ended in its worker, for each worker."""
+    assert dispatcher.cluster is not None
     client = dispatcher.cluster.client
     client.get_task_stream()  # from here on the scheduler keeps it
     begun = time.time()

@@ -16,7 +16,7 @@ from test_cli import TINY, cli, write
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.log import RunLog
+from pounding_sweep.run.log import run_log
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -97,10 +97,10 @@ def test_warnings_are_in_the_logs_of_runs_that_overlap(tmp_path):
     with warnings.catch_warnings(), ExitStack() as first, ExitStack() as second:
         warnings.simplefilter("always")
         warnings.showwarning = lambda message, *args, **kwargs: shown.append(str(message))
-        first.enter_context(RunLog(tmp_path / "first", Progress()))
+        first.enter_context(run_log(tmp_path / "first", Progress()))
         for text in ("one", "two", "two", "three", "four"):
             if len(shown) == 1:
-                second.enter_context(RunLog(tmp_path / "second", Progress()))
+                second.enter_context(run_log(tmp_path / "second", Progress()))
             if text == "three":
                 first.close()
             if text == "four":

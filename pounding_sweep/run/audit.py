@@ -1,37 +1,33 @@
 """The audit: a sample of a sweep's own scenarios run again at half the step.
 
-A cube then carries the error of its own numbers, by measurement. The sample
-is drawn by a generator that the sweep's digest seeds, so that the same sweep
-has the same audit, whoever runs it and however often it was interrupted.
+A cube then carries the error of its own numbers, by measurement. The sample is drawn by a generator that the sweep's
+digest seeds, so that the same sweep has the same audit, whoever runs it and however often it was interrupted.
 
-Each group of lanes holds scenarios at half the step, and the same ones with gaps,
-contact stiffness and ground motion changed by `CHANGE`. Where such a change,
-below any engineering meaning, changes an output by more than the error looked for, the
-scenario is called sensitive; its error counts all the same. A scenario whose error is
-beyond what was asked is run once more, in double precision and at ever finer steps:
-that tells its error whatever the number format was. Only where these runs settle on no
-answer is it set apart, as undecided.
+Scenarios run at half the step, and again with gaps, contact stiffness and ground motion changed by `CHANGE`. Where such
+a change, below any engineering meaning, changes an output by more than the error looked for, the scenario is called
+sensitive; its error counts all the same. A scenario whose error is beyond what was asked is run once more, in double
+precision and at ever finer steps: that tells its error whatever the number format was. Only where these runs settle on
+no answer is it set apart, as undecided.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pounding_sweep.base.errors import RunError
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
-from pounding_sweep.output.dataset import CubeParts, unit_attributes
+from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined
 from pounding_sweep.run.execute import Dispatcher
-from pounding_sweep.run.refinement import ended, halved
+from pounding_sweep.run.refinement import Values, ended, halved
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -51,11 +47,6 @@ TOLERANCE = 0.05
 CONVERGED = 0.25
 #: Estimated duration (s) of the longest chunk of the sample; the last ones are a quarter of it.
 LONGEST_CHUNK = 0.4
-#: How the flags are spelt in a cube.
-FLAGS: dict[str, dict[str, Any]] = {
-    "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
-    "audit_undecided": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "decided undecided"},
-}
 
 
 @dataclass(frozen=True)
@@ -72,79 +63,87 @@ class Audit:
     touching: int  # scenarios of the sweep that the sample was drawn from
     share: float  # cost over that of the touching scenarios in the sweep, in lane-steps
     tolerance: float  # error that was asked for, or `TOLERANCE`
+    for_accuracy: bool  # whether the sweep asked for it
 
     @property
     def exceeding(self) -> np.ndarray:
         """Scenarios with status ok, not undecided, whose error is beyond the tolerance."""
         return ~self.undecided & (self.status == Status.OK) & (self.error.max(axis=1) > self.tolerance)
 
+    @property
+    def warning(self) -> str:
+        """What is said where such scenarios are found."""
+        if not (exceeding := self.exceeding).any():
+            return ""
+        worst = self.error[exceeding].max(axis=0)
+        asked, remedy = f"{self.tolerance:.0%}", "use a smaller dt"
+        if self.for_accuracy:
+            asked, remedy = f"the {self.tolerance:g} asked for", "ask for a smaller accuracy"
+        return (
+            f"the audit of {len(self.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is "
+            f"beyond {asked}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; {remedy} (see "
+            "audit_error in the cube)"
+        )
+
 
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
     jumps = [index for index, law in enumerate(plan.laws) if law.impulsive]
     valued = [int(status) for status in STATUS if status.has_values]
-    found = outcome.results.touched | np.isin(plan.unique.law, jumps)
-    return np.flatnonzero(found & ~outcome.left_out & np.isin(outcome.results.status, valued)).astype(np.int32)
+    touched = outcome.results.touched | np.isin(plan.unique.law, jumps)
+    return np.flatnonzero(touched & ~outcome.left_out & np.isin(outcome.results.status, valued)).astype(np.int32)
 
 
-def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
-    """Lane-steps of the scenarios `rows` in the sweep."""
-    points = np.array([record.n_points - 1 for record in plan.spec.records])[plan.unique.record[rows]]
-    return (1 if plan.spec.accuracy is None else REFINED) * int((plan.steps[rows] * points).sum())
-
-
-def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, int]:
-    """Draw the scenarios of an audit from `rows`; returns them, rising, and what they cost in lane-steps."""
+def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
+    """Draw the scenarios of an audit from `rows`; returns them, rising, and what they cost over all `rows`."""
     if not len(rows) or plan.spec.audit <= 0.0:
-        return rows[:0], 0
+        return rows[:0], 0.0
+    table, is_refined = plan.unique, plan.spec.accuracy is not None
+    intervals = np.array([record.n_points - 1 for record in plan.spec.records])
+    whole = (REFINED if is_refined else 1) * int((plan.steps[rows] * intervals[table.record[rows]]).sum())
+    # lane groups of scenarios of one record, law and number of steps
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
-    table = plan.unique
-    kinds = np.zeros(1, np.int64)
+    rows = random.permutation(rows)
+    kinds = np.zeros(len(rows), np.int64)
     for column in (table.record, table.law, plan.steps):
-        if column.strides[0]:  # else one value for all
-            kinds = kinds * (int(column[rows].max()) + 1) + column[rows]
-    groups: list[np.ndarray] = []  # lane groups of one kind
-    weights, costs = [], []
-    for kind in np.unique(kinds):
-        alike = rows if len(kinds) == 1 else rows[kinds == kind]
-        drawn = random.permutation(alike)[:MOST]
-        points = plan.spec.records[int(table.record[drawn[0]])].n_points
-        cost = LANES * FINER * int(plan.steps[drawn[0]]) * (points - 1) * (1 if plan.spec.accuracy is None else ENDS)
-        for first in range(0, len(drawn), GROUP):
-            groups.append(drawn[first : first + GROUP])
-            weights.append(len(groups[-1]) * (len(alike) / len(drawn)))
-            costs.append(cost)
-    sizes = np.array(weights)
-    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
-    most, budget = min(MOST, max(1, len(rows) // 2)), plan.spec.audit * sweep_cost(plan, rows)
-    chosen = order[:1] if min(costs) > budget else []
-    left, spent = most, sum(costs[index] for index in chosen)
-    for index in order:
-        if left > 0 and spent + costs[index] <= budget:
-            chosen.append(index)
-            left, spent = left - len(groups[index]), spent + costs[index]
-    return np.sort(np.concatenate([groups[index] for index in chosen])[:most]), spent
+        kinds = kinds * (int(column[rows].max()) + 1) + column[rows]
+    order = np.argsort(kinds, kind="stable")
+    rows, kinds = rows[order], kinds[order]
+    begins = np.searchsorted(kinds, kinds)  # where the kind of a scenario begins
+    starts = np.flatnonzero((np.arange(len(rows)) - begins) % GROUP == 0)
+    sizes, first = np.diff([*starts, len(rows)]), rows[starts]
+    costs = LANES * FINER * (ENDS if is_refined else 1) * plan.steps[first] * intervals[table.record[first]]
+    # groups in random order, each as likely as it is large, as far as their costs go
+    order = np.argsort(random.exponential(size=len(starts)) / sizes)
+    spent, most = np.cumsum(costs[order]), min(MOST, max(1, len(rows) // 2))
+    enough = int(np.searchsorted(np.cumsum(sizes[order]), most)) + 1
+    count = max(1, min(enough, int(np.searchsorted(spent, plan.spec.audit * whole, "right"))))
+    groups = np.split(rows, starts[1:])
+    sample = np.concatenate([groups[index] for index in order[:count].tolist()])[:most]
+    return np.sort(sample), float(spent[count - 1] / whole)
 
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
-    outputs = comparable(plan.spec.outputs)
-    rows = candidates(plan, outcome)
-    where, cost = draw(plan, rows) if outputs else (rows[:0], 0)
-    if not len(where):
+    outputs, rows, accuracy = comparable(plan.spec.outputs), candidates(plan, outcome), plan.spec.accuracy
+    sample, share = draw(plan, rows) if outputs else (rows[:0], 0.0)
+    if not len(sample):
         return None
-    tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
-    share = cost / sweep_cost(plan, rows)
-    own = outcome.results.gather(where)
-    undecided = np.zeros(len(where), bool)
+    tolerance = TOLERANCE if accuracy is None else accuracy
+    swept, undecided = outcome.results.gather(sample), np.zeros(len(sample), bool)
+
+    def errors(values: Values, reference: Values) -> np.ndarray:
+        """Relative errors, shape (scenarios, outputs)."""
+        return np.stack(list(relative_errors(outputs, values, reference).values()), axis=1)
+
     try:
-        fine, moved = _run(plan, dispatcher, outputs, where, own)
-        error, sensitivity = (_errors(outputs, values, fine) for values in (own, moved))
-        again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
+        fine, moved = _run(plan, dispatcher, outputs, sample, swept)
+        error, sensitivity = errors(swept, fine), errors(moved, fine)
+        again = np.flatnonzero((swept["status"] == Status.OK) & (error.max(axis=1) > tolerance))
         if len(again):
-            some = {name: values[again] for name, values in own.items()}
-            (settled,) = _run(plan, dispatcher, outputs, where[again], some, accuracy=CONVERGED * tolerance)
-            error[again] = _errors(outputs, some, settled)
+            part = {name: values[again] for name, values in swept.items()}
+            (settled,) = _run(plan, dispatcher, outputs, sample[again], part, accuracy=CONVERGED * tolerance)
+            error[again] = errors(part, settled)
             undecided[again] = settled["status"] != Status.OK
     except RunError as failure:
         warnings.warn(
@@ -156,20 +155,22 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
         return None
     sensitive = sensitivity.max(axis=1) > tolerance
     if "impact_count" in fine:  # impacts that are won or lost
-        sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(where), -1).any(axis=1)
-    result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
-    _warn(plan, result)
+        sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
+    measured = error, sensitivity, swept["status"], sensitive, undecided
+    result = Audit(sample, outputs, *measured, len(rows), share, tolerance, accuracy is not None)
+    if result.warning:
+        warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 
 
 def _run(
     plan: Plan,
     dispatcher: Dispatcher,
-    outputs: Sequence[str],
+    outputs: tuple[str, ...],
     rows: np.ndarray,
-    own: dict[str, np.ndarray],
+    swept: Values,
     accuracy: float | None = None,
-) -> list[dict[str, np.ndarray]]:
+) -> list[Values]:
     """Run scenarios at half the step, as they are and with all inputs changed, or in double precision to an accuracy.
 
     Returns the results in the order of their rows; raises `RunError` if some could not be run.
@@ -177,8 +178,7 @@ def _run(
     table, begun, records = plan.unique[rows], plan.steps[rows], plan.spec.records
     steps = begun
     if plan.spec.accuracy is not None:
-        intervals = np.array([record.dt for record in records])[table.record]
-        steps = np.rint(intervals / own["time_step"]).astype(int)
+        steps = np.rint(np.array([record.dt for record in records])[table.record] / swept["time_step"]).astype(int)
     chunks = cut(
         table,
         np.arange(len(rows)),
@@ -199,7 +199,7 @@ def _run(
         else:
             kernel = kernel.in_double
         kernel = replace(kernel, accuracy=accuracy)
-        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], tuple(outputs))
+        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], outputs)
 
     order, tables = [], []
     for chunk, result in dispatcher.run(chunks, task_of):
@@ -211,44 +211,24 @@ def _run(
     return [{name: part[name] for name in part.dtype.names or ()} for part in whole]
 
 
-def _warn(plan: Plan, found: Audit) -> None:
-    if (exceeding := found.exceeding).any():
-        worst = found.error[exceeding].max(axis=0)
-        asked, remedy = f"{found.tolerance:.0%}", "use a smaller dt"
-        if plan.spec.accuracy is not None:
-            asked, remedy = f"the {found.tolerance:g} asked for", "ask for a smaller accuracy"
-        warnings.warn(
-            f"the audit of {len(found.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is "
-            f"beyond {asked}, the worst {worst.max():.2g} in {found.outputs[int(worst.argmax())]}; {remedy} (see "
-            "audit_error in the cube)",
-            RuntimeWarning,
-            stacklevel=4,
-        )
-
-
-def _errors(outputs: Sequence[str], values: dict[str, np.ndarray], fine: dict[str, np.ndarray]) -> np.ndarray:
-    """Relative errors, one column per output."""
-    return np.stack(list(relative_errors(outputs, values, fine).values()), axis=1)
-
-
-def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
+def add_to_cube(cube: CubeParts, plan: Plan, result: Audit | None) -> CubeParts:
     """Put an audit, if there is one, into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
-    if found is None:
+    if result is None:
         return cube
 
-    table, rows = plan.unique[found.rows], ("audit",)
-    dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
+    table, rows, both = plan.unique[result.rows], ("audit",), ("audit", "output")
+    dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[result.rows]
     laws = np.array([law.key for law in plan.laws])[table.law]
     records = np.array([record.name for record in plan.spec.records])[table.record]
-    sensitive = f"whether that is more than {found.tolerance:g}, or changes a number of impacts"
+    sensitive = f"whether that is more than {result.tolerance:g}, or changes a number of impacts"
     arrays = {
-        "audit_error": ((*rows, "output"), found.error, "relative error, by the difference to half the time step", "1"),
-        "audit_sensitivity": ((*rows, "output"), found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
-        "audit_sensitive": (rows, found.sensitive.astype(np.int8), sensitive, "1"),
-        "audit_undecided": (rows, found.undecided.astype(np.int8), "whether no step settles it", "1"),
-        "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
+        "audit_error": (both, result.error, "relative error, by the difference to half the time step", "1"),
+        "audit_sensitivity": (both, result.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
+        "audit_sensitive": (rows, result.sensitive.astype(np.int8), sensitive, "1"),
+        "audit_undecided": (rows, result.undecided.astype(np.int8), "whether no step settles it", "1"),
+        "audit_status": (rows, result.status.astype(np.int8), "status of the scenario in the sweep", "1"),
         "audit": (rows, np.arange(1, len(laws) + 1, dtype=np.int32), "scenario run again", "1"),
-        "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
+        "output": (("output",), np.array(result.outputs), "output whose error it is", ""),
         "audit_law": (rows, laws, "contact law", ""),
         "audit_record": (rows, records, "ground-motion record", ""),
         "audit_scale": (rows, table.scale, "factor on the record", "1"),
@@ -260,11 +240,13 @@ def add_to_cube(cube: CubeParts, plan: Plan, found: Audit | None) -> CubeParts:
     if len(plan.variants) > 1:
         for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
             arrays[name] = (dims, values, about["long_name"], about["units"])
-    status = cube.data_vars["status"][2]
-    flags = FLAGS | {"audit_status": {key: status[key] for key in ("flag_values", "flag_meanings")}}
-    described = {
-        name: (dims, values, {"long_name": text, **unit_attributes(units), **flags.get(name, {})})
+    described: Coordinates = {
+        name: (dims, values, {"long_name": text, **unit_attributes(units)})
         for name, (dims, values, text, units) in arrays.items()
     }
-    add_audit(cube, described, found.touching, found.share)
+    status, flags = cube.data_vars["status"][2], {"flag_values": np.array([0, 1], np.int8)}
+    described["audit_sensitive"][2].update(flags, flag_meanings="steady sensitive")
+    described["audit_undecided"][2].update(flags, flag_meanings="decided undecided")
+    described["audit_status"][2].update({key: status[key] for key in ("flag_values", "flag_meanings")})
+    add_audit(cube, described, result.touching, result.share)
     return cube

@@ -6,18 +6,17 @@ own scenarios (status ``not_run``), never the batch.
 
 from __future__ import annotations
 
-import linecache
 import os
 import sys
 import time
-import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +37,6 @@ from pounding_sweep.run.refinement import run_scenarios
 if TYPE_CHECKING:
     from distributed import Client
 
-    from pounding_sweep.run.cluster import ClusterWorkers
     from pounding_sweep.run.reuse import EarlierCube
 
 #: Names of the schedulers that start on this machine.
@@ -47,11 +45,8 @@ SCHEDULERS = ("threads", "processes", "synchronous")
 AHEAD = 2
 
 
-@dataclass
 class Progress:
     """What a display is told while a sweep runs; this one is silent."""
-
-    # `stage` names what goes on; `advance` counts scenarios
 
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps."""
@@ -71,8 +66,7 @@ def run_chunk(
 ) -> np.ndarray | str:
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
     try:
-        found = run_scenarios(kernel, record, table, variants, outputs)
-        return to_table(found, kernel.scene)
+        return to_table(run_scenarios(kernel, record, table, variants, outputs), kernel.scene)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"
 
@@ -100,20 +94,13 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
 
 
 def check_main_guard() -> None:
-    """Raise `RunError` if the running script would start its processes again in each of them, which import it."""
+    """Raise `RunError` if the running script has no guard: each new process imports it, and would start others."""
     main = sys.modules["__main__"]
-    file, spec = getattr(main, "__file__", None), getattr(main, "__spec__", None)
-    if file is None or (spec is not None and spec.name.endswith("__main__")):
-        return  # a notebook or an interpreter, or `python -m PACKAGE`
-    frames = [frame for frame in traceback.extract_stack() if (frame.name, frame.filename) == ("<module>", file)]
-    number = frames[0].lineno if frames else None
-    line = linecache.getline(file, number) if number else ""
-    has_guard = any("__name__" in text for text in linecache.getlines(file))
-    if line and not (has_guard and (line[0].isspace() or "__name__" in line)):
+    file = None if getattr(main, "__spec__", None) else getattr(main, "__file__", None)
+    if file is not None and "__name__" not in Path(file).read_text(encoding="utf-8"):
         raise RunError(
-            f"{file}:{number}: the new processes import this script and would run this line again. Put it "
-            f'below a guard:\n\n    if __name__ == "__main__":\n        {line.strip()}\n\n'
-            'or run with scheduler="threads"'
+            f"{file}: the new processes import this script and would run it again. Put what it runs below a guard:\n\n"
+            '    if __name__ == "__main__":\n        ...\n\nor run with scheduler="threads"'
         )
 
 
@@ -131,33 +118,24 @@ class Dispatcher(ExitStack):
         run: Callable[..., np.ndarray | str] | None = None,
     ) -> None:
         super().__init__()
-        self.scheduler, self.workers = scheduler, workers
+        self.scheduler, self.workers, self.cluster = scheduler, workers, None
         self._run: Callable[..., np.ndarray | str] = run or run_chunk
-        self._progress = progress or Progress()
-        self._has_cluster = scheduler not in ("threads", "synchronous")
+        if scheduler not in ("threads", "synchronous"):
+            from pounding_sweep.run.cluster import ClusterWorkers, cluster_client
 
-    @cached_property
-    def cluster(self) -> ClusterWorkers:
-        """The workers of a cluster, reached when they are first asked for."""
-        from pounding_sweep.run.cluster import ClusterWorkers, cluster_client
-
-        client = self.enter_context(cluster_client(self.scheduler, self.workers))
-        return ClusterWorkers(client, self._run, self._progress.note)
-
-    @cached_property
-    def _threads(self) -> ThreadPoolExecutor:
-        pool = ThreadPoolExecutor(self.workers, thread_name_prefix="sweep")
+            client = self.enter_context(cluster_client(scheduler, workers))
+            self.cluster = ClusterWorkers(client, self._run, (progress or Progress()).note)
+        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="sweep")
         # who interrupts a run does not wait for its chunks
-        self.callback(pool.shutdown, wait=False, cancel_futures=True)
-        return pool
+        self.callback(self._threads.shutdown, wait=False, cancel_futures=True)
 
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready where they will run; returns how many had to be compiled."""
-        return self.cluster.prepare(shapes, advance) if self._has_cluster else prepare(shapes, self.workers, advance)
+        return self.cluster.prepare(shapes, advance) if self.cluster else prepare(shapes, self.workers, advance)
 
     def run(self, items: Iterable[Any], task_of: Callable[[Any], ChunkTask]) -> Iterator[tuple[Any, np.ndarray | str]]:
         """Run a task for each item, begun in their order; gives items with tables, or what went wrong, as they come."""
-        if self._has_cluster:
+        if self.cluster:
             yield from self.cluster.run(items, task_of)
         elif self.scheduler == "synchronous":
             for item in items:
@@ -182,32 +160,27 @@ def execute(
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
-    progress, shapes = progress or Progress(), plan.shapes()
+    progress, shapes, n = progress or Progress(), plan.shapes(), len(plan.unique)
+    outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, n), np.ones(n, bool))
+    outcome.results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    outcome.taken_from = None if earlier is None else earlier.origin
     progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
     started = time.perf_counter()
-    compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
-    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
-    results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
-    outcome = Outcome(results, np.ones(len(plan.unique), bool), compiled=compiled)
-    outcome.compile_seconds = time.perf_counter() - started
-    outcome.taken_from = None if earlier is None else earlier.origin
-    started = time.perf_counter()
+    outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
+    begun = time.perf_counter()
     if shapes:
         stages = _Stages(plan, outcome, store, dispatcher, progress, earlier)
         stages.without_pounding()
         stages.scenarios()
         if store is not None and outcome.failures:
             store.flush()  # the next run makes what is missing
-    outcome.run_seconds = time.perf_counter() - started
+    outcome.compile_seconds, outcome.run_seconds = begun - started, time.perf_counter() - begun
     if outcome.taken_from is not None:
         progress.note(f"{outcome.taken} scenarios taken from {outcome.taken_from['file']}")
     if outcome.failures:
-        shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
-        warnings.warn(
-            f"{len(outcome.failures)} chunks have no result (status not_run): {shown_failures}",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        reasons = "; ".join(sorted(set(outcome.failures))[:3])
+        text = f"{len(outcome.failures)} chunks have no result (status not_run): {reasons}"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
     return outcome
 
 
@@ -223,22 +196,20 @@ class _Stages:
     earlier: EarlierCube | None
 
     def without_pounding(self) -> None:
-        """Run those that are worth it, and find the scenarios that never touch: they are answered by it."""
+        """Run those that are worth it; they answer the scenarios that never touch."""
         plan, outcome = self.plan, self.outcome
-        contacts, n = plan.spec.scene.contacts, len(plan.uncoupled_runs)
-        closing = np.full((n, len(contacts)), np.inf)
-        status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
-        runs, outputs = plan.uncoupled_runs, (*plan.outputs, "closing_max")
-        for rows, table, slots in self._run("no pounding", plan.uncoupled_to_run, runs, outputs, plan.uncoupled_chunks):
+        contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
+        closing = np.full((len(runs), len(contacts)), np.inf)
+        status, slot = np.full(len(runs), int(Status.NOT_RUN), np.int8), np.full(len(runs), -1)
+        places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
+        outputs, cut = (*plan.outputs, "closing_max"), plan.uncoupled_chunks
+        for rows, table, slots in self._run("no pounding", plan.uncoupled_to_run, runs, outputs, cut):
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
-            for j, contact in enumerate(contacts):
-                largest = table["closing_max"][:, contact.place, contact.storey - 1]
-                closing[rows, j] = np.where(ok, largest, np.inf)
-        left_out = untouched(plan, closing) & ~plan.refused
-        outcome.left_out = left_out
-        outcome.untouched = int((left_out & ~plan.no_contact).sum())
-        rows = np.flatnonzero(left_out)
+            closing[rows] = np.where(ok[:, None], table["closing_max"][:, places, storeys], np.inf)
+        outcome.left_out = untouched(plan, closing) & ~plan.refused
+        outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
+        rows = np.flatnonzero(outcome.left_out)
         run = plan.uncoupled_of[rows]
         outcome.results.answer(rows, slot[run], status[run], touched=False)
 
@@ -264,7 +235,7 @@ class _Stages:
         plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
         self.progress.stage(stage, len(rows))
         closing = stage == "no pounding"
-        missing, known = np.zeros(len(table), bool), list[Chunk]()
+        missing, stored = np.zeros(len(table), bool), list[Chunk]()
         missing[rows] = True
 
         def answer(
@@ -280,29 +251,28 @@ class _Stages:
                 self.progress.advance(int(new.sum()))
             return chunk.rows[new], found[new], slots[new]
 
-        if store is not None:
-            for key, entry in sorted(store.completed().items()):
-                if entry["stage"] != stage:
-                    continue
-                try:
-                    found = store.read(key)
-                except ChunkCorrupt as error:
-                    store.path(key).unlink(missing_ok=True)
-                    warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
-                    continue
-                origin = entry.get("origin")
-                outcome.taken_from = outcome.taken_from or origin
-                # from the earlier cube that this one tells of, wherever it stands
-                is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
-                known.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
-                yield answer("taken" if is_taken else "reused", known[-1], found, partial(store.read, key))
+        for key, entry in sorted(store.completed().items()) if store is not None else ():
+            if store is None or entry["stage"] != stage:
+                continue
+            try:
+                found = store.read(key)
+            except ChunkCorrupt as error:
+                store.path(key).unlink(missing_ok=True)
+                warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+                continue
+            origin = entry.get("origin")
+            outcome.taken_from = outcome.taken_from or origin
+            # from the earlier cube that this one tells of, wherever it stands
+            is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
+            stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
+            yield answer("taken" if is_taken else "reused", stored[-1], found, partial(store.read, key))
         if self.earlier is not None and not closing:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
                 yield answer("taken", chunk, found, origin=self.earlier.origin)
-                known.append(chunk)
+                stored.append(chunk)
         waiting = cut(np.flatnonzero(missing))
         if store is not None:
-            store.expect(plan, stage, [*known, *waiting])
+            store.expect(plan, stage, [*stored, *waiting])
 
         def task_of(chunk: Chunk) -> ChunkTask:
             kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)

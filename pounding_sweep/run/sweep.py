@@ -11,6 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pounding_sweep.base.errors import RunError, SweepError, UnlikelyWarning, WriteError, shown
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
@@ -212,18 +214,14 @@ class Sweep:
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
-        from pounding_sweep.run.log import RunLog
+        from pounding_sweep.run.log import introduction, run_log
         from pounding_sweep.run.reuse import EarlierCube
 
         n_workers = check_scheduler(scheduler, workers)
-        target = check_output(out, overwrite) if out is not None else None
-        plan = self.plan()
-        progress = progress or Progress()
-        more: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
-        earlier = None
-        if extend is not None:
-            earlier = EarlierCube(extend, plan)
-        store = log = None
+        target = None if out is None else check_output(out, overwrite)
+        plan, progress, store = self.plan(), progress or Progress(), None
+        earlier = None if extend is None else EarlierCube(extend, plan)
+        attributes: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
         with ExitStack() as contexts:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
@@ -234,32 +232,34 @@ class Sweep:
                 needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
                 needed -= sum(store.path(key).stat().st_size for key in store.completed())
                 check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-                progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
-                log.begin(plan, scheduler, n_workers)
+                progress = contexts.enter_context(run_log(Path(f"{target}.log"), progress))
+                for line in introduction(plan, scheduler, n_workers):
+                    progress.note(line)
             try:
                 with Dispatcher(scheduler, n_workers, progress) as dispatcher:
                     outcome = execute(plan, dispatcher, store=store, progress=progress, earlier=earlier)
                     self.last_outcome = outcome
-                    status, failures = outcome.results.status, outcome.failures
-                    without = (status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)
+                    results, failures = outcome.results, outcome.failures
+                    without = np.isin(results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
                     if target is not None and target.exists() and failures and without.all():
                         raise RunError(
                             f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
                             f"{str(target)!r} stays as it was; see to what failed and run again"
                         )
                     if outcome.taken_from is not None:
-                        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-                        more["history"] = f"{now} extended from another cube by pounding_sweep {package_version()} "
-                        more["history"] += "(see extended_from)"
-                        more["extended_from"] = {**outcome.taken_from, "scenarios_taken": outcome.taken}
+                        attributes["history"] = (
+                            f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} extended from another cube by pounding_sweep "
+                            f"{package_version()} (see extended_from)"
+                        )
+                        attributes["extended_from"] = {**outcome.taken_from, "scenarios_taken": outcome.taken}
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
-                told = (plan, outcome, self.last_audit)
+                parts = plan, outcome, self.last_audit
                 if target is None or store is None:
-                    cube = cube_in_memory(*told, progress, more)
+                    cube = cube_in_memory(*parts, progress, attributes)
                 else:
-                    cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
+                    cube = write_cube_of(*parts, target, progress, attributes, overwrite=overwrite, folder=store.folder)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
@@ -268,16 +268,19 @@ class Sweep:
                 ) from error
             finally:
                 progress.close()
-            outcome.results.let_go()
-            if log is not None and target is not None:
-                log.result(outcome, target)
-            if store is not None and not outcome.failures:
+            results.let_go()
+            progress.note(
+                f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
+                f"{outcome.untouched} never touch, {len(failures)} chunks failed, {outcome.compiled} kernels compiled"
+                + (f"; {target} has {target.stat().st_size} bytes" if target else "")
+            )
+            if store is not None and not failures:
                 try:
                     store.discard()
                 except OSError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
-        for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
+        for text in doubts_of(plan.spec.scene, results.largest_drift):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
 
