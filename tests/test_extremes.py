@@ -17,7 +17,7 @@ from pounding_sweep.accuracy import extremes as suite
 from pounding_sweep.accuracy.extremes import (
     OF_MANY_SHAPES,
     OUTPUTS,
-    SHOWN,
+    Reference,
     Run,
     all_families,
     beside_wall,
@@ -28,7 +28,6 @@ from pounding_sweep.accuracy.extremes import (
     make_reference,
     pair,
     peak_error,
-    peaks_of,
     random_batches,
     run_extremes,
     run_judged,
@@ -38,6 +37,7 @@ from pounding_sweep.accuracy.extremes import (
     yielding_pair,
 )
 from pounding_sweep.base.errors import InputError, StabilityError
+from pounding_sweep.cli.app import app
 from pounding_sweep.engine.postprocess import (
     MAX_PHASE_ERROR,
     displacement_limit,
@@ -56,25 +56,27 @@ from pounding_sweep.schemes import SCHEMES
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 
-#: A law whose force jumps at the touch.
-FAST_LAWS = ("kelvin_voigt",)
 #: Families whose rows are of few shapes, and the others, each with kernels of its own.
 FEW_SHAPES = [family for family in all_families() if family not in OF_MANY_SHAPES]
 MANY_SHAPES = (*OF_MANY_SHAPES, "random")
-#: Laws of many kinds, the first in kernels that are there for `FAST_LAWS`.
-MANY_LAWS = ("kelvin_voigt", "stereomechanical", "modified_kelvin_voigt", "hertz")
+#: Laws of many kinds, the first with a force that jumps at the touch.
+LAW, *OTHER_LAWS = ("kelvin_voigt", "stereomechanical", "modified_kelvin_voigt", "hertz")
 OFF_BY = re.compile(r"but a peak is off by ([\d.e+-]+) ")
 
 
-def batch_of(scene, record=None, law="kelvin_voigt", **more):
-    return make_batch("", "", scene, LAWS[law], record, **{"steps": (1e-3,), **more})
+def batch_of(scene, record=None, law=LAW, **settings):
+    return make_batch("", "", scene, LAWS[law], record, **{"steps": (1e-3,), **settings})
 
 
-def ones_reference(batch, shortest=1e-2, wanted=True):
+def reference_of(batch, shortest=1e-2, wanted=True):
     return make_reference(batch, np.full(len(batch), wanted), np.broadcast_to(shortest, len(batch)))
 
 
 # --- the suite ----------------------------------------------------------------------------------------------------
+
+
+def violations(report):
+    return [violation for result in report["results"] for violation in result["violations"]]
 
 
 @pytest.fixture(scope="module")
@@ -82,69 +84,65 @@ def fast(pytestconfig):
     with pytest.MonkeyPatch.context() as patch:
         if "not slow" in pytestconfig.option.markexpr:  # of each family some, by the stand-in
             patch.setattr(suite, "family_batches", lambda *asked: family_batches(*asked)[::3])
-        return run_extremes(0, laws=FAST_LAWS, families=FEW_SHAPES, workers=2)
+        return run_extremes(0, laws=[LAW], families=FEW_SHAPES, workers=2)
+
+
+def check(report, names, limited):
+    """No violation; every family has resolved scenarios in every scheme; those `limited` are too much for some."""
+    assert violations(report) == []
+    results, laws = {(r["family"], r["method"]): r for r in report["results"]}, [LAWS[LAW]]
+    batches = {name: random_batches(1, 1, laws) if name == "random" else family_batches([name], laws) for name in names}
+    assert set(results) == {(name, m) for name, some in batches.items() for m in some[0].schemes(measured_schemes())}
+    for result in results.values():
+        assert sum(result["statuses"].values()) == result["scenarios"] > 0
+        assert result["statuses"]["ok"] > 0
+    for family in limited:
+        rk4, newmark = (results[family, method]["statuses"] for method in ("rk4", "newmark"))
+        assert {"beyond_stability_limit"} <= rk4.keys()
+        assert {"under_resolved_contact"} <= newmark.keys()
+        assert "beyond_stability_limit" not in newmark  # it has no limit
+    return results
 
 
 @pytest.mark.slow
 def test_no_scenario_fails_a_demand(fast):
-    found = check(fast, FEW_SHAPES)
-    # stiffness and step are extreme only if they are too much for one scheme or the other
-    for family in ("stiffness", "mass ratio", "step"):
-        check_limits(found, family)
-    assert found["period", "newmark"].statuses["under_resolved_motion"] > 0
-    for method in (method for family, method in found if family == "yielding"):
-        assert found["yielding", method].statuses["ok"] > 0.4 * found["yielding", method].scenarios
-    assert found["yielding", "newmark"].statuses["under_resolved_motion"] > 0
+    results = check(fast, FEW_SHAPES, ("stiffness", "mass ratio", "step"))
+    assert results["period", "newmark"]["statuses"]["under_resolved_motion"] > 0
+    for result in (result for (family, _), result in results.items() if family == "yielding"):
+        assert result["statuses"]["ok"] > 0.4 * result["scenarios"]
+    assert results["yielding", "newmark"]["statuses"]["under_resolved_motion"] > 0
     for family in ("yielding", "columns"):
-        assert found[family, "rk4"].statuses["beyond_stability_limit"] > 0
-    assert found["grazing", "rk4"].missed >= found["grazing", "rk4"].sensitive > 0
+        assert results[family, "rk4"]["statuses"]["beyond_stability_limit"] > 0
+    assert results["grazing", "rk4"]["missed"] >= results["grazing", "rk4"]["sensitive"] > 0
 
 
 @pytest.mark.release
 def test_no_scenario_of_the_other_families_fails_a_demand():
-    found = check(run_extremes(160, seed=11, laws=FAST_LAWS, families=MANY_SHAPES, workers=2), MANY_SHAPES)
-    check_limits(found, "random")
-
-
-def check(suite_run, names):
-    """No violation; every family is run in every scheme, and has resolved scenarios."""
-    assert suite_run.faults == []
-    found, laws = {(r.family, r.method): r for r in suite_run.results}, [LAWS[key] for key in suite_run.laws]
-    batches = {name: random_batches(1, 1, laws) if name == "random" else family_batches([name], laws) for name in names}
-    assert set(found) == {(name, m) for name, some in batches.items() for m in some[0].schemes(measured_schemes())}
-    for result in found.values():
-        assert result.statuses.total() == result.scenarios > 0
-        assert result.statuses["ok"] > 0
-    return found
-
-
-def check_limits(found, family):
-    assert found[family, "rk4"].statuses["beyond_stability_limit"] > 0
-    assert found[family, "newmark"].statuses["under_resolved_contact"] > 0
-    assert found[family, "newmark"].statuses["beyond_stability_limit"] == 0  # it has no limit
+    check(run_extremes(160, seed=11, laws=[LAW], families=MANY_SHAPES, workers=2), MANY_SHAPES, ("random",))
 
 
 def test_what_is_ok_is_judged_against_a_reference(fast):
     """Else nothing would be demanded of it."""
-    ok, unknown = (sum(count(r) for r in fast.results) for count in (lambda r: r.statuses["ok"], lambda r: r.unknown))
-    assert unknown <= 0.01 * ok
-    assert sum(r.missed for r in fast.results if r.family != "grazing") <= 0.02 * ok
-    assert 1e-4 < max(r.worst_error for r in fast.results) <= OK_CLAIM
+    results = fast["results"]
+    ok = sum(result["statuses"].get("ok", 0) for result in results)
+    assert sum(result["unknown"] for result in results) <= 0.01 * ok
+    assert sum(result["missed"] for result in results if result["family"] != "grazing") <= 0.02 * ok
+    assert 1e-4 < max(result["worst_error"] for result in results) <= OK_CLAIM
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", [name for name in SCHEMES if name not in measured_schemes()])
 def test_a_scheme_that_accuracy_never_chooses_keeps_the_claims_too(scheme):
-    found = run_extremes(24, laws=FAST_LAWS, methods=[scheme], workers=2)
-    assert found.faults == []
-    assert all(result.statuses["ok"] > 0 for result in found.results)
+    report = run_extremes(24, laws=[LAW], methods=[scheme], workers=2)
+    assert violations(report) == []
+    assert all(result["statuses"]["ok"] > 0 for result in report["results"])
 
 
 @pytest.mark.parametrize(
     ("scenes", "laws"),
     [
-        pytest.param(128, MANY_LAWS[:2], marks=pytest.mark.slow),  # each other law is kernels of its own
-        pytest.param(1200, MANY_LAWS, marks=pytest.mark.release),
+        pytest.param(128, [LAW, OTHER_LAWS[0]], marks=pytest.mark.slow),  # each other law is kernels of its own
+        pytest.param(1200, [LAW, *OTHER_LAWS], marks=pytest.mark.release),
     ],
 )
 def test_many_scenes_under_many_laws(scenes, laws):
@@ -152,19 +150,19 @@ def test_many_scenes_under_many_laws(scenes, laws):
 
     After jumps of the velocity, one touch more or less may change all that follows.
     """
-    found = run_extremes(scenes, seed=5, laws=laws, families=["random"], workers=2)
-    ok = sum(result.statuses[Status.OK.label] for result in found.results)
+    report = run_extremes(scenes, seed=5, laws=laws, families=["random"], workers=2)
+    ok = sum(result["statuses"]["ok"] for result in report["results"])
     assert ok > scenes
     rare = ("is ok at half the step too", "its contacts created energy")
-    missed = [fault for fault in found.faults if fault["fault"].startswith(rare)]
+    missed = [violation for violation in violations(report) if violation["fault"].startswith(rare)]
     # a scene that is missed under several laws and schemes is one scene
-    assert len({fault["case"] for fault in missed}) <= 5e-4 * ok, missed
-    lasting = [OFF_BY.search(fault["fault"]) for fault in missed if fault["law"] != "stereomechanical"]
+    assert len({violation["case"] for violation in missed}) <= 5e-4 * ok, missed
+    lasting = [OFF_BY.search(violation["fault"]) for violation in missed if violation["law"] != "stereomechanical"]
     assert max((float(match[1]) for match in lasting if match), default=0.0) < 0.2
     # energy that the ground can't have brought in: never in an ok scenario, hardly in any other
-    others = [fault for fault in found.faults if fault not in missed]
-    assert all("times the energy" in fault["fault"] and fault["status"] != "ok" for fault in others), others
-    assert len(others) <= 5e-4 * sum(result.scenarios for result in found.results), others
+    others = [violation for violation in violations(report) if violation not in missed]
+    assert all("times the energy" in item["fault"] and item["status"] != "ok" for item in others), others
+    assert len(others) <= 5e-4 * sum(result["scenarios"] for result in report["results"]), others
 
 
 def test_the_same_seed_gives_the_same_scenes():
@@ -185,18 +183,20 @@ def test_laws_share_the_slow_kernels_of_their_exponent():
 
 
 @pytest.mark.parametrize(
-    ("more", "message"),
+    ("call", "message"),
     [
-        ({"laws": ["none"]}, "no law with contact"),
-        ({"laws": ["kelvin"]}, "unknown contact law .* did you mean 'kelvin_voigt'"),
-        ({"families": ["gaps"]}, "did you mean 'gap'"),
-        ({"seed": -1}, "must not be negative"),
-        ({"scenes": -1}, "must not be negative"),
+        (lambda: run_extremes(0, laws=["none"]), "no law with contact"),
+        (lambda: run_extremes(0, laws=["kelvin"]), "unknown contact law .* did you mean 'kelvin_voigt'"),
+        (lambda: run_extremes(0, families=["gaps"]), "did you mean 'gap'"),
+        (lambda: run_extremes(0, seed=-1), "must not be negative"),
+        (lambda: run_extremes(-1), "must not be negative"),
+        (lambda: stability_map("none"), "no contact force to map"),
+        (lambda: plot(xr.Dataset(), "stability-map", "never.png"), "extremes --map"),
     ],
 )
-def test_wrong_arguments_are_refused(more, message):
+def test_wrong_arguments_are_refused(call, message):
     with pytest.raises(InputError, match=message):
-        run_extremes(**{"scenes": 0, **more})
+        call()
 
 
 # --- the judge can fail -------------------------------------------------------------------------------------------
@@ -204,16 +204,22 @@ def test_wrong_arguments_are_refused(more, message):
 
 @pytest.fixture(scope="module")
 def honest():
-    """A run of a batch and its reference: ok, under-resolved and refused scenarios."""
-    batch = make_batch("lie", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e7, 1e12], steps=(1e-3,))
+    """A run of a batch and its reference: ok, ok and refused scenarios."""
+    batch = batch_of(pair(), stiffness=[1e5, 1e7, 1e12])
     run = Run(batch, "rk4", 1e-3, batch.run("rk4", 1e-3))
-    assert run.status.tolist() == [Status.OK, Status.OK, Status.BEYOND_STABILITY_LIMIT]
-    return run, make_reference(batch, run.status == Status.OK, np.full(3, 1e-2))
+    assert run.values["status"].tolist() == [Status.OK, Status.OK, Status.BEYOND_STABILITY_LIMIT]
+    return run, make_reference(batch, run.values["status"] == Status.OK, np.full(3, 1e-2))
 
 
 def verdict(honest, method="rk4", seconds=0.0, **lies):
     run, reference = honest
     return judge(replace(run, method=method, seconds=seconds, values={**run.values, **lies}), reference)
+
+
+def faults_of(*arguments, **settings):
+    """Scenario and text of every fault."""
+    faults = verdict(*arguments, **settings).faults
+    return [(row, text) for row, texts in enumerate(faults) for text in texts]
 
 
 def changed(values, row, change):
@@ -230,9 +236,9 @@ def test_a_wrong_peak_is_found(honest, names, monkeypatch):
     wrong = verdict(honest, **lies)
     assert wrong.missed[1]
     assert wrong.told[1]  # half the step says so
-    assert wrong.faults == []
+    assert faults_of(honest, **lies) == []
     monkeypatch.setattr(suite, "told_rows", lambda run, rows: np.zeros(len(rows), bool))
-    assert any("off by" in text for _, text in verdict(honest, **lies).faults)
+    assert any("off by" in text for _, text in faults_of(honest, **lies))
 
 
 @pytest.mark.parametrize(
@@ -245,37 +251,48 @@ def test_a_wrong_peak_is_found(honest, names, monkeypatch):
     ],
 )
 def test_lies_are_found(honest, name, row, change, faults):
-    found = verdict(honest, **{name: changed(honest[0].values[name], row, change)}).faults
-    assert [(row, text[: len(faults[0][1])]) for row, text in found] == faults
+    lies = faults_of(honest, **{name: changed(honest[0].values[name], row, change)})
+    assert [(row, text[: len(faults[0][1])]) for row, text in lies] == faults
 
 
 def test_of_what_is_not_resolved_only_impossible_motion_is_a_fault(honest):
-    run = honest[0]
-    status = changed(run.status, slice(0, 2), lambda _: Status.UNDER_RESOLVED_CONTACT)
-    force = changed(run.values["impact_force_max"], 1, lambda x: 3.0 * x)
-    assert verdict(honest, status=status, impact_force_max=force).faults == []
-    limit = displacement_limit(run.batch.scene, 1.2 * energy_limit(run.batch.scene, run.batch.record, np.ones(1)))[0, 0]
-    far = changed(run.values["displacement_max"], 0, lambda x: np.where(x == x[0, 0], limit, x))
-    assert verdict(honest, status=status, displacement_max=far).faults == [
+    values, batch = honest[0].values, honest[0].batch
+    status = changed(values["status"], slice(0, 2), lambda _: Status.UNDER_RESOLVED_CONTACT)
+    force = changed(values["impact_force_max"], 1, lambda x: 3.0 * x)
+    assert faults_of(honest, status=status, impact_force_max=force) == []
+    limit = displacement_limit(batch.scene, 1.2 * energy_limit(batch.scene, batch.record, np.ones(1)))[0, 0]
+    far = changed(values["displacement_max"], 0, lambda x: np.where(x == x[0, 0], limit, x))
+    assert faults_of(honest, status=status, displacement_max=far) == [
         (0, "holds 1.2 times the energy that can have come in")
     ]
+
+
+def test_impossible_motion_of_storeys_that_yield_is_found():
+    """Of which a displacement grows like the energy, not like its root."""
+    batch = batch_of(yielding_pair(0.1, 0.0))
+    run, nothing = Run(batch, "rk4", 2e-3, batch.run("rk4", 2e-3)), reference_of(batch, wanted=False)
+    assert {"ductility_max", "residual_drift", "hysteretic_energy"} <= set(run.values)
+    limit = displacement_limit(batch.scene, energy_limit(batch.scene, batch.record, batch.table.scale))
+    far = scatter_dof(limit, batch.scene)
+    for lies, faults in (({}, 0), ({"displacement_max": 0.99 * far}, 0), ({"displacement_max": 1.2 * far}, 1)):
+        assert len(faults_of((run, nothing), **lies)) == faults
 
 
 def test_an_implicit_scheme_may_not_diverge(honest):
     lost = {name: np.full(np.shape(values), np.nan) for name, values in honest[0].values.items()}
     lost["status"] = np.full(3, Status.DIVERGED)
-    assert verdict(honest, **lost).faults == []
-    faults = verdict(honest, "newmark", **lost).faults
+    assert faults_of(honest, **lost) == []
+    faults = faults_of(honest, "newmark", **lost)
     assert faults == [(row, "diverged, though its contact is implicit") for row in range(3)]
 
 
 def test_slowness_is_found_and_what_has_no_reference_counted(honest):
-    assert verdict(honest).faults == []
+    assert faults_of(honest) == []
     assert np.isfinite(verdict(honest).error).tolist() == [True, True, False]
-    assert verdict(honest, seconds=suite.TIME_LIMIT + 1.0).faults == [(0, "took 61 s")]
+    assert faults_of(honest, seconds=suite.TIME_LIMIT + 1.0) == [(0, "took 61 s")]
     assert not verdict(honest).unknown.any()
     run, reference = honest
-    assert verdict((run, replace(reference, known=np.zeros(3, bool)))).unknown.tolist() == [True, True, False]
+    assert verdict((run, Reference(reference.peaks, np.full(3, np.nan)))).unknown.tolist() == [True, True, False]
 
 
 @pytest.mark.slow
@@ -283,16 +300,16 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not():
     alone = batch_of(beside_wall(), gaps=9.0)
     reach = float(np.nanmax(alone.run("rk4", 1e-4)["displacement_max"]))
     batch = batch_of(beside_wall(), gaps=[reach * (1 - 1e-9), reach * (1 + 1e-9), 0.3 * reach])
-    reference = ones_reference(batch)
-    assert reference.known.all()
+    reference = reference_of(batch)
+    assert np.isfinite(reference.step).all()
     assert sensitive_rows(batch, reference, np.arange(3)).tolist() == [True, True, False]
 
 
 @pytest.mark.slow
 def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
     monkeypatch.setattr(suite, "REFERENCE_STEPS", 10)
-    reference = ones_reference(batch_of(beside_wall()))
-    assert not reference.known.any()
+    reference = reference_of(batch_of(beside_wall()))
+    assert np.isnan(reference.step).all()
     assert np.isnan(reference.peaks["impact_force_max"]).all()
 
 
@@ -351,8 +368,8 @@ def test_newmark_stays_bounded_at_any_step(law, dts):
     motion = ps.Record("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7))
     batch = batch_of(pair(), motion, law, stiffness=np.logspace(1, 12, 12), gaps=[0.0, 1e-3])
     for dt in dts:
-        bounded = judge(Run(batch, "newmark", dt, batch.run("newmark", dt)), ones_reference(batch, wanted=False))
-        assert bounded.faults == []
+        bounded = judge(Run(batch, "newmark", dt, batch.run("newmark", dt)), reference_of(batch, wanted=False))
+        assert not any(bounded.faults)
         assert 0.0 < bounded.energy.max() < 1.0
 
 
@@ -366,18 +383,6 @@ def test_rows_of_families_are_what_they_say():
     left, right = yielding_pair(0.1, 0.05).buildings  # strengths are taken over the masses above
     assert [left.yield_strengths, right.yield_strengths] == pytest.approx(np.array([[20.0, 10.0], [200.0, 100.0]]))
     assert yielding_pair(np.inf, 0.0).yields == (False, False, True, True)
-
-
-def test_impossible_motion_of_storeys_that_yield_is_found():
-    """Of which a displacement grows like the energy, not like its root."""
-    batch = batch_of(yielding_pair(0.1, 0.0))
-    run, nothing = Run(batch, "rk4", 2e-3, batch.run("rk4", 2e-3)), ones_reference(batch, wanted=False)
-    assert {"ductility_max", "residual_drift", "hysteretic_energy"} <= set(run.values)
-    assert judge(run, nothing).faults == []
-    limit = displacement_limit(batch.scene, energy_limit(batch.scene, batch.record, batch.table.scale))
-    for factor, faults in ((0.99, 0), (1.2, 1)):
-        far = {**run.values, "displacement_max": factor * scatter_dof(limit, batch.scene)}
-        assert len(judge(replace(run, values=far), nothing).faults) == faults
 
 
 @pytest.mark.slow
@@ -413,9 +418,9 @@ def test_strong_dampers_need_more_steps():
     found = batch.run("newmark", 1e-3)
     assert (found["steps_per_contact"] > 30).all()
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_CONTACT, Status.OK]
-    reference = ones_reference(batch, np.array([5e-4, 4e-2]))
-    assert reference.known.all()
-    assert (peak_error(peaks_of(found), reference.peaks) > OK_CLAIM).tolist() == [True, False]
+    reference = reference_of(batch, np.array([5e-4, 4e-2]))
+    assert np.isfinite(reference.step).all()
+    assert (peak_error(found, reference.peaks) > OK_CLAIM).tolist() == [True, False]
 
 
 def test_quickening_by_damping():
@@ -466,14 +471,14 @@ def test_a_motion_that_is_not_resolved_is_told():
     assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > MAX_PHASE_ERROR
     found = batch.run("newmark", 1e-2)
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
-    assert peak_error(peaks_of(found), ones_reference(batch, np.inf).peaks)[0] > OK_CLAIM
+    assert peak_error(found, reference_of(batch, np.inf).peaks)[0] > OK_CLAIM
 
 
 @pytest.mark.slow
 def test_ground_that_turns_back_within_steps_is_told():
     shaking = ps.Record("shaking", 0.01, np.resize([20.0, -20.0], 101))
     batch = batch_of(beside_wall(), shaking, gaps=1.0, steps=(1e-2,))
-    reference = ones_reference(batch, np.inf)
+    reference = reference_of(batch, np.inf)
     for method, dt, status, error, residual in (
         ("newmark", 1e-2, Status.UNDER_RESOLVED_MOTION, 1.0, 1.0),
         ("newmark", 5e-4, Status.OK, 0.0025, 3.5e-5),
@@ -482,7 +487,7 @@ def test_ground_that_turns_back_within_steps_is_told():
     ):
         found = batch.run(method, dt)
         assert found["status"].tolist() == [status]
-        assert peak_error(peaks_of(found), reference.peaks)[0] == pytest.approx(error, rel=0.1)
+        assert peak_error(found, reference.peaks)[0] == pytest.approx(error, rel=0.1)
         assert found["energy_residual"][0] == pytest.approx(residual, rel=0.1)
     assert not loses_ground(shaking, Numerics("exact", 1e-2))
     for record in (earthquake(), ps.Record("quiet", 0.01, np.zeros(9)), ps.Record("point", 0.01, [1.0])):
@@ -491,7 +496,7 @@ def test_ground_that_turns_back_within_steps_is_told():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("law", FAST_LAWS + MANY_LAWS[1:2])
+@pytest.mark.parametrize("law", [LAW, OTHER_LAWS[0]])
 def test_a_record_of_one_point_moves_nothing(scheme, law):
     batch = batch_of(beside_wall(), ps.Record("point", 0.01, [3.0]), law, gaps=[0.0, 1e-3])
     found = batch.run(scheme, 0.01)
@@ -515,12 +520,12 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
 def test_a_batch_is_judged_at_each_of_its_steps():
     batch = make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
     verdicts = run_judged(batch)
-    assert [(v.run.method, v.run.dt) for v in verdicts] == [(m, dt) for m in measured_schemes() for dt in batch.steps]
+    assert [(v.method[0], v.dt[0]) for v in verdicts] == [(m, dt) for m in measured_schemes() for dt in batch.steps]
     for coarse, finest in zip(verdicts[::3], verdicts[2::3], strict=True):
         assert (finest.error < 1e-3).all()
         better = (np.nan_to_num(coarse.error, nan=1.0) > finest.error).all()
         # of a force that is a polynomial, the error of `exact` is one of rounding at any step
-        assert better or (coarse.run.method == "exact" and (finest.error < 1e-5).all())
+        assert better or (coarse.method[0] == "exact" and (finest.error < 1e-5).all())
 
 
 # --- the map ------------------------------------------------------------------------------------------------------
@@ -528,7 +533,7 @@ def test_a_batch_is_judged_at_each_of_its_steps():
 
 def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
     made = stability_map("kelvin_voigt", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
-    assert made.scheme.values.tolist() == [f"{m} {p}" for m, p in SHOWN]
+    assert made.scheme.values.tolist() == [f"{m} {p}" for p in ("float64", "float32") for m in ("rk4", "newmark")]
     status, error = (made[name].sel(scheme="rk4 float64") for name in ("status", "peak_force_error"))
     assert status.sel(stiffness=1e10).values.tolist()[1:] == [Status.BEYOND_STABILITY_LIMIT] * 2
     assert status.sel(stiffness=1e4, dt=1e-4) == Status.OK
@@ -544,20 +549,11 @@ def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
     assert len(not_rendered) == 1
 
 
-def test_a_map_of_no_force_is_refused():
-    with pytest.raises(InputError, match="no contact force to map"):
-        stability_map("none")
-    with pytest.raises(InputError, match="extremes --map"):
-        plot(xr.Dataset(), "stability-map", "never.png")
-
-
 # --- the command --------------------------------------------------------------------------------------------------
 
 
 def call(*arguments):
-    from pounding_sweep.cli.app import app
-
-    few = ["--scenes", "16", "--law", "kelvin_voigt", "--family", "gap", "--family", "random", "--workers", "1"]
+    few = ["--scenes", "16", "--law", LAW, "--family", "gap", "--family", "random", "--workers", "1"]
     return CliRunner().invoke(app, ["extremes", *few, *arguments])
 
 
@@ -577,7 +573,7 @@ def test_the_command_gives_json_and_fails_where_the_claim_does(monkeypatch):
     done = call("--json")
     assert done.exit_code == 1
     report = json.loads(done.stdout)
-    assert report["violations"] > 0
-    first = next(v for r in report["results"] for v in r["violations"])
-    assert {"law", "method", "dt", "gaps", "stiffness", "restitution", "scale", "fault"} <= set(first)
+    assert report["violations"] == len(violations(report)) > 0
+    keys = {"law", "method", "dt", "gaps", "stiffness", "restitution", "scale", "fault"}
+    assert keys <= violations(report)[0].keys()
     assert "violations" in done.stderr

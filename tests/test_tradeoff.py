@@ -304,14 +304,14 @@ def test_lane_groups_are_whole_in_large_sweeps():
     other = ps.Record("other", SHORT.dt, 0.8 * SHORT.acceleration)
     plan = make_sweep(records=[SHORT, other], gaps=list(np.linspace(0.001, 0.005, 40))).plan()
     sample = draw(plan, 4 * LANES, seed=0)
-    assert [len(rows) for rows in sample.groups] == [LANES] * 4
-    for rows in (*sample.groups, *sample.timed):
+    groups = sample.rows.reshape(4, LANES)
+    for rows in (*groups, *sample.timed):
         assert len(set(plan.unique.law[rows])) == len(set(plan.unique.record[rows])) == 1
         assert len(rows) % LANES == 0
     assert len(np.unique(sample.rows)) == 4 * LANES
     for rows in sample.timed:  # side by side: neighbouring gaps
         assert np.diff(np.sort(plan.unique.gaps[rows, 0])).max() < 1.5 * 0.004 / 39
-    assert {plan.unique.law[rows[0]] for rows in sample.groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
+    assert {plan.unique.law[rows[0]] for rows in groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
 
 
 def test_without_touching_scenarios_there_is_nothing_to_measure():

@@ -1,19 +1,6 @@
 """The stability suite: families of extreme scenarios in every scheme, every one judged and counted.
 
-A batch is run as a chunk of a sweep is: by the same function, with the same statuses and masks. Few shapes of row are
-used, so that few kernels are compiled. Five things are demanded of a run, at any step:
-
-1. It ends, within a bounded time, and with Newmark's method it stays bounded.
-2. Its status tells the truth: a scenario with values has finite ones only, one without has none.
-3. Its energy is possible. The ground can bring no more energy into a row than
-   ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy at the start), because contacts and
-   dampers only take energy; that bounds the energy at the end and every displacement, resolved or not.
-4. Where the status is ok, contacts create no energy: their work is not negative.
-5. Where the status is ok, and a run at half the step agrees within `SETTLED`, the peaks are within `OK_CLAIM` of those
-   of a converged run, unless it is sensitive: `CHANGE` of all inputs changes a peak by more than that.
-
-All ok scenarios that are farther off are counted as missed by the rules of the status, whether half the step tells them
-or not and however sensitive they are.
+A batch is run as a chunk of a sweep is. `judge` has the demands, which docs/extremes.md explains.
 """
 
 from __future__ import annotations
@@ -22,15 +9,15 @@ import math
 import os
 import time
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
@@ -122,30 +109,132 @@ class Batch:
     def run(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> Values:
         """Run every scenario at a step; those beyond the stability limit are refused."""
         rows = np.flatnonzero(self.step(method, dt) <= self.stable_step(method))
-        part: Values = {}
+        values = {
+            name: np.full((len(self), *inner_shape(name, self.scene)), np.nan) for name in cube_variables(self.outputs)
+        }
+        values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             kernel = self.kernel(method, dt, precision, refinement)
             part = run_once(kernel, self.record, self.table[rows], variants_of(self.scene), self.outputs)
-        result = {}
-        for name in cube_variables(self.outputs):
-            variable = get_variable(name)
-            empty = Status.BEYOND_STABILITY_LIMIT if name == "status" else variable.fill
-            result[name] = np.full((len(self), *inner_shape(name, self.scene)), math.nan if empty is None else empty)
-            if part:
-                result[name][rows] = part[name]
-        return mask_invalid(result)
+            for name, column in values.items():
+                column[rows] = part[name]
+        return mask_invalid(values)
 
 
-# --- what rows are made of -------------------------------------------------------------------------------------------
+# --- rows and ground motions ------------------------------------------------------------------------------------------
 
-#: A gap (m) that no scenario closes.
-OPEN_GAP = 1.0e3
+
+def oscillator(name: str, period: float, mass: float = 100.0, storeys: int = 1, damping: float = 0.05) -> Building:
+    """Return a uniform building of that fundamental period (s), mass per floor (t) and damping ratio."""
+    unit = 2.0 * math.sin(math.pi / (2.0 * (2 * storeys + 1)))
+    stiffness = mass * (2.0 * math.pi / (period * unit)) ** 2
+    return Building(name, [mass] * storeys, [stiffness] * storeys, damping)
+
+
+def row(*buildings: Building | Wall, **settings: Any) -> Scene:
+    """Return a row of buildings; the gaps are those of each scenario."""
+    return Scene(buildings, [0.005] * (len(buildings) - 1), **settings)
+
+
+def pair(left: float = 0.4, right: float = 0.25, ratio: float = 1.0, damping: float = 0.05) -> Scene:
+    """Return two buildings of two storeys, by their periods; `ratio` of the right one's masses to the left one's."""
+    return row(oscillator("left", left, 100.0, 2, damping), oscillator("right", right, 100.0 * ratio, 2, damping))
+
+
+def beside_wall(damping: float = 0.05) -> Scene:
+    """Return a building of one storey left of a wall."""
+    return row(oscillator("left", 0.4, damping=damping), Wall())
+
+
+def yielding_pair(strength: float, hardening: float, damping_stiffness: str = "initial") -> Scene:
+    """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
+    buildings = []
+    for building, acceleration in zip(pair().buildings, (strength, 1.0), strict=True):
+        strengths = [acceleration * float(mass) for mass in np.cumsum(building.masses[::-1])[::-1]]
+        buildings.append(
+            replace(building, yield_strengths=strengths, hardening=hardening, damping_stiffness=damping_stiffness)
+        )
+    return row(*buildings)
+
+
+def on_bases(share: float, stiffer: float, damping: float) -> Scene:
+    """Return `pair` on foundations of so much of its mass, its stiffness and damping."""
+    buildings = []
+    for building in pair().buildings:
+        mass, arm = sum(building.masses), float(building.elevations[-1]) ** 2
+        stiffness = stiffer * building.stiffnesses[0]
+        sway = share * mass, stiffness, 2.0 * damping * math.sqrt(stiffness * mass * (1.0 + share))
+        foundation = Foundation(*(value * factor for value in sway for factor in (1.0, arm)))
+        buildings.append(replace(building, foundation=foundation))
+    return row(*buildings)
+
+
+def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
+    """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor."""
+    # `level` and `depth` (m) are of that slab, `columns` the stiffness of struck columns over that of their storeys
+    low, high = oscillator("left", 0.4), oscillator("right", 0.25, 100.0, 2)
+    stiffnesses = [[k * columns for k in building.stiffnesses] for building in (low, high)]
+    left = replace(low, storey_heights=[level], slab_depths=[depth], column_stiffnesses=stiffnesses[0])
+    right = replace(high, storey_heights=[3.0, 3.0], column_stiffnesses=stiffnesses[1])
+    return row(left, right, contacts=CONTACTS[1])
+
+
+#: Rows of buildings of families, by name.
+SCENES: dict[str, Callable[..., Scene]] = {
+    "pair": pair,
+    "wall": beside_wall,
+    "mass ratio": lambda ratio: pair(ratio=ratio),
+    "damping": lambda damping: pair(damping=damping),
+    "yielding": yielding_pair,
+    "staggered": staggered,
+    "struck column": lambda xi: staggered(3.0 + 3.0 * xi),
+    "bases": on_bases,
+    "one building": lambda: row(oscillator("alone", 0.4, 100.0, 2)),
+    "12 buildings": lambda: row(*(oscillator(f"b{i}", 0.1 + 0.05 * i, 60.0 + 10.0 * (i % 3)) for i in range(12))),
+    "40 and 5 storeys": lambda: row(oscillator("tower", 4.0, 300.0, 40), oscillator("house", 0.5, 200.0, 5)),
+    "between walls": lambda: row(Wall("west"), oscillator("between", 0.4), Wall("east")),
+    "three": lambda: row(
+        *(oscillator(name, t, 100.0, 2) for name, t in (("west", 0.4), ("between", 0.25), ("east", 0.4)))
+    ),
+}
+
+
+def earthquake(duration: float = 2.0, dt: float = 0.01) -> Record:
+    """Return a short synthetic earthquake of 4 m/s2."""
+    return synthetic_record(7, duration=duration, dt=dt, pga=4.0, rise=0.1, strong=0.6)
+
+
+_SAMPLES = np.arange(101)
+#: Ground motions of families: name, accelerations (m/s2) and time step (s).
+RECORDS = {
+    name: Record(name, dt, np.asarray(values, float))
+    for name, values, dt in (
+        ("slow", 3.0 * np.sin(np.arange(81) * 1.7), 0.5),
+        ("one point", [3.0], 0.01),
+        ("two points", [3.0, -3.0], 0.01),
+        ("constant", np.full(101, 4.0), 0.01),
+        ("one spike", 50.0 * (_SAMPLES == 20), 0.01),
+        ("all spikes", np.resize([20.0, -20.0], 101), 0.01),
+        ("two points, far apart", [0.0, 5.0], 2.0),
+        ("ramp", -np.linspace(0.0, 3.0, 151), 0.01),
+        ("push", np.full(151, -5.0), 0.01),
+        ("push and rest", np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0), 0.01),
+        ("quiet", np.zeros(101), 0.01),
+        ("short", earthquake(duration=0.3).acceleration, 0.01),
+    )
+}
+
+# --- the families -----------------------------------------------------------------------------------------------------
+
 #: Least coefficient of restitution tried for laws whose formula divides by it.
 LEAST_RESTITUTION = 1.0e-3
 #: Contact stiffness (kN/m**exponent) where a family stretches something else.
 STIFFNESS = {1.0: 1.0e6, 1.5: 1.0e7}
 #: Time steps (s) of a family that stretches something else, and of random scenes.
 STEPS, RANDOM_STEPS = (1.0e-2, 2.0e-3, 2.0e-4), (5.0e-3, 1.0e-3, 2.0e-4)
+#: Families that are run under one law of each force exponent, because their kernels are slow to compile; and those of
+#: laws whose force is linear in the penetration.
+OF_MANY_SHAPES, LINEAR = ("row", "walls", "together"), ("columns",)
 
 
 def lowest_restitution(law: Law) -> float:
@@ -153,7 +242,7 @@ def lowest_restitution(law: Law) -> float:
     return 0.0 if law.zero_restitution else LEAST_RESTITUTION
 
 
-def _table(gaps: Any, stiffness: Any, restitution: Any, scale: Any) -> Scenarios:
+def _table(gaps: np.ndarray, stiffness: np.ndarray, restitution: np.ndarray, scale: np.ndarray) -> Scenarios:
     zeros = np.zeros(len(gaps), int)
     return Scenarios(zeros, zeros, scale, stiffness, restitution, gaps, zeros)
 
@@ -170,7 +259,8 @@ def make_batch(
     times: Any = 1.0,
     restitution: Any = 0.6,
     scale: Any = 1.0,
-    **more: Any,
+    steps: Sequence[float] = STEPS,
+    initial_velocity: Sequence[float] | None = None,
 ) -> Batch:
     """Return the batch of every combination of values (numbers or lists; a gap is that of every pair, or "last hairs").
 
@@ -182,143 +272,28 @@ def make_batch(
     axes = [np.atleast_1d(np.asarray(axis, float)) for axis in (gaps, stiffness, restitution, scale)]
     gap, k, e, s = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
     table = _table(np.repeat(gap[:, None], len(scene.pair_names), axis=1), k, np.maximum(e, lowest_restitution(law)), s)
-    return Batch(family, case, scene, law, record or earthquake(), table, **{"steps": STEPS, **more})
-
-
-def oscillator(name: str, period: float, mass: float = 100.0, storeys: int = 1, damping: float = 0.05) -> Building:
-    """Return a uniform building of that fundamental period (s), mass per floor (t) and damping ratio."""
-    unit = 2.0 * math.sin(math.pi / (2.0 * (2 * storeys + 1)))
-    stiffness = mass * (2.0 * math.pi / (period * unit)) ** 2
-    return Building(name, [mass] * storeys, [stiffness] * storeys, damping)
-
-
-def pair(periods: tuple[float, float] = (0.4, 0.25), ratio: float = 1.0, damping: float = 0.05) -> Scene:
-    """Return two buildings of two storeys; `ratio` of the right one's masses to the left one's."""
-    left = oscillator("left", periods[0], 100.0, 2, damping)
-    return Scene([left, oscillator("right", periods[1], 100.0 * ratio, 2, damping)], [0.005])
-
-
-def beside_wall(damping: float = 0.05) -> Scene:
-    """Return a building of one storey left of a wall."""
-    return Scene([oscillator("left", 0.4, damping=damping), Wall()], [0.005])
-
-
-def yielding_pair(strength: float, hardening: float, damping_stiffness: str = "initial") -> Scene:
-    """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
-    buildings = []
-    for building, each in zip(pair().buildings, (strength, 1.0), strict=True):
-        strengths = [each * float(mass) for mass in np.cumsum(building.masses[::-1])[::-1]]
-        buildings.append(
-            replace(building, yield_strengths=strengths, hardening=hardening, damping_stiffness=damping_stiffness)
-        )
-    return Scene(buildings, [0.005])
-
-
-def on_bases(share: float, stiffer: float, damping: float) -> Scene:
-    """Return `pair` on foundations of so much of its mass, its stiffness and damping."""
-    row = []
-    for building in pair().buildings:
-        mass, arm = sum(building.masses), float(building.elevations[-1]) ** 2
-        stiffness = stiffer * building.stiffnesses[0]
-        rate = 2.0 * damping * math.sqrt(stiffness * mass * (1.0 + share))
-        sway = (share * mass, stiffness, rate)
-        values = [number * factor for number in sway for factor in (1.0, arm)]
-        row.append(replace(building, foundation=Foundation(*values)))
-    return Scene(row, [0.005])
-
-
-def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
-    """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor."""
-    # `level` and `depth` (m) are of that slab, `columns` the stiffness of struck columns over that of their storeys
-    low, high = oscillator("left", 0.4), oscillator("right", 0.25, 100.0, 2)
-    stiffnesses = [[k * columns for k in building.stiffnesses] for building in (low, high)]
-    left = replace(low, storey_heights=[level], slab_depths=[depth], column_stiffnesses=stiffnesses[0])
-    right = replace(high, storey_heights=[3.0, 3.0], column_stiffnesses=stiffnesses[1])
-    return Scene([left, right], [0.005], contacts=CONTACTS[1])
-
-
-def earthquake(pga: float = 4.0, duration: float = 2.0, dt: float = 0.01) -> Record:
-    """Return a short synthetic earthquake (PGA in m/s2)."""
-    return synthetic_record(7, duration=duration, dt=dt, pga=pga, rise=0.1, strong=0.6)
-
-
-def _ground(name: str, values: Any, dt: float = 0.01) -> Record:
-    return Record(name, dt, np.asarray(values, float))
+    velocity = None if initial_velocity is None else tuple(initial_velocity)
+    return Batch(family, case, scene, law, record or earthquake(), table, tuple(steps), velocity)
 
 
 @cache
 def _last_hairs() -> np.ndarray:
     """Gaps (m) a hair from the largest displacement of the building that stands alone, by fine steps."""
-    alone = make_batch("", "", beside_wall(), LAWS["linear"], gaps=OPEN_GAP).run("rk4", 1e-4)
+    alone = make_batch("", "", beside_wall(), LAWS["linear"], gaps=1.0e3).run("rk4", 1e-4)
     return float(alone["displacement_max"].max()) * (1.0 - np.array([-1e-9, 1e-12, 1e-9, 1e-6, 1e-3, 1e-2]))
 
 
-# --- the families ----------------------------------------------------------------------------------------------------
-
-#: A case of a family: its name, its row, and the arguments of `make_batch` that are not as usual.
-Case = tuple[str, Scene, Mapping[str, Any]]
-#: Families that are run under one law of each force exponent, because their kernels are slow to compile; and those of
-#: laws whose force is linear in the penetration.
-OF_MANY_SHAPES, LINEAR = ("row", "walls", "together"), ("columns",)
-_SAMPLES = np.arange(101)
-#: Ground motions of families, by name.
-RECORDS = {
-    record.name: record
-    for record in (
-        _ground("slow", 3.0 * np.sin(np.arange(81) * 1.7), 0.5),
-        _ground("one point", [3.0]),
-        _ground("two points", [3.0, -3.0]),
-        _ground("constant", 4.0 + 0.0 * _SAMPLES),
-        _ground("one spike", 50.0 * (_SAMPLES == 20)),
-        _ground("all spikes", np.resize([20.0, -20.0], 101)),
-        _ground("two points, far apart", [0.0, 5.0], 2.0),
-        _ground("ramp", -np.linspace(0.0, 3.0, 151)),
-        _ground("push", np.full(151, -5.0)),
-        _ground("push and rest", np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0)),
-        _ground("quiet", 0.0 * _SAMPLES),
-        earthquake(duration=0.3).renamed("short"),
-    )
-}
-#: Rows of buildings of families, by name.
-SCENES: dict[str, Callable[..., Scene]] = {
-    "pair": pair,
-    "wall": beside_wall,
-    "mass ratio": lambda ratio: pair(ratio=ratio),
-    "periods": lambda left, right: pair((left, right)),
-    "damping": lambda damping: pair(damping=damping),
-    "yielding": yielding_pair,
-    "staggered": staggered,
-    "struck column": lambda xi: staggered(3.0 + 3.0 * xi),
-    "bases": on_bases,
-    "one building": lambda: Scene([oscillator("alone", 0.4, 100.0, 2)]),
-    "12 buildings": lambda: Scene(
-        [oscillator(f"b{i}", 0.1 + 0.05 * i, 60.0 + 10.0 * (i % 3)) for i in range(12)], [0.002] * 11
-    ),
-    "40 and 5 storeys": lambda: Scene(
-        [oscillator("tower", 4.0, 300.0, 40), oscillator("house", 0.5, 200.0, 5)], [0.005]
-    ),
-    "between walls": lambda: Scene([Wall("west"), oscillator("between", 0.4), Wall("east")], [0.002, 0.002]),
-    "three": lambda: Scene(
-        [oscillator(name, t, 100.0, 2) for name, t in (("west", 0.4), ("between", 0.25), ("east", 0.4))], [0.002, 0.002]
-    ),
-}
-
-
 @cache
-def all_families() -> dict[str, list[Case]]:
-    """Return every family by name, from ``data/extremes.toml``."""
-    families: dict[str, list[Case]] = {}
+def all_families() -> dict[str, list[tuple[str, Scene, dict[str, Any]]]]:
+    """Return the cases of every family, from ``data/extremes.toml``: name, row and arguments of `make_batch`."""
+    families: dict[str, list[tuple[str, Scene, dict[str, Any]]]] = {}
     text = files("pounding_sweep").joinpath("data", "extremes.toml").read_text("utf-8")
-    for family, rows in tomllib.loads(text).items():
+    for family, cases in tomllib.loads(text).items():
         families[family] = []
-        for row in rows:
-            more: dict[str, Any] = {
-                key: tuple(value) if isinstance(value, list) else value for key, value in row.items()
-            }
-            name, scene, of = more.pop("name"), SCENES[more.pop("scene")], more.pop("of", ())
-            if "record" in more:
-                more["record"] = RECORDS[more["record"]]
-            families[family] += [(name.format(*values), scene(*values), more) for values in product(*of)]
+        for case in cases:
+            name, scene, of = case.pop("name"), SCENES[case.pop("scene")], case.pop("of", [])
+            settings = case | ({"record": RECORDS[case["record"]]} if "record" in case else {})
+            families[family] += [(name.format(*values), scene(*values), settings) for values in product(*of)]
     return families
 
 
@@ -326,40 +301,36 @@ def family_batches(keys: Iterable[str], laws: Sequence[Law]) -> list[Batch]:
     """Return the batches of some families under some laws."""
     first_of_exponent = list({law.exponent: law for law in reversed(laws)}.values())
     return [
-        make_batch(key, case, scene, law, **more)
+        make_batch(key, case, scene, law, **settings)
         for key in keys
         for law in (first_of_exponent if key in OF_MANY_SHAPES else laws)
         if law.exponent == 1.0 or key not in LINEAR
-        for case, scene, more in all_families()[key]
+        for case, scene, settings in all_families()[key]
     ]
-
-
-# --- random scenes ---------------------------------------------------------------------------------------------------
 
 
 def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
     """Draw random scenes: rows, gaps, contacts and ground motions."""
-    return [_draw(np.random.default_rng([seed, i]), i, laws) for i in range(-(-scenes // LANES))]
-
-
-def _draw(rng: np.random.Generator, number: int, laws: Sequence[Law]) -> Batch:
-    law = laws[number % len(laws)]
-    scene = _random_scene(rng, ("left", "right") if (number // len(laws)) % 2 == 0 else ("left",))
-    # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
-    period = max(float(b.periods[0]) for b in scene.buildings)
-    pga = _log(rng, 0.05, 20.0)
-    reach = pga * (period / (2.0 * math.pi)) ** 2
-    gaps = reach * 10.0 ** rng.uniform(-3.0, 0.5, (LANES, len(scene.pair_names)))
-    gaps[rng.random(gaps.shape) < 0.1] = 0.0
-    if law.exponent == 1.0:  # contacts that last 0.3 ms to 0.3 s, and the odd one that is stiffer
-        mass = min(contact.mass for contact in scene.contacts)
-        stiffness = mass * (math.pi / 10.0 ** rng.uniform(-3.5, -0.5, LANES)) ** 2
-    else:
-        stiffness = 10.0 ** rng.uniform(3.0, 9.0, LANES)
-    motion = _random_motion(rng, pga)
-    restitution = np.where(rng.random(LANES) < 0.1, lowest_restitution(law), rng.uniform(0.02, 1.0, LANES))
-    table = _table(gaps, np.clip(stiffness, 1e3, 1e12), restitution, 10.0 ** rng.uniform(-0.5, 0.5, LANES))
-    return Batch("random", f"number {number}", scene, law, motion, table, RANDOM_STEPS)
+    batches = []
+    for i in range(-(-scenes // LANES)):
+        rng, law = np.random.default_rng([seed, i]), laws[i % len(laws)]
+        scene = _random_scene(rng, ("left", "right") if (i // len(laws)) % 2 == 0 else ("left",))
+        # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
+        period = max(float(b.periods[0]) for b in scene.buildings)
+        pga = _log(rng, 0.05, 20.0)
+        reach = pga * (period / (2.0 * math.pi)) ** 2
+        gaps = reach * 10.0 ** rng.uniform(-3.0, 0.5, (LANES, len(scene.pair_names)))
+        gaps[rng.random(gaps.shape) < 0.1] = 0.0
+        if law.exponent == 1.0:  # contacts that last 0.3 ms to 0.3 s, and the odd one that is stiffer
+            mass = min(contact.mass for contact in scene.contacts)
+            stiffness = mass * (math.pi / 10.0 ** rng.uniform(-3.5, -0.5, LANES)) ** 2
+        else:
+            stiffness = 10.0 ** rng.uniform(3.0, 9.0, LANES)
+        motion = _random_motion(rng, pga)
+        restitution = np.where(rng.random(LANES) < 0.1, lowest_restitution(law), rng.uniform(0.02, 1.0, LANES))
+        table = _table(gaps, np.clip(stiffness, 1e3, 1e12), restitution, 10.0 ** rng.uniform(-0.5, 0.5, LANES))
+        batches.append(Batch(RANDOM, f"number {i}", scene, law, motion, table, RANDOM_STEPS))
+    return batches
 
 
 def _log(rng: np.random.Generator, low: float, high: float) -> float:
@@ -375,19 +346,22 @@ def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
         if len(names) == 2:
             masses, stiffnesses = (rng.uniform(0.5, 2.0, (2, 2)) * [plain.masses, plain.stiffnesses]).tolist()
         buildings.append(Building(name, masses, stiffnesses, float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))))
-    return Scene([*buildings, Wall()][:2], [0.0])
+    return row(*buildings, *([Wall()] if len(names) == 1 else []))
 
 
 def _random_motion(rng: np.random.Generator, pga: float) -> Record:
+    """Draw white noise, a pulse or, as likely as both, an earthquake."""
     kind, dt = rng.integers(4), float(rng.choice([0.005, 0.01, 0.02]))
-    if kind == 0:  # white noise: the roughest that a record can be
+    if kind == 0:
         noise = rng.standard_normal(round(1.0 / dt))
-        return _ground("noise", pga * noise / np.abs(noise).max(), dt)
-    if kind == 1:  # a pulse
+        return Record("noise", dt, pga * noise / np.abs(noise).max())
+    if kind == 1:
         t, width = np.arange(0.0, 1.5, dt), _log(rng, 0.05, 0.6)
-        return _ground("pulse", pga * np.where(t < width, np.sin(2.0 * np.pi * t / width), 0.0), dt)
+        return Record("pulse", dt, pga * np.where(t < width, np.sin(2.0 * np.pi * t / width), 0.0))
     return synthetic_record(int(rng.integers(10**6)), duration=2.0, dt=dt, pga=pga, rise=0.1, strong=0.6)
 
+
+# --- the judge --------------------------------------------------------------------------------------------------------
 
 #: A reference run is believed where one of half the step agrees with it this closely.
 CONVERGED = 0.1 * OK_CLAIM
@@ -399,15 +373,14 @@ ENERGY_BOUND = {True: 1.01, False: 1.1}
 TIME_LIMIT = 60.0
 #: Longest reference run (steps of the record).
 REFERENCE_STEPS = 4_000_000
+_WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 
 
-@dataclass(frozen=True)
-class Reference:
+class Reference(NamedTuple):
     """What the scenarios of a batch should give."""
 
-    peaks: dict[str, np.ndarray]  # the peaks, shape (n, ...); NaN where there is no reference
-    known: np.ndarray  # whether the reference converged; shape (n,)
-    step: np.ndarray  # its time step (s); shape (n,)
+    peaks: Values  # the peaks, shape (n, ...); NaN where no step was fine enough
+    step: np.ndarray  # time step (s) of the converged run, shape (n,); NaN without one
 
 
 @dataclass(frozen=True)
@@ -421,27 +394,6 @@ class Run:
     precision: str = "float64"
     seconds: float = 0.0  # CPU time
 
-    @property
-    def status(self) -> np.ndarray:
-        """Status of each scenario."""
-        return self.values["status"]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the judge found in a run; arrays of shape (n,)."""
-
-    run: Run
-    error: np.ndarray  # largest relative error of a peak; NaN where it was not to be judged
-    #: ok, but off by more than the claim; those of them that half the step gives away, and that are sensitive
-    missed: np.ndarray
-    told: np.ndarray
-    sensitive: np.ndarray
-    unknown: np.ndarray  # ok, but without a converged reference
-    created: np.ndarray  # energy created by contacts, relative to the largest of the balance
-    energy: np.ndarray  # largest energy, over what the ground can have brought in
-    faults: list[tuple[int, str]]  # scenario and what is wrong with it
-
 
 def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
     """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
@@ -450,9 +402,9 @@ def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
     return {"displacement_max": both, **{name: values[name] for name in names}}
 
 
-def peak_error(peaks: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Largest relative error of the peaks of each scenario, shape (n,)."""
-    return np.max([relative_error(name, peaks[name], reference[name]) for name in reference], axis=0)
+def peak_error(values: Mapping[str, np.ndarray], peaks: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Largest relative error of a run's peaks in each scenario, shape (n,)."""
+    return np.max([relative_error(name, peak, peaks[name]) for name, peak in peaks_of(values).items()], axis=0)
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
@@ -460,32 +412,31 @@ def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Re
 
     `shortest` contact (s) of each scenario.
     """
-    known, steps, rows = np.zeros(len(batch), bool), np.full(len(batch), np.nan), np.flatnonzero(wanted)
+    steps, rows = np.full(len(batch), np.nan), np.flatnonzero(wanted)
     step = batch.record.dt
     if len(rows):
         step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
     coarse = batch[rows].run("rk4", step)
-    peaks = {name: np.full((len(batch), *each.shape[1:]), np.nan) for name, each in peaks_of(coarse).items()}
+    peaks = {name: np.full((len(batch), *peak.shape[1:]), np.nan) for name, peak in peaks_of(coarse).items()}
     while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
         step /= 2.0
         fine = batch[rows].run("rk4", step)
         done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
-        done &= peak_error(peaks_of(coarse), peaks_of(fine)) <= CONVERGED
+        done &= peak_error(coarse, peaks_of(fine)) <= CONVERGED
         for name, values in peaks_of(fine).items():
             peaks[name][rows[done]] = values[done]
-        known[rows[done]], steps[rows[done]] = True, step
+        steps[rows[done]] = step
         rows, coarse = rows[~done], {name: values[~done] for name, values in fine.items()}
-    return Reference(peaks, known, steps)
+    return Reference(peaks, steps)
 
 
 def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.ndarray:
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
     sensitive = np.zeros(len(rows), bool)
-    against = {name: values[rows] for name, values in reference.peaks.items()}
+    peaks = {name: values[rows] for name, values in reference.peaks.items()}
     for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
-        peaks = peaks_of(moved.run("rk4", float(np.nanmin(reference.step[rows]))))
-        sensitive |= peak_error(peaks, against) > OK_CLAIM
+        sensitive |= peak_error(moved.run("rk4", float(np.nanmin(reference.step[rows]))), peaks) > OK_CLAIM
     return sensitive
 
 
@@ -493,7 +444,7 @@ def told_rows(run: Run, rows: np.ndarray) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
     half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
     whole = {name: values[rows] for name, values in run.values.items()}
-    return (peak_error(peaks_of(whole), peaks_of(half)) > SETTLED) | (half["status"] != Status.OK)
+    return (peak_error(whole, peaks_of(half)) > SETTLED) | (half["status"] != Status.OK)
 
 
 def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -518,26 +469,31 @@ def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.asarray(np.abs(work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
 
 
-def judge(run: Run, reference: Reference) -> Verdict:
-    """Judge what a run of a batch gave."""
-    batch, values, status = run.batch, run.values, run.status
-    ok, has_values = status == Status.OK, np.isin(status, [int(s) for s in STATUS if s.has_values])
+def judge(run: Run, reference: Reference) -> pd.DataFrame:
+    """Judge what a run of a batch gave; a row per scenario.
+
+    Columns say which scenario it is, its status, and ``error``: largest relative error of a peak (NaN where it is not
+    judged); ``missed``: ok, but off by more than the claim; ``told``, ``sensitive``: those of them that half the step
+    gives away, and that are sensitive; ``unknown``: ok, but without a reference; ``created``: energy by contacts over
+    the largest of the balance; ``energy``: over what the ground can have brought in; ``faults``: demands not met.
+    """
+    batch, values, status = run.batch, run.values, run.values["status"]
+    ok, has_values, known = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
     finite, empty = np.ones(len(batch), bool), np.ones(len(batch), bool)
-    for name in values:
+    for name, array in values.items():
         if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force):
-            found = np.isfinite(values[name][:, _exists(batch, name, values[name])])
-            finite &= found.all(axis=1)
-            empty &= ~found.any(axis=1)
+            is_finite = np.isfinite(array[:, _exists(batch, name, array)])
+            finite &= is_finite.all(axis=1)
+            empty &= ~is_finite.any(axis=1)
     sound = has_values & finite
     with np.errstate(invalid="ignore", over="ignore"):
         created = np.where(sound, created_energy(values), 0.0)
         share = np.where(sound, energy_share(batch, values), 0.0)
-    judged = ok & sound & reference.known
-    error = np.where(judged, peak_error(peaks_of(values), reference.peaks), np.nan)
+    judged = ok & sound & known
+    error = np.where(judged, peak_error(values, reference.peaks), np.nan)
     missed = judged & (error > OK_CLAIM)
     sensitive, told = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
-    rows = np.flatnonzero(missed)
-    if len(rows):
+    if len(rows := np.flatnonzero(missed)):
         sensitive[rows], told[rows] = sensitive_rows(batch, reference, rows), told_rows(run, rows)
     off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
     beyond = share > np.where(ok, ENERGY_BOUND[True], ENERGY_BOUND[False])
@@ -551,9 +507,20 @@ def judge(run: Run, reference: Reference) -> Verdict:
         (missed & ~told & ~sensitive, off, error),
         ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
-    faults = [(int(i), text.format(float(of[i]))) for rows, text, of in demands for i in np.flatnonzero(rows)]
-    unknown = ok & sound & ~reference.known
-    return Verdict(run, error, missed, told, sensitive, unknown, created, share, faults)
+    scenarios = {name: getattr(batch.table, name).tolist() for name in ("gaps", "stiffness", "restitution", "scale")}
+    return pd.DataFrame(
+        {
+            **{"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method},
+            **{"precision": run.precision, "dt": run.dt, "status": [STATUS[int(code)].label for code in status]},
+            **scenarios,
+            **{"error": error, "missed": missed, "told": told, "sensitive": sensitive},
+            **{"unknown": ok & sound & ~known, "created": created, "energy": share},
+            "seconds": run.seconds / len(batch),
+            "faults": [
+                [text.format(float(number[i])) for rows, text, number in demands if rows[i]] for i in range(len(batch))
+            ],
+        }
+    )
 
 
 def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
@@ -567,74 +534,28 @@ def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     return np.ones(values.shape[1:], bool)
 
 
+def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[pd.DataFrame]:
+    """Run a batch in each scheme at every step, and judge all runs against one reference."""
+    runs, wanted, shortest = [], np.zeros(len(batch), bool), np.full(len(batch), np.inf)
+    for method in batch.schemes(measured_schemes() if methods is None else methods):
+        for dt in batch.steps:
+            start = time.process_time()  # machines may be busy with other work
+            values = batch.run(method, dt, precision)
+            runs.append(Run(batch, method, dt, values, precision, time.process_time() - start))
+            ok = values["status"] == Status.OK
+            wanted |= ok
+            shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
+    reference = make_reference(batch, wanted, shortest)
+    return [judge(run, reference) for run in runs]
+
+
+# --- the suite --------------------------------------------------------------------------------------------------------
+
 #: Name of the family of random scenes, and how many there are where no number is given.
 RANDOM, DEFAULT_SCENES = "random", 320
-
-
-@dataclass
-class FamilyResult:
-    """What the judge found of a family in one scheme."""
-
-    family: str
-    method: str
-    scenarios: int = 0  # each step counted
-    statuses: Counter[str] = field(default_factory=Counter)  # scenarios by label of their status
-    #: ok scenarios that are off by more than the claim, those of them that are sensitive, and ok ones without reference
-    missed: int = 0
-    sensitive: int = 0
-    unknown: int = 0
-    worst_error: float = 0.0  # of ok scenarios that half the step does not give away and that are not sensitive
-    worst_created_energy: float = 0.0  # by contacts of an ok scenario, relative to the largest energy of its balance
-    #: scenarios that failed a demand, each with what is needed to run it again
-    violations: list[dict[str, Any]] = field(default_factory=list)
-    seconds: float = 0.0  # CPU time of the runs, without references and compilation
-
-    def add(self, verdict: Verdict) -> None:
-        """Count one run of a batch."""
-        status = verdict.run.status
-        self.scenarios += len(status)
-        self.statuses.update(STATUS[s].label for s in status)
-        for name in ("missed", "sensitive", "unknown"):
-            setattr(self, name, getattr(self, name) + int(getattr(verdict, name).sum()))
-        errors = verdict.error[~verdict.told & ~verdict.sensitive & np.isfinite(verdict.error)]
-        created = verdict.created[status == Status.OK]
-        worst = {"worst_error": errors, "worst_created_energy": created}
-        for name, values in worst.items():
-            setattr(self, name, float(values.max(initial=getattr(self, name))))
-        run, batch = verdict.run, verdict.run.batch
-        for row, text in verdict.faults:
-            where = {"fault": text, "family": self.family, "case": batch.case, "law": batch.law.key}
-            how = {
-                "method": self.method,
-                "precision": run.precision,
-                "dt": run.dt,
-                "status": STATUS[int(status[row])].label,
-            }
-            names = ("gaps", "stiffness", "restitution", "scale")
-            self.violations.append({**where, **how, **{n: getattr(batch.table, n)[row].tolist() for n in names}})
-        self.seconds += verdict.run.seconds
-
-
-@dataclass(frozen=True)
-class Extremes:
-    """What a run of the suite found."""
-
-    results: list[FamilyResult]  # family by family, scheme by scheme
-    laws: tuple[str, ...]
-    scenes: int  # random ones
-    seed: int  # of these
-    seconds: float  # wall time, references included, compilation of kernels not
-    compile_seconds: float  # time until all kernels were ready
-
-    @property
-    def faults(self) -> list[dict[str, Any]]:
-        """Every violation."""
-        return [violation for result in self.results for violation in result.violations]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
-        results = [vars(result) for result in self.results]
-        return {"claim": OK_CLAIM, **vars(self), "results": results, "violations": len(self.faults)}
+#: What a violation says of its scenario: all that is needed to run it again.
+_VIOLATION = ["fault", "family", "case", "law", "method", "precision", "dt", "status"]
+_VIOLATION += ["gaps", "stiffness", "restitution", "scale"]
 
 
 def run_extremes(
@@ -647,8 +568,11 @@ def run_extremes(
     precision: str = "float64",
     workers: int | None = None,
     progress: Progress | None = None,
-) -> Extremes:
-    """Run the stability suite, in the schemes that ``accuracy`` chooses from unless others are given."""
+) -> dict[str, Any]:
+    """Run the stability suite, in the schemes that ``accuracy`` chooses from by default; returns its report, for JSON.
+
+    The report has a result for each family and scheme, the number of violations, and what was run in which time.
+    """
     schemes = measured_schemes() if methods is None else tuple(methods)
     chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
     if not chosen:
@@ -665,36 +589,51 @@ def run_extremes(
             raise InputError(unknown("family", key, valid))
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
-    runs = [(batch, method) for batch in batches for method in batch.schemes(schemes)]
     formats = dict.fromkeys(("float64", precision))
-    shapes = list(dict.fromkeys(b.kernel(method, b.steps[0], f).shape for b, method in runs for f in formats))
+    kernels = [b.kernel(method, b.steps[0], f) for b in batches for method in b.schemes(schemes) for f in formats]
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
     progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
     ready = time.perf_counter()
-    results: dict[tuple[str, str], FamilyResult] = {}
+    verdicts = []
     progress.stage("batches", len(batches))
     for batch in batches:
-        for verdict in run_judged(batch, precision, schemes):
-            place = (batch.family, verdict.run.method)
-            results.setdefault(place, FamilyResult(*place)).add(verdict)
+        verdicts += run_judged(batch, precision, schemes)
         progress.advance(1)
-    end = time.perf_counter()
-    return Extremes(list(results.values()), tuple(law.key for law in chosen), scenes, seed, end - ready, ready - start)
+    results = summarise(pd.concat(verdicts, ignore_index=True)) if verdicts else []
+    return {
+        "claim": OK_CLAIM,
+        "results": results,
+        "laws": [law.key for law in chosen],
+        "scenes": scenes,
+        "seed": seed,
+        "seconds": time.perf_counter() - ready,  # wall time, references included, compilation of kernels not
+        "compile_seconds": ready - start,
+        "violations": sum(len(result["violations"]) for result in results),
+    }
 
 
-def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[Verdict]:
-    """Run a batch in each scheme at every step, and judge all runs against one reference."""
-    runs, wanted, shortest = [], np.zeros(len(batch), bool), np.full(len(batch), np.inf)
-    for method in batch.schemes(measured_schemes() if methods is None else methods):
-        for dt in batch.steps:
-            start = time.process_time()  # machines may be busy with other work
-            values = batch.run(method, dt, precision)
-            runs.append(Run(batch, method, dt, values, precision, time.process_time() - start))
-            ok = values["status"] == Status.OK
-            wanted |= ok
-            shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
-    reference = make_reference(batch, wanted, shortest)
-    return [judge(run, reference) for run in runs]
+def summarise(verdicts: pd.DataFrame) -> list[dict[str, Any]]:
+    """Count the verdicts of each family and scheme; ``seconds`` are CPU time of the runs, without references."""
+    results = []
+    for (family, method), part in verdicts.groupby(["family", "method"], sort=False):
+        faults = part.explode("faults").dropna(subset="faults").rename(columns={"faults": "fault"})
+        errors = part.error[~part.told & ~part.sensitive & np.isfinite(part.error)]
+        created = part.created[part.status == Status.OK.label]
+        results.append(
+            {
+                "family": family,
+                "method": method,
+                "scenarios": len(part),
+                "statuses": part.status.value_counts(sort=False).to_dict(),
+                **{name: int(part[name].sum()) for name in ("missed", "sensitive", "unknown")},
+                "worst_error": float(errors.to_numpy().max(initial=0.0)),
+                "worst_created_energy": float(created.to_numpy().max(initial=0.0)),
+                "violations": faults[_VIOLATION].to_dict("records"),
+                "seconds": float(part.seconds.sum()),
+            }
+        )
+    return results
 
 
 #: Schemes and number formats of the map, and its restitution.
@@ -712,41 +651,29 @@ def stability_map(
     chosen = get_law(law)
     if chosen.exponent is None:
         raise InputError(f"law {chosen.key!r} has no contact force to map; give one with a contact stiffness")
-    axes: dict[str, Any] = {"stiffness": stiffnesses, "restitution": RESTITUTION, "steps": tuple(steps)}
-    batch = make_batch("map", "", pair(), chosen, earthquake(dt=0.02), **axes)
-    runs = {
-        (s, j): batch.run(method, dt, precision)
-        for (s, (method, precision)), (j, dt) in product(enumerate(SHOWN), enumerate(steps))
-    }
-    status = np.zeros((len(SHOWN), len(batch), len(steps)), dtype=np.int8)
-    error, shortest = np.full(status.shape, np.nan), np.full(len(batch), np.inf)
-    for (s, j), run in runs.items():
-        status[s, :, j] = run["status"]
-        shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(SHOWN[s][0], steps[j]))
+    batch = make_batch(
+        "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=stiffnesses, restitution=RESTITUTION, steps=steps
+    )
+    runs = [[batch.run(method, dt, precision) for dt in steps] for method, precision in SHOWN]
+    status = np.array([[run["status"] for run in line] for line in runs], np.int8)
+    shortest = np.full(len(batch), np.inf)
+    for (method, _), line in zip(SHOWN, runs, strict=True):
+        for dt, run in zip(steps, line, strict=True):
+            shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(method, dt))
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
-    for i in range(len(batch)):
-        reference = make_reference(batch[[i]], np.ones(1, bool), shortest[[i]])
-        for (s, j), run in runs.items() if reference.known[0] else ():
-            if STATUS[int(status[s, i, j])].has_values:
-                force, expected = run["impact_force_max"][[i]], reference.peaks["impact_force_max"]
-                error[s, i, j] = relative_error("impact_force_max", force, expected)[0]
-    dims = ("scheme", "stiffness", "dt")
-    labels = " ".join(s.label for s in STATUS)
-    codes = np.arange(len(STATUS), dtype=np.int8)
-    flags = {"long_name": "status of the scenario", "flag_values": codes, "flag_meanings": labels}
-    return xr.Dataset(
+    references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
+    name = "impact_force_max"
+    expected = np.concatenate([reference.peaks[name] for reference in references])
+    known = np.isfinite(np.concatenate([reference.step for reference in references]))
+    errors = np.array([[relative_error(name, run[name], expected) for run in line] for line in runs])
+    dims = ("scheme", "dt", "stiffness")
+    error = xr.DataArray(np.where(known & np.isin(status, _WITH_VALUES), errors, np.nan), dims=dims)
+    made = xr.Dataset(
+        {"peak_force_error": error, "status": (dims, status)},
         {
-            "peak_force_error": (dims, error, {"units": "1", "long_name": "relative error of the peak contact force"}),
-            "status": (dims, status, flags),
-        },
-        {
-            "scheme": ("scheme", [f"{method} {precision}" for method, precision in SHOWN]),
-            "stiffness": (
-                "stiffness",
-                list(stiffnesses),
-                {"units": chosen.stiffness_unit, "long_name": "contact stiffness"},
-            ),
-            "dt": ("dt", list(steps), {"units": "s", "long_name": "time step"}),
+            "scheme": [f"{method} {precision}" for method, precision in SHOWN],
+            "stiffness": list(stiffnesses),
+            "dt": list(steps),
         },
         {
             **made_here(f"Stability map: {chosen.title}"),
@@ -754,4 +681,13 @@ def stability_map(
             "restitution": RESTITUTION if chosen.takes_restitution else "none",
             "ok_claim": OK_CLAIM,
         },
-    )
+    ).transpose("scheme", "stiffness", "dt")
+    made.peak_force_error.attrs = {"units": "1", "long_name": "relative error of the peak contact force"}
+    made.status.attrs = {
+        "long_name": "status of the scenario",
+        "flag_values": np.arange(len(STATUS), dtype=np.int8),
+        "flag_meanings": " ".join(s.label for s in STATUS),
+    }
+    made.stiffness.attrs = {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}
+    made["dt"].attrs = {"units": "s", "long_name": "time step"}
+    return made

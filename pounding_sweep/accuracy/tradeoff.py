@@ -13,7 +13,7 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -40,6 +40,7 @@ from pounding_sweep.outputs.variables import (
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.records import Record
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import run_once
@@ -131,45 +132,36 @@ class TradeSample:
     """Scenarios of a sweep that are run to measure a trade, as rows of its plan's table."""
 
     plan: Plan
-    groups: tuple[np.ndarray, ...]  # for errors: random scenarios, those of a group of one law and record
+    rows: np.ndarray  # for errors: random scenarios
     timed: tuple[np.ndarray, ...]  # for costs: whole lane groups of each law, side by side in the sweep
     touching: np.ndarray  # which rows can touch, shape (unique,)
 
-    @property
-    def rows(self) -> np.ndarray:
-        """Rows of all scenarios whose errors are measured, group by group."""
-        return np.concatenate(self.groups)
+    def kernel(self, law: int, numerics: Numerics) -> RowKernel:
+        """Return the kernel of the sweep for a law."""
+        return replace(self.plan.kernel(law), numerics=numerics)
 
-    def kernel(self, rows: np.ndarray, numerics: Numerics) -> RowKernel:
-        """Return the kernel of the sweep for the law of some rows."""
-        return replace(self.plan.kernel(int(self.plan.unique.law[rows[0]])), numerics=numerics)
-
-    def run(self, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False) -> Values:
-        """Run rows of one law and record as a sweep does; variables of shape (rows, *inner)."""
-        table = self.plan.unique[rows]
-        record, variants = self.plan.spec.records[table.record[0]], self.plan.variants[table.variant]
-        return run_once(self.kernel(rows, numerics), record, changed(table) if change else table, variants, outputs)
-
-    def run_all(self, numerics: Numerics, outputs: Sequence[str], refused: np.ndarray, change: bool = False) -> Values:
-        """Run all groups but for the rows that are refused, shape (unique,)."""
-        rows = self.rows
-        result = {name: np.full((len(rows), *inner_shape(name, self.plan.spec.scene)), np.nan) for name in outputs}
-        result["status"] = np.full(len(rows), int(Status.BEYOND_STABILITY_LIMIT))
-        places = np.split(np.arange(len(rows)), np.cumsum([len(group) for group in self.groups])[:-1])
-        for group, place in zip(self.groups, places, strict=True):
-            runs = ~refused[group]
-            if runs.any():
-                part = self.run(group[runs], numerics, outputs, change)
-                for name, values in result.items():
-                    values[place[runs]] = part[name]
-        return result
+    def run(
+        self, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], refused: np.ndarray, change: bool = False
+    ) -> Values:
+        """Run rows as a sweep does, but for the `refused` ones, shape (unique,); variables of shape (rows, *inner)."""
+        plan, table = self.plan, self.plan.unique[rows]
+        values = {name: np.full((len(rows), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
+        values["status"] = np.full(len(rows), int(Status.BEYOND_STABILITY_LIMIT))
+        for law, record in {*zip(table.law.tolist(), table.record.tolist(), strict=True)}:
+            places = np.flatnonzero((table.law == law) & (table.record == record) & ~refused[rows])
+            if len(places):
+                part, variants = table[places], plan.variants[table.variant[places]]
+                part = changed(part) if change else part
+                result = run_once(self.kernel(law, numerics), plan.spec.records[record], part, variants, outputs)
+                for name in values.keys() & result.keys():
+                    values[name][places] = result[name]
+        return values
 
 
 def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
     """Draw the scenarios of a trade: every law alike, records as often as the sweep has them."""
     rng = np.random.default_rng(seed)
-    touching = find_touching(plan)
-    table = plan.unique
+    touching, table = find_touching(plan), plan.unique
     laws = np.unique(table.law[touching]).tolist()
     if not laws:
         raise InputError(
@@ -189,7 +181,7 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
                 rows = free[table.record[free] == table.record[rng.choice(free)]]
                 groups.append(np.sort(rng.choice(rows, min(size, len(rows)), replace=False)))
                 free = np.setdiff1d(free, groups[-1])
-    return TradeSample(plan, tuple(groups), tuple(timed), touching)
+    return TradeSample(plan, np.concatenate(groups), tuple(timed), touching)
 
 
 def measure(
@@ -217,13 +209,14 @@ def measure(
     grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
     limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
     refused = [_refused(plan, numerics, limits[numerics.method]) for numerics in grid]
+    timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
-    shapes = list(dict.fromkeys(sample.kernel(rows, numerics).shape for numerics in able for rows in sample.timed))
+    shapes = list(dict.fromkeys(sample.kernel(law, numerics).shape for numerics in able for law in timed_laws))
     progress.stage("kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
     def run(numerics: Numerics, refused: np.ndarray, change: bool = False) -> Values:
-        values = sample.run_all(numerics, outputs, refused, change)
+        values = sample.run(sample.rows, numerics, outputs, refused, change)
         progress.advance(n)
         return values
 
@@ -236,35 +229,67 @@ def measure(
     ran = [run(numerics, rows) for numerics, rows in zip(grid, refused, strict=True)]
     errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
     errors[np.isnan(reference_error)] = np.nan
+
     seconds = np.full((len(sample.timed), len(grid), repeats), np.nan)
     progress.stage("costs", repeats * len(grid))
+    of_laws = [sample.touching & (plan.unique.law == law) for law in timed_laws]
     for repeat, i in product(range(repeats), range(len(grid))):
         for j, rows in enumerate(sample.timed):
-            if not (refused[i] & sample.touching & (plan.unique.law == plan.unique.law[rows[0]])).any():
+            if not refused[i][of_laws[j]].any():
                 started = time.thread_time()
-                sample.run(rows, grid[i], plan.spec.outputs)
+                sample.run(rows, grid[i], plan.spec.outputs, refused[i])
                 seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
-    shape, per_scenario = [len(values) for values in axes.values()], ("scenario", *CONFIGURATION)
+    # of the sweep's mix of laws, by the mean length of their records
+    durations = np.array([record.duration for record in spec.records])[plan.unique.record]
+    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
+    best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
+    shares = np.array([rows.sum() / sample.touching.sum() for rows in of_laws])
+
+    shape = [len(values) for values in axes.values()]
     statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
-    sensitivity = _errors(outputs, moved, checked).max(axis=1)
     data = {
         "scenario_error": (("scenario", "output", *CONFIGURATION), errors.reshape(n, len(outputs), *shape)),
-        "scenario_status": (per_scenario, statuses.reshape(n, *shape)),
+        "scenario_status": (("scenario", *CONFIGURATION), statuses.reshape(n, *shape)),
         "scenario_reference_error": (("scenario", "output"), reference_error),
-        "sensitivity": (("scenario",), sensitivity),
-        **_costs(sample, seconds.reshape(-1, *shape, repeats)),
+        "sensitivity": (("scenario",), _errors(outputs, moved, checked).max(axis=1)),
+        "law_cost": (("law", *CONFIGURATION), best.T.reshape(-1, *shape)),
+        "cost": (CONFIGURATION, (best @ shares).reshape(shape)),
+        "cost_median": (CONFIGURATION, (median @ shares).reshape(shape)),
     }
-    about = _provenance(spec, sample, reference) | {"seed": seed, "repeats": repeats}
-    return xr.Dataset(data, _coordinates(spec, sample, axes, outputs), about)
+    laws, records = np.array([law.key for law in plan.laws]), np.array([record.name for record in spec.records])
+    table = plan.unique[sample.rows]
+    coordinates = {
+        **{name: list(values) for name, values in axes.items()},
+        "located": np.array(axes["located"], np.int8),
+        "time_step": (("record", "step"), [[_step(record, step) for step in axes["step"]] for record in spec.records]),
+        "output": list(outputs),
+        "status": [s.label for s in STATUS],
+        "law": laws[timed_laws].tolist(),
+        "record": records.tolist(),
+        "pair": list(spec.scene.pair_labels),
+        "scenario": np.arange(1, n + 1),
+        "scenario_law": ("scenario", laws[table.law].tolist()),
+        "scenario_record": ("scenario", records[table.record].tolist()),
+        "scenario_scale": ("scenario", table.scale),
+        "scenario_gap": (("scenario", "pair"), table.gaps[:, spec.scene.pair_of_label]),
+        "scenario_stiffness": ("scenario", table.stiffness),
+        "scenario_restitution": ("scenario", table.restitution),
+    }
+    return xr.Dataset(data, coordinates, _provenance(spec, sample, reference) | {"seed": seed, "repeats": repeats})
+
+
+def _step(record: Record, step: float) -> float:
+    """Time step (s) that is taken for a largest one: the record's, divided evenly."""
+    return record.dt / Numerics("rk4", step).steps(record)
 
 
 def _refused(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
     """Rows of the plan's table that a sweep refuses: a step beyond the stability limit, or `exact` without locating."""
     if numerics.scheme.flies_exactly and not numerics.locate:
         return np.ones(len(plan.unique), bool)
-    step = np.array([r.dt / numerics.steps(r) for r in plan.spec.records])[plan.unique.record]
-    return np.zeros(len(step), bool) if plan.spec.force_unstable else step > limit
+    steps = np.array([_step(record, numerics.dt) for record in plan.spec.records])[plan.unique.record]
+    return (steps > limit) & (not plan.spec.force_unstable)
 
 
 def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
@@ -274,48 +299,6 @@ def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.nda
     table[values["status"] == Status.DIVERGED] = np.inf
     table[(values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)] = np.nan
     return table
-
-
-def _costs(sample: TradeSample, seconds: np.ndarray) -> dict[str, Any]:
-    """Time per thousand scenarios: of each law, and of the sweep's mix of laws (best and median of the passes)."""
-    table, touching = sample.plan.unique, sample.touching
-    durations = np.array([record.duration for record in sample.plan.spec.records])[table.record]
-    of_laws = [touching & (table.law == table.law[rows[0]]) for rows in sample.timed]
-    shares = np.array([rows.sum() / touching.sum() for rows in of_laws])
-    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
-    best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
-    per_law = ("law", *CONFIGURATION)
-    return {
-        "law_cost": (per_law, best.T),
-        "cost": (CONFIGURATION, (best @ shares).T),
-        "cost_median": (CONFIGURATION, (median @ shares).T),
-    }
-
-
-def _coordinates(
-    spec: SweepSpec, sample: TradeSample, axes: Mapping[str, Sequence[Any]], outputs: Sequence[str]
-) -> dict[str, Any]:
-    plan, table = sample.plan, sample.plan.unique[sample.rows]
-    laws, records = np.array([law.key for law in plan.laws]), np.array([record.name for record in spec.records])
-    steps = [[r.dt / Numerics("rk4", step).steps(r) for step in axes["step"]] for r in spec.records]
-    timed = [plan.unique.law[rows[0]] for rows in sample.timed]
-    return {
-        **{name: list(values) for name, values in axes.items()},
-        "located": np.array(axes["located"], np.int8),
-        "time_step": (("record", "step"), steps),
-        "output": list(outputs),
-        "status": [s.label for s in STATUS],
-        "law": laws[timed].tolist(),
-        "record": records.tolist(),
-        "pair": list(spec.scene.pair_labels),
-        "scenario": np.arange(1, len(table) + 1),
-        "scenario_law": ("scenario", laws[table.law].tolist()),
-        "scenario_record": ("scenario", records[table.record].tolist()),
-        "scenario_scale": ("scenario", table.scale),
-        "scenario_gap": (("scenario", "pair"), table.gaps[:, spec.scene.pair_of_label]),
-        "scenario_stiffness": ("scenario", table.stiffness),
-        "scenario_restitution": ("scenario", table.restitution),
-    }
 
 
 def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
@@ -474,7 +457,6 @@ def tradeoff(
     >>> bool(worst.item() < 1e-3)
     True
     """
-    spec = sweep.spec
     modes = tuple(dict.fromkeys(bool(value) for value in located))
     for name, count in (("scenarios", scenarios), ("repeats", repeats), ("located", len(modes))):
         if count < 1:
@@ -483,11 +465,10 @@ def tradeoff(
         "scheme": _chosen("method", measured_schemes() if methods is None else methods, METHODS),
         "located": modes,
         "precision": _chosen("precision", precisions, PRECISIONS),
-        "step": _distinct_steps(spec, steps),
+        "step": _distinct_steps(sweep.spec, steps),
     }
-    progress = progress or Progress()
     sizes = {"scenarios": scenarios, "seed": seed, "repeats": repeats}
-    measured = measure(spec, axes, workers=workers, progress=progress, **sizes)
+    measured = measure(sweep.spec, axes, workers=workers, progress=progress or Progress(), **sizes)
     warn_of_doubt(measured)
     return summarise(measured)
 
@@ -495,13 +476,13 @@ def tradeoff(
 def warn_of_doubt(measured: xr.Dataset) -> None:
     """Warn, with the worst case by law and output, where the converged solution is not converged."""
     error = measured.scenario_reference_error.fillna(0.0)
-    doubtful = int((error.max("output") > DOUBTFUL).sum())
-    if doubtful:
-        one = error[error.argmax(...)]
+    if doubtful := int((error.max("output") > DOUBTFUL).sum()):
+        worst = error[error.argmax(...)]
         warnings.warn(
             f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of "
-            f"twice its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst {one.item():.1e} "
-            f"in {one.output.item()} of law {one.scenario_law.item()}. Compare a smaller finest step",
+            f"twice its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst "
+            f"{worst.item():.1e} in {worst.output.item()} of law {worst.scenario_law.item()}. "
+            "Compare a smaller finest step",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -520,19 +501,20 @@ def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[
 
 def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...]:
     """Return the steps from the largest to the smallest, one of those that cut every record alike."""
-    by_cut: dict[tuple[int, ...], float] = {}
+    by_cut: dict[tuple[float, ...], float] = {}
     for step in sorted((float(s) for s in steps), reverse=True):
         if not (math.isfinite(step) and step > 0):
             raise InputError(f"step {step!r} must be a positive number (s), such as 1e-3")
-        cut = tuple(Numerics("rk4", step).steps(record) for record in spec.records)
-        by_cut.setdefault(cut, step)
+        by_cut.setdefault(tuple(_step(record, step) for record in spec.records), step)
     if not by_cut:
         raise InputError("no steps are given; give one or more (s), such as 1e-3")
     return tuple(by_cut.values())
 
 
-#: Outputs that a reader looks at first.
-LEADING = ("impact_force_max", "displacement_max")
+# --- reports ----------------------------------------------------------------------------------------------------------
+
+#: Outputs that a reader looks at first, and their names in tables.
+LEADING = {"impact_force_max": "force", "displacement_max": "displ."}
 #: Smallest order of convergence that is shown: errors of rounding do not fall with the step.
 LEAST_ORDER = 0.05
 
@@ -548,72 +530,91 @@ def check_trade(dataset: xr.Dataset) -> None:
 def leading_outputs(trade: xr.Dataset) -> list[str]:
     """Return the two outputs that tables and figures show: peak force and displacement where they are there."""
     outputs = trade["output"].values.tolist()
-    return sorted(outputs, key=lambda name: LEADING.index(name) if name in LEADING else len(LEADING))[: len(LEADING)]
+    return [*(name for name in LEADING if name in outputs), *(name for name in outputs if name not in LEADING)][:2]
 
 
-def _nested(cells: Iterable[tuple[Any, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return cells by output, population and statistic."""
-    nested: dict[str, dict[str, dict[str, Any]]] = {}
-    for (output, population, statistic), cell in cells:
-        nested.setdefault(output, {}).setdefault(population, {})[statistic] = cell
-    return nested
+def _nested(trade: xr.Dataset, cell: Callable[[tuple[int, int, int]], Any]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the cell of each output, population and statistic, by their indices."""
+    outputs, populations, names = (trade[dim].values.tolist() for dim in ("output", "population", "statistic"))
+    return {
+        output: {
+            population: {name: cell((i, j, k)) for k, name in enumerate(names)}
+            for j, population in enumerate(populations)
+        }
+        for i, output in enumerate(outputs)
+    }
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
     """Return one row per configuration."""
     check_trade(trade)
-    trade = trade.load()
-    rows = []
+    trade, rows = trade.load(), []
     for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
         one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
-        row: dict[str, Any] = {name: one[name].item() for name in CONFIGURATION} | {"located": bool(one["located"])}
-        if (scheme := SCHEMES.get(row["scheme"])) is not None and scheme.flies_exactly and not row["located"]:
+        if SCHEMES[one["scheme"].item()].flies_exactly and not one["located"]:
             continue  # there is no such thing: it flies exactly between located touches
-        row["time_steps"] = one["time_step"].to_series().to_dict()
-        row |= {name: finite(one[name].item()) for name in ("cost", "cost_median")}
-        row["statuses"] = {label: count for label, count in one["status_count"].to_series().items() if count}
-        frame = one[["error", "resolution", "pareto"]].to_dataframe(["output", "population", "statistic"])
-        numbers = zip(*(frame[name].tolist() for name in ("error", "resolution", "pareto")), strict=True)
-        cells = ({"value": finite(a), "resolution": finite(b), "pareto": bool(on)} for a, b, on in numbers)
-        rows.append(row | {"errors": _nested(zip(frame.index, cells, strict=True))})
+        error, resolution, pareto = (one[name].values for name in ("error", "resolution", "pareto"))
+
+        def cell(place: tuple[int, int, int], error: Any = error, least: Any = resolution, on: Any = pareto) -> Any:
+            value, limit = finite(error[place].item()), finite(least[place].item())
+            return {"value": value, "resolution": limit, "pareto": bool(on[place])}
+
+        rows.append(
+            {name: one[name].item() for name in CONFIGURATION}
+            | {"located": bool(one["located"]), "time_steps": one["time_step"].to_series().to_dict()}
+            | {name: finite(one[name].item()) for name in ("cost", "cost_median")}
+            | {"statuses": {label: count for label, count in one["status_count"].to_series().items() if count}}
+            | {"errors": _nested(trade, cell)}
+        )
     return rows
 
 
 def report(trade: xr.Dataset) -> dict[str, Any]:
     """Return every output, population and statistic of a trade, for JSON."""
     counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
-    errors = trade["reference_error"].transpose("output", "population", "statistic").to_series()
+    errors = trade["reference_error"].transpose("output", "population", "statistic").values
     return {
         **{name: int(trade.attrs[name]) for name in counts},
         "reference_step": float(trade.attrs["reference_step"]),
-        "reference_errors": _nested((place, finite(error)) for place, error in errors.items()),
+        "reference_errors": _nested(trade, lambda place: finite(errors[place].item())),
         "configurations": trade_rows(trade),
     }
 
 
 def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows of the table on the terminal."""
-    shown = leading_outputs(trade)
-    headings = ["scheme", "located", "precision", "step s", "s per 1000"]
-    headings += [f"{_short(name)} {statistic}" for name in shown for statistic in ("median", "worst")]
+    columns = list(product(leading_outputs(trade), ("median", "worst")))
     rows = []
     for row in trade_rows(trade):
         statuses = dict(row["statuses"])
         ok = statuses.pop(Status.OK.label, 0)
-        refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label, 0) == trade.sizes["scenario"]
+        is_refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label, 0) == trade.sizes["scenario"]
         steps = sorted(set(row["time_steps"].values()))
-        cells = [
-            row["scheme"],
-            "yes" if row["located"] else "no",
-            row["precision"],
-            " to ".join(f"{step:.4g}" for step in dict.fromkeys((steps[0], steps[-1]))),
-            "-" if row["cost"] is None else f"{row['cost']:.3g}",
-        ]
-        for name, statistic in product(shown, ("median", "worst")):
-            cells.append(_error_text(row["errors"][name][population][statistic], refused))
+        errors = [_error_text(row["errors"][name][population][statistic], is_refused) for name, statistic in columns]
         others = ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items())
-        rows.append([*cells, str(ok), others or "-"])
-    return [*headings, "ok", "not ok"], rows
+        rows.append(
+            [
+                row["scheme"],
+                "yes" if row["located"] else "no",
+                row["precision"],
+                " to ".join(f"{step:.4g}" for step in dict.fromkeys((steps[0], steps[-1]))),
+                "-" if row["cost"] is None else f"{row['cost']:.3g}",
+                *errors,
+                str(ok),
+                others or "-",
+            ]
+        )
+    errors = [f"{LEADING.get(name, name)} {statistic}" for name, statistic in columns]
+    return ["scheme", "located", "precision", "step s", "s per 1000", *errors, "ok", "not ok"], rows
+
+
+def _error_text(error: dict[str, Any], is_refused: bool) -> str:
+    value, resolution = error["value"], error["resolution"]
+    if value is None:
+        text = "-" if is_refused or resolution is None else "diverged"
+    else:
+        text = f"{value:.1e}" if resolution is None or value >= resolution else f"<{resolution:.1e}"
+    return text + ("*" if error["pareto"] else " ")
 
 
 def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
@@ -623,7 +624,7 @@ def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
     median = median.isel(located=int(np.argmax(trade["located"].values)))
     rows = []
     for law, output in product(trade["law"].values.tolist(), leading_outputs(trade)):
-        cells = [law, _short(output)]
+        cells = [law, LEADING.get(output, output)]
         for scheme in schemes:
             one = median.sel(law=law, output=output, scheme=scheme)
             error, step = one["law_error"].values, one["step"].values
@@ -632,19 +633,3 @@ def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
             cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
         rows.append(cells)
     return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows
-
-
-def _error_text(error: dict[str, Any], refused: bool) -> str:
-    value, resolution = error["value"], error["resolution"]
-    if value is None:
-        text = "-" if refused or resolution is None else "diverged"
-    elif resolution is not None and value < resolution:
-        text = f"<{resolution:.1e}"
-    else:
-        text = f"{value:.1e}"
-    return text + ("*" if error["pareto"] else " ")
-
-
-def _short(name: str) -> str:
-    """Name an output briefly."""
-    return {"impact_force_max": "force", "displacement_max": "displ."}.get(name, name)

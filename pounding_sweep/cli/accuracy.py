@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,16 +23,12 @@ from pounding_sweep.cli.app import (
     numbers_of,
     option,
     progress_display,
-    reporting,
     say,
     say_laws,
 )
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from pounding_sweep.accuracy.extremes import Extremes
-    from pounding_sweep.accuracy.law_check import LawCheck
 
 
 @command("tradeoff")
@@ -51,28 +48,29 @@ def tradeoff_command(
     as_json: AsJson = False,
 ) -> None:
     """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
-    with reporting():
-        from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, report, tradeoff
-        from pounding_sweep.figures import plot
-        from pounding_sweep.output.netcdf import check_output, write_cube
-        from pounding_sweep.run.sweep import load_sweep
+    from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, report, tradeoff
+    from pounding_sweep.figures import plot
+    from pounding_sweep.output.netcdf import check_output, write_cube
+    from pounding_sweep.run.sweep import load_sweep
 
-        if out is not None:
-            check_output(out, overwrite)
-        if figure is not None:
-            check_output(figure, overwrite=True, netcdf=False)
-        loaded = load_sweep(sweep, folders=folders or None)
-        chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps")
-        with progress_display(quiet) as progress:
-            trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
-        if out is not None:
-            write_cube(trade, out, overwrite)
-        files = [] if figure is None else [plot(trade, "work-precision", figure)]
-        if as_json:
-            print_json(report(trade))
-        else:
-            _print_trade(trade)
-            print(*files, *([] if out is None else [out]), sep="\n", end="\n" * bool(files or out))
+    if out is not None:
+        check_output(out, overwrite)
+    if figure is not None:
+        check_output(figure, overwrite=True, netcdf=False)
+    loaded = load_sweep(sweep, folders=folders or None)
+    chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps")
+    with progress_display(quiet) as progress:
+        trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
+    if out is not None:
+        write_cube(trade, out, overwrite)
+    if figure is not None:
+        plot(trade, "work-precision", figure)
+    if as_json:
+        print_json(report(trade))
+    else:
+        _print_trade(trade)
+        files = [str(file) for file in (figure, out) if file is not None]
+        print(*files, sep="\n", end="\n" * bool(files))
 
 
 def _print_trade(trade: xr.Dataset) -> None:
@@ -83,8 +81,8 @@ def _print_trade(trade: xr.Dataset) -> None:
     headings, rows = table_of(trade)
     right = range(3, len(headings) - 1)
     print_table(headings, rows, right)
-    own = trade["reference_error"].sel(population="steady", statistic="worst")
-    limits = ", ".join(f"{own.sel(output=name).item():.1e} ({name})" for name in leading_outputs(trade))
+    reference = trade["reference_error"].sel(population="steady", statistic="worst")
+    limits = ", ".join(f"{reference.sel(output=name).item():.1e} ({name})" for name in leading_outputs(trade))
     print(
         f"\n{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of "
         f"the {sample - sensitive} that are not sensitive.\n"
@@ -128,63 +126,67 @@ def extremes_command(
     quiet: Quiet = False,
 ) -> None:
     """Judge extreme scenarios: crashes, false statuses, errors."""
-    with reporting():
-        from pounding_sweep.accuracy.extremes import run_extremes, stability_map
-        from pounding_sweep.figures import plot
-        from pounding_sweep.output.netcdf import check_output, write_cube
+    from pounding_sweep.accuracy.extremes import run_extremes, stability_map
+    from pounding_sweep.figures import plot
+    from pounding_sweep.output.netcdf import check_output, write_cube
 
+    if map_file is not None:
+        check_output(map_file, overwrite)
+    if plot_file is not None:
+        check_output(plot_file, overwrite=True, netcdf=False)
+    with progress_display(quiet) as progress:
+        report = run_extremes(
+            scenes, seed=seed, laws=law, families=family, precision=precision, workers=workers, progress=progress
+        )
+    if map_file is not None or plot_file is not None:
+        stability = stability_map(*(law or ())[:1])
         if map_file is not None:
-            check_output(map_file, overwrite)
+            write_cube(stability, map_file, overwrite=True)
         if plot_file is not None:
-            check_output(plot_file, overwrite=True, netcdf=False)
-        with progress_display(quiet) as progress:
-            suite = run_extremes(
-                scenes, seed=seed, laws=law, families=family, precision=precision, workers=workers, progress=progress
-            )
-        files = [str(file) for file in (map_file, plot_file) if file is not None]
-        if files:
-            stability = stability_map(*(law or ())[:1])
-            if map_file is not None:
-                write_cube(stability, map_file, overwrite=True)
-            if plot_file is not None:
-                plot(stability, "stability-map", plot_file)
-        if as_json:
-            print_json({**suite.as_dict(), "files": files})
-        else:
-            _print_extremes(suite)
-            print(*files, sep="\n", end="\n" * bool(files))
-        if suite.faults:
-            say(f"failed: {len(suite.faults)} violations; each names its scenario, and --json gives all of them")
-            raise Exit(FAILED)
+            plot(stability, "stability-map", plot_file)
+    files = [str(file) for file in (map_file, plot_file) if file is not None]
+    if as_json:
+        print_json({**report, "files": files})
+    else:
+        _print_extremes(report)
+        print(*files, sep="\n", end="\n" * bool(files))
+    if report["violations"]:
+        say(f"failed: {report['violations']} violations; each names its scenario, and --json gives all of them")
+        raise Exit(FAILED)
 
 
-def _print_extremes(suite: Extremes) -> None:
+def _print_extremes(report: dict[str, Any]) -> None:
     from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS
 
-    labels = [s.label for s in STATUS if any(result.statuses[s.label] for result in suite.results)]
-    tables: dict[tuple[str, ...], list[list[str]]] = {
-        ("scenarios", *(label.replace("_", " ") for label in labels)): [],
-        ("missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"): [],
-    }
-    for result in suite.results:
-        worst = f"{result.worst_error:.1e}", f"{result.worst_created_energy:.1e}"
-        judged = result.missed, result.sensitive, result.unknown, *worst, len(result.violations)
-        counts = (result.scenarios, *map(result.statuses.__getitem__, labels)), (*judged, f"{result.seconds:.2f}")
-        for rows, cells in zip(tables.values(), counts, strict=True):
-            rows.append([result.family, result.method, *map(str, cells)])
-    for headings, rows in tables.items():
+    results = report["results"]
+    labels = [s.label for s in STATUS if any(s.label in result["statuses"] for result in results)]
+    counts = [[r["scenarios"], *(r["statuses"].get(label, 0) for label in labels)] for r in results]
+    judged = [
+        [
+            *(r[name] for name in ("missed", "sensitive", "unknown")),
+            *(f"{r[name]:.1e}" for name in ("worst_error", "worst_created_energy")),
+            len(r["violations"]),
+            f"{r['seconds']:.2f}",
+        ]
+        for r in results
+    ]
+    for headings, table in (
+        (["scenarios", *(label.replace("_", " ") for label in labels)], counts),
+        (["missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"], judged),
+    ):
+        rows = [[r["family"], r["method"], *map(str, cells)] for r, cells in zip(results, table, strict=True)]
         print_table(["family", "scheme", *headings], rows, right=range(2, len(headings) + 2))
         print()
-    for fault in suite.faults[:SHOWN]:
+    for fault in [fault for result in results for fault in result["violations"]][:SHOWN]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
         print(
             "{family} ({case}), {law}, {method} {precision}, dt {dt:g} s, k {stiffness:.4g}, e {restitution:.4g}, "
             "gaps {where} m, scale {scale:.4g}: {fault}".format(**fault, where=gaps)
         )
     print(
-        f"{sum(result.scenarios for result in suite.results)} scenarios of {len(suite.laws)} laws in "
-        f"{seconds_text(suite.seconds)}, references included; "
-        f"{seconds_text(suite.compile_seconds)} until the kernels were ready. {len(suite.faults)} violations.\n"
+        f"{sum(result['scenarios'] for result in results)} scenarios of {len(report['laws'])} laws in "
+        f"{seconds_text(report['seconds'])}, references included; "
+        f"{seconds_text(report['compile_seconds'])} until the kernels were ready. {report['violations']} violations.\n"
         f"missed: ok, but a peak force, penetration or displacement is off by more than {OK_CLAIM:g}.\n"
         f"sensitive: those of them in which inputs changed by {CHANGE:g} change a peak by more than {OK_CLAIM:g}.\n"
         "worst error: of ok scenarios, but the sensitive ones and those that half the step gives away "
@@ -221,52 +223,49 @@ def laws_command(
     as_json: AsJson = False,
 ) -> None:
     """List the contact laws, say what restitution they really give, or check one, such as one of your own."""
-    with reporting():
-        from pounding_sweep.accuracy.certificate import RESTITUTIONS
-        from pounding_sweep.model.laws import LAWS
-        from pounding_sweep.model.rebound import RELATIONS
-
-        if nominal is not None and not (restitution or check):
-            raise InputError(
-                f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it"
-            )
-        values = RESTITUTIONS if nominal is None else numbers_of(nominal, "--e")
-        if check is not None:
-            _check_law(check, values, as_json)
-            return
-        if restitution:
-            _print_certificate(values, as_json)
-            return
-        rows = [[str(getattr(law, name) or "") for name, _, _ in _LAW_COLUMNS] for law in LAWS.values()]
-        if as_json:
-            keys = [key for _, _, key in _LAW_COLUMNS]
-            laws = [dict(zip(keys, row, strict=True)) for row in rows]
-            print_json([law | {"relation": law["relation"] and RELATIONS[law["relation"]].text} for law in laws])
-            return
-        shown = [(i, heading) for i, (_, heading, _) in enumerate(_LAW_COLUMNS) if heading]
-        print_table([heading for _, heading in shown], [[row[i] or "-" for i, _ in shown] for row in rows])
-        print("\nd: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
-        print("paper: model number in Mate, Bakre & Jaiswal (2015). Laws of your own: FILE.py:NAME, see --check.")
+    if nominal is not None and not (restitution or check):
+        raise InputError(f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it")
+    values = None if nominal is None else numbers_of(nominal, "--e")
+    if check is not None:
+        _check_law(check, values, as_json)
+    elif restitution:
+        _print_certificate(values, as_json)
+    else:
+        _print_laws(as_json)
 
 
-def _print_certificate(nominal: list[float] | tuple[float, ...], as_json: bool) -> None:
+def _print_laws(as_json: bool) -> None:
+    from pounding_sweep.model.laws import LAWS
+    from pounding_sweep.model.rebound import RELATIONS
+
+    columns = [column for column in _LAW_COLUMNS if as_json or column[1]]
+    rows = [[str(getattr(law, name) or "") for name, _, _ in columns] for law in LAWS.values()]
+    if as_json:
+        laws = [dict(zip([key for _, _, key in columns], row, strict=True)) for row in rows]
+        print_json([law | {"relation": law["relation"] and RELATIONS[law["relation"]].text} for law in laws])
+        return
+    print_table([heading for _, heading, _ in columns], [[cell or "-" for cell in row] for row in rows])
+    print("\nd: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
+    print("paper: model number in Mate, Bakre & Jaiswal (2015). Laws of your own: FILE.py:NAME, see --check.")
+
+
+def _print_certificate(nominal: Sequence[float] | None, as_json: bool) -> None:
     """Measure and print the restitution of every law."""
-    from pounding_sweep.accuracy.certificate import certify, deviation
+    from pounding_sweep.accuracy.certificate import RESTITUTIONS, certify, deviation
     from pounding_sweep.model.laws import get_law
 
     with progress_display() as progress:
-        table = certify(nominal, progress=progress)
+        table = certify(nominal or RESTITUTIONS, progress=progress)
     off = deviation(table)
     worst = off.isel(off.argmax(...))
     place = {name: worst[name].item() for name in ("law", "basis", "restitution")}
-    summary, rows = {name: table.attrs[name] for name in ("method", "steps_per_contact")}, _rows(table)
+    settings, rows = {name: table.attrs[name] for name in ("method", "steps_per_contact")}, _rows(table)
     if as_json:
-        print_json({**summary, "largest_deviation": {"value": worst.item(), **place}, "rows": rows})
+        print_json({**settings, "largest_deviation": {"value": worst.item(), **place}, "rows": rows})
         return
+    by_basis = [[row for row in rows if row["basis"] == basis] for basis in table.basis.values]
     lines = []
-    for published, realised in zip(
-        *([row for row in rows if row["basis"] == b] for b in table.basis.values), strict=True
-    ):
+    for published, realised in zip(*by_basis, strict=True):
         takes = get_law(published["law"]).takes_restitution
         if takes or published["restitution"] == table.restitution[0]:
             cells = _cells(published, damping_number=".6g", measured=".7f", analytic=".7f")
@@ -278,60 +277,56 @@ def _print_certificate(nominal: list[float] | tuple[float, ...], as_json: bool) 
         "\nTwo free masses, e = velocity of parting over velocity of approach, measured through the kernels.\n"
         "damping: the law's damping number by its published formula, and with restitution_basis = 'realised'.\n"
         f"Largest |measured - closed form|: {worst.item():.1e} ({place['law']}, {place['basis']}, "
-        f"e = {place['restitution']:g}), {summary['method']}, {summary['steps_per_contact']} steps per contact."
+        f"e = {place['restitution']:g}), {settings['method']}, {settings['steps_per_contact']} steps per contact."
     )
 
 
-def _check_law(name: str, nominal: list[float] | tuple[float, ...], as_json: bool) -> None:
+def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> None:
     """Check one law and print the result; exit with a failure where it is not what its formulas say."""
+    from pounding_sweep.accuracy.certificate import RESTITUTIONS
     from pounding_sweep.accuracy.law_check import check_law
     from pounding_sweep.model.laws import find_law
 
     law = find_law(name)
     say_laws([law] if law.source else [])
     with progress_display() as progress:
-        check = check_law(law, nominal, progress=progress)
+        check = check_law(law, nominal or RESTITUTIONS, progress=progress)
     about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
+    rows, faults = _rows(check.certificate), check.faults
     if as_json:
-        rest = {name: getattr(check, name) for name in ("twin", "impacts", "faults")}
-        print_json({"law": about, "rows": _rows(check.certificate, "solved"), **rest})
+        print_json({"law": about, "rows": rows, "twin": check.twin, "impacts": check.impacts, "faults": faults})
     else:
         print_pairs([(name, str(value)) for name, value in about.items() if value not in ("", None, False)])
-        _print_law_check(check)
-    if check.faults:
+        print()
+        forms = {"damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}
+        lines = [
+            [row["basis"], f"{row['restitution']:g}", *_cells(row, **forms)]
+            for row in rows
+            if row["measured"] is not None
+        ]
+        headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
+        print_table(headings, lines, right=range(1, len(headings)))
+        worst = max(check.twin, key=check.twin.__getitem__)
+        print(
+            "\nTwo free masses, e = velocity of parting over velocity of approach: by the kernels, by an independent\n"
+            "solver of the formulas (DOP853), and by the closed form.\n"
+            f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst})."
+        )
+        for fault in faults:
+            print(f"fault: {fault}")
+        if not faults:
+            print("All agree: the kernels do what the formulas say.")
+    if faults:
         raise Exit(FAILED)
-
-
-def _print_law_check(check: LawCheck) -> None:
-    print()
-    headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
-    forms = {"damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}
-    lines = [
-        [row["basis"], f"{row['restitution']:g}", *_cells(row, **forms)]
-        for row in _rows(check.certificate, "solved")
-        if row["measured"] is not None
-    ]
-    print_table(headings, lines, right=range(1, len(headings)))
-    worst = max(check.twin, key=lambda name: check.twin[name])
-    print(
-        "\nTwo free masses, e = velocity of parting over velocity of approach: by the kernels, by an independent\n"
-        "solver of the formulas (DOP853), and by the closed form.\n"
-        f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst})."
-    )
-    for fault in check.faults:
-        print(f"fault: {fault}")
-    if not check.faults:
-        print("All agree: the kernels do what the formulas say.")
 
 
 def _cells(row: dict[str, Any], **forms: str) -> list[str]:
     return ["-" if row[name] is None else format(row[name] + 0.0, form) for name, form in forms.items()]
 
 
-def _rows(table: xr.Dataset, *more: str) -> list[dict[str, Any]]:
+def _rows(table: xr.Dataset) -> list[dict[str, Any]]:
     """One row per law, basis and nominal restitution; None where the law is not valid there."""
-    columns = table[["damping_number", "measured", "analytic", *more]]
-    rows = columns.to_dataframe(["law", "basis", "restitution"]).reset_index().to_dict("records")
+    rows = table.to_dataframe(["law", "basis", "restitution"]).reset_index().to_dict("records")
     return [{name: finite(value) for name, value in row.items()} for row in rows]
 
 
@@ -341,23 +336,22 @@ def doctor_command(
     as_json: AsJson = False,
 ) -> None:
     """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""
-    with reporting():
-        from pounding_sweep.run.diagnosis import diagnose
+    from pounding_sweep.run.diagnosis import diagnose
 
-        state = diagnose()
+    state = diagnose()
+    if not as_json:
+        _print_state(state)
+    if not no_check:
+        from pounding_sweep.accuracy.self_check import self_check
+
+        state["self_check"] = self_check()
         if not as_json:
-            _print_state(state)
-        if not no_check:
-            from pounding_sweep.accuracy.self_check import self_check
-
-            state["self_check"] = self_check()
-            if not as_json:
-                _print_state({"self_check": state["self_check"]})
-        if as_json:
-            print_json(state)
-        if not no_check and not state["self_check"]["passed"]:
-            say("failed: this installation does not compute the stored values; install it again, or report this")
-            raise Exit(FAILED)
+            _print_state({"self_check": state["self_check"]})
+    if as_json:
+        print_json(state)
+    if not no_check and not state["self_check"]["passed"]:
+        say("failed: this installation does not compute the stored values; install it again, or report this")
+        raise Exit(FAILED)
 
 
 def _print_state(state: dict[str, Any]) -> None:

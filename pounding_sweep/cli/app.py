@@ -37,24 +37,28 @@ INTERRUPTS: dict[signal.Signals, Any] = {
 }
 
 
+#: Warnings of the command that runs, as they were printed.
+WARNINGS: list[str] = []
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    if (text := str(message)) not in WARNINGS:
+        WARNINGS.append(text)
+        say(f"warning: {text}")
+
+
 @contextmanager
 def reporting(out: Path | None = None) -> Iterator[list[str]]:
-    """Turn errors into one message and an exit code; gives the list of warnings said so far."""
+    """Turn errors into one message and an exit code; gives `WARNINGS`."""
     # `out` is the cube of a run, whose finished chunks outlast an interruption
     from pounding_sweep.base.errors import ClusterError, PoundingSweepError, RunError, WriteError
 
-    said: list[str] = []
+    WARNINGS.clear()
     before = _written_at(out) if out else None
-
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        if (text := str(message)) not in said:
-            said.append(text)
-            say(f"warning: {text}")
-
     with warnings.catch_warnings(), _ended_by_interrupts():
-        warnings.showwarning = show
+        warnings.showwarning = _show_warning
         try:
-            yield said
+            yield WARNINGS
             sys.stdout.flush()
             return
         except (typer.Exit, BrokenPipeError):
@@ -283,8 +287,9 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
         @functools.wraps(function)
         def call(**values: Any) -> None:
             for key, kind in sets.items():
-                values[key] = kind(**{each.name: values.pop(each.name) for each in fields(kind)})
-            function(**values)
+                values[key] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+            with reporting():
+                function(**values)
 
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         return app.command(name, **settings)(call)

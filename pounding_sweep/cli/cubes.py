@@ -22,7 +22,6 @@ from pounding_sweep.cli.app import (
     axis_values,
     command,
     option,
-    reporting,
     say,
 )
 
@@ -43,29 +42,28 @@ def info_command(
     as_json: AsJson = False,
 ) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
-    with reporting():
-        from pounding_sweep.output.describe import about, describe
-        from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.resume import MANIFEST, parts_folder, survey
+    from pounding_sweep.output.describe import about, describe
+    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.resume import MANIFEST, parts_folder, survey
 
-        parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
-        alone = os.path.isdir(parts) and not os.path.isfile(cube)
-        content, unfinished = None, survey(parts) if alone else None
-        if not alone:
-            with open_cube(cube) as dataset:
-                content = about(dataset) if as_json else describe(dataset)
-            if os.path.exists(parts / MANIFEST):
-                try:
-                    unfinished = survey(parts)
-                except OutputError as error:
-                    say(f"warning: {error}")
-        if as_json:
-            rest = unfinished and asdict(unfinished) | {"folder": str(unfinished.folder)}
-            print_json({"cube": content, "unfinished": rest})
-        elif content is not None:
-            print(content, *([] if unfinished is None else [_sidecar(unfinished)]), sep="\n\n")
-        elif unfinished is not None:
-            _print_unfinished(unfinished)
+    parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
+    alone = os.path.isdir(parts) and not os.path.isfile(cube)
+    content, unfinished = None, survey(parts) if alone else None
+    if not alone:
+        with open_cube(cube) as dataset:
+            content = about(dataset) if as_json else describe(dataset)
+        if os.path.exists(parts / MANIFEST):
+            try:
+                unfinished = survey(parts)
+            except OutputError as error:
+                say(f"warning: {error}")
+    if as_json:
+        rest = unfinished and asdict(unfinished) | {"folder": str(unfinished.folder)}
+        print_json({"cube": content, "unfinished": rest})
+    elif content is not None:
+        print(content, *([] if unfinished is None else [_sidecar(unfinished)]), sep="\n\n")
+    elif unfinished is not None:
+        _print_unfinished(unfinished)
 
 
 def _sidecar(survey: Survey) -> str:
@@ -115,25 +113,24 @@ def plot_command(
     only_list: Annotated[bool, Option("--list", help="List the figures, and what of them CUBE.nc allows.")] = False,
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
-    with reporting():
-        from pounding_sweep.figures import FIGURES, SOURCES, plot
-        from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.figures import FIGURES, SOURCES, plot
+    from pounding_sweep.output.netcdf import open_cube
 
-        if cube is None:
-            if not only_list:
-                raise InputError("a file is missing; give CUBE.nc FIGURE -o FILE, or --list for the figures there are")
-            rows = [[figure.key, figure.title, SOURCES[figure.source]] for figure in FIGURES.values()]
-            print_table(["figure", "shows", "drawn from"], rows)
-            return
-        with open_cube(cube) as dataset:
-            chosen = _select(dataset, axis_values(at or []), kind)
-            if only_list or kind is None:
-                _print_figures(chosen)
-            elif out is None:
-                raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
-            else:
-                settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-                print(plot(chosen, kind, out, contours=contours or None, **settings))
+    if cube is None:
+        if not only_list:
+            raise InputError("a file is missing; give CUBE.nc FIGURE -o FILE, or --list for the figures there are")
+        rows = [[figure.key, figure.title, SOURCES[figure.source]] for figure in FIGURES.values()]
+        print_table(["figure", "shows", "drawn from"], rows)
+        return
+    with open_cube(cube) as dataset:
+        chosen = _select(dataset, axis_values(at or []), kind)
+        if only_list or kind is None:
+            _print_figures(chosen)
+        elif out is None:
+            raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
+        else:
+            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
+            print(plot(chosen, kind, out, contours=contours or None, **settings))
 
 
 def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) -> xr.Dataset:
@@ -202,44 +199,41 @@ def export_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
-    with reporting():
-        from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
-        from pounding_sweep.analysis.rebuild import with_intensities
-        from pounding_sweep.output.export import export_tables
-        from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.output.select import select
+    from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
+    from pounding_sweep.analysis.rebuild import with_intensities
+    from pounding_sweep.output.export import export_tables
+    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.output.select import select
 
-        fragility = out.suffix.lower() == ".xml"
-        of_cube = not fragility and pelicun is None
-        for flag, value, fits, output in (
-            ("--limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
-            ("--intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
-            ("--records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
-            ("--var", names, of_cube, "tables of the cube itself; give -o FILE.csv"),
-            ("--table", table, of_cube, "tables of the cube itself; give -o FILE.csv"),
-        ):
-            if value and not fits:
-                raise InputError(f"{flag} is for {output}, or leave it out")
-        if fragility and len(intensities or ()) > 1:
-            raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
-        with open_cube(cube) as dataset:
-            part = select(dataset, axis_values(at or []))
-            if pelicun is not None:
-                samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
-                say(f"{samples} samples of building {pelicun}")
-                print(out)
-            elif fragility:
-                states = dict(map(_limit_state, limit_states or ["touch=touch"]))
-                measure = next(iter(intensities or ()), None)
-                skipped = export_nrml(
-                    part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None
-                )
-                for name, why in skipped.items():
-                    say(f"warning: {name} is left out: {why}")
-                print(out)
-            else:
-                part = with_intensities(part, intensities or (), folders=folders or None)
-                print(*export_tables(part, out, names or (), overwrite=overwrite, table=table), sep="\n")
+    fragility = out.suffix.lower() == ".xml"
+    of_cube = not fragility and pelicun is None
+    for flag, value, fits, output in (
+        ("--limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
+        ("--intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+        ("--records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+        ("--var", names, of_cube, "tables of the cube itself; give -o FILE.csv"),
+        ("--table", table, of_cube, "tables of the cube itself; give -o FILE.csv"),
+    ):
+        if value and not fits:
+            raise InputError(f"{flag} is for {output}, or leave it out")
+    if fragility and len(intensities or ()) > 1:
+        raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
+    with open_cube(cube) as dataset:
+        part = select(dataset, axis_values(at or []))
+        if pelicun is not None:
+            samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
+            say(f"{samples} samples of building {pelicun}")
+            print(out)
+        elif fragility:
+            states = dict(map(_limit_state, limit_states or ["touch=touch"]))
+            measure = next(iter(intensities or ()), None)
+            skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None)
+            for name, why in skipped.items():
+                say(f"warning: {name} is left out: {why}")
+            print(out)
+        else:
+            part = with_intensities(part, intensities or (), folders=folders or None)
+            print(*export_tables(part, out, names or (), overwrite=overwrite, table=table), sep="\n")
 
 
 def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
@@ -277,19 +271,18 @@ def merge_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""
-    with reporting():
-        from pounding_sweep.output.merge import TOLERANCE, merge_cubes
+    from pounding_sweep.output.merge import TOLERANCE, merge_cubes
 
-        limit = TOLERANCE if tolerance is None else tolerance
-        merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=limit, mix_sources=mix_sources)
-        rows = [
-            ("cubes", f"{len(cubes)}"),
-            ("scenarios", f"{merged.scenarios}, {merged.overlapping} of them in several cubes"),
-        ]
-        if merged.missing:
-            more = ", ..." if merged.missing > len(merged.named) else ""
-            rows.append(("missing", f"{merged.missing} (status not_run): {', '.join(merged.named)}{more}"))
-        if merged.sources > 1:
-            rows.append(("sources", f"{merged.sources}, by source, numba, llvmlite and numpy (see merged_from)"))
-        print_pairs(rows)
-        print(merged.path)
+    limit = TOLERANCE if tolerance is None else tolerance
+    merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=limit, mix_sources=mix_sources)
+    rows = [
+        ("cubes", f"{len(cubes)}"),
+        ("scenarios", f"{merged.scenarios}, {merged.overlapping} of them in several cubes"),
+    ]
+    if merged.missing:
+        more = ", ..." if merged.missing > len(merged.named) else ""
+        rows.append(("missing", f"{merged.missing} (status not_run): {', '.join(merged.named)}{more}"))
+    if merged.sources > 1:
+        rows.append(("sources", f"{merged.sources}, by source, numba, llvmlite and numpy (see merged_from)"))
+    print_pairs(rows)
+    print(merged.path)

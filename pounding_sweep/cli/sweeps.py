@@ -11,6 +11,7 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli.app import (
     FAILED,
+    WARNINGS,
     AsJson,
     Overwrite,
     Quiet,
@@ -44,33 +45,32 @@ def init_command(
     as_json: AsJson = False,
 ) -> None:
     """Write a commented sweep file to begin with, or list the examples."""
-    with reporting():
-        from pounding_sweep.output.netcdf import check_output
-        from pounding_sweep.spec.toml import example_files, example_title, examples
+    from pounding_sweep.output.netcdf import check_output
+    from pounding_sweep.spec.toml import example_files, example_title, examples
 
-        if only_list:
-            titles = {name: example_title(name) for name in examples()}
-            if as_json:
-                print_json(titles)
-            else:
-                print_table(["example", "shows"], [list(item) for item in titles.items()])
-            return
-        if example is None:
-            example = out.stem if out is not None and out.stem in examples() else "quickstart"
-        if example not in examples():
-            raise InputError(unknown("example", example, examples()))
-        target = out or Path(f"{example}.toml")
-        text = examples()[example].read_text(encoding="utf-8").replace(f"sweeps/{example}.toml", str(target))
-        files = {target: text} | {target.parent / file.name: file.read_text("utf-8") for file in example_files(example)}
-        for path in files:
-            check_output(path, overwrite, netcdf=False)
-        for path, content in files.items():
-            path.write_text(content, encoding="utf-8")
+    if only_list:
+        titles = {name: example_title(name) for name in examples()}
         if as_json:
-            print_json({"example": example, "files": [str(path) for path in files]})
-            return
-        say(f"wrote the example {example!r}: {example_title(example)}; now: pounding-sweep run {target}")
-        print(*files, sep="\n")
+            print_json(titles)
+        else:
+            print_table(["example", "shows"], [list(item) for item in titles.items()])
+        return
+    if example is None:
+        example = out.stem if out is not None and out.stem in examples() else "quickstart"
+    if example not in examples():
+        raise InputError(unknown("example", example, examples()))
+    target = out or Path(f"{example}.toml")
+    text = examples()[example].read_text(encoding="utf-8").replace(f"sweeps/{example}.toml", str(target))
+    files = {target: text} | {target.parent / file.name: file.read_text("utf-8") for file in example_files(example)}
+    for path in files:
+        check_output(path, overwrite, netcdf=False)
+    for path, content in files.items():
+        path.write_text(content, encoding="utf-8")
+    if as_json:
+        print_json({"example": example, "files": [str(path) for path in files]})
+        return
+    say(f"wrote the example {example!r}: {example_title(example)}; now: pounding-sweep run {target}")
+    print(*files, sep="\n")
 
 
 @command("run")
@@ -91,8 +91,7 @@ def run_command(
 ) -> None:
     """Run a sweep, write its cube and print a summary."""
     named, out = out is not None, out or Path(f"{options.sweep.stem}.nc")
-    with reporting(out) as warnings:
-        from pounding_sweep.output.describe import summarize
+    with reporting(out):
         from pounding_sweep.output.netcdf import check_output
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
@@ -101,32 +100,12 @@ def run_command(
             say(f"the cube is written to {out}; -o names another file")
         with progress_display(quiet) as progress:
             sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend)
-        outcome, asked = sweep.last_outcome, sweep.spec.n_scenarios
-        assert outcome is not None
-        seconds = outcome.run_seconds
-        report = {
-            **_description(sweep),
-            "scenarios": {
-                "asked": asked,
-                "run": outcome.run,
-                "reused": outcome.reused,
-                "never_touching": outcome.untouched,
-                "broadcast": asked - len(outcome.results.status),
-            },
-            "scenarios_per_second": outcome.run / seconds if outcome.run and seconds > 0 else None,
-            "run_seconds": seconds,
-            "compile_seconds": outcome.compile_seconds,
-            "kernels_compiled": outcome.compiled,
-            "failures": outcome.failures,
-            **summarize(out),
-            "warnings": warnings,
-            "cube": str(out),
-        }
+        report = _report(sweep, out)
         if as_json:
             print_json(report)
         else:
             _print_run(report)
-        if outcome.failures:
+        if report["failures"]:
             from pounding_sweep.resume import parts_folder
 
             say(
@@ -136,35 +115,60 @@ def run_command(
             raise Exit(FAILED)
 
 
+def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
+    """Return what a run did, for JSON."""
+    from pounding_sweep.output.describe import summarize
+
+    outcome, asked = sweep.last_outcome, sweep.spec.n_scenarios
+    assert outcome is not None
+    return {
+        **_description(sweep),
+        "scenarios": {
+            "asked": asked,
+            "run": outcome.run,
+            "reused": outcome.reused,
+            "never_touching": outcome.untouched,
+            "broadcast": asked - len(outcome.results.status),
+        },
+        "scenarios_per_second": outcome.run / outcome.run_seconds if outcome.run and outcome.run_seconds > 0 else None,
+        "run_seconds": outcome.run_seconds,
+        "compile_seconds": outcome.compile_seconds,
+        "kernels_compiled": outcome.compiled,
+        "failures": outcome.failures,
+        **summarize(out),
+        "warnings": WARNINGS,
+        "cube": str(out),
+    }
+
+
 @command("plan")
 def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
     """Show what a sweep would run and at what cost, without running it."""
-    with reporting() as warnings:
-        from pounding_sweep.engine.compile import still_to_compile
-        from pounding_sweep.run.execute import check_scheduler
+    from pounding_sweep.engine.compile import still_to_compile
+    from pounding_sweep.run.execute import check_scheduler
 
-        workers = check_scheduler("threads", options.workers)
-        sweep = options.load()
-        plan = sweep.plan()
-        kernels, seconds = still_to_compile(plan.shapes())
-        summary = plan.summary(workers)
-        report = {
-            **summary,
-            "workers": workers,
-            "sweep_sha256": plan.digest,
-            "kernels_to_compile": kernels,
-            "compile_seconds": seconds,
-            "total_seconds": summary["seconds"] + seconds / workers,
-            "largest_stable_step": float(plan.limit[plan.refused].min()) if plan.refused.any() else None,
-            "warnings": warnings,
-            **_description(sweep),
-        }
-        if as_json:
-            print_json(report)
-            return
-        print(printable(str(sweep.spec.title or options.sweep)))
-        _print_description(report)
-        print_pairs(plan.rows(report))
+    workers = check_scheduler("threads", options.workers)
+    sweep = options.load()
+    plan = sweep.plan()
+    kernels, seconds = still_to_compile(plan.shapes())
+    summary = plan.summary(workers)
+    report = {
+        **summary,
+        "workers": workers,
+        "sweep_sha256": plan.digest,
+        "kernels_to_compile": kernels,
+        "compile_seconds": seconds,
+        "total_seconds": summary["seconds"] + seconds / workers,
+        "largest_stable_step": float(plan.limit[plan.refused].min()) if plan.refused.any() else None,
+        "warnings": WARNINGS,
+        **_description(sweep),
+    }
+    if as_json:
+        print_json(report)
+        return
+    print(printable(str(sweep.spec.title or options.sweep)))
+    _print_description(report)
+    print_pairs(plan.rows(report))
 
 
 def _description(sweep: Sweep) -> dict[str, Any]:
@@ -234,12 +238,11 @@ def simulate_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
-    with reporting():
-        from pounding_sweep.output.netcdf import check_output, write_cube
+    from pounding_sweep.output.netcdf import check_output, write_cube
 
-        check_output(out, overwrite)
-        write_cube(_simulate(options), out, overwrite)
-        print(out)
+    check_output(out, overwrite)
+    write_cube(_simulate(options), out, overwrite)
+    print(out)
 
 
 @command("animate")
@@ -262,13 +265,12 @@ def animate_command(
     ] = None,
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
-    with reporting():
-        from pounding_sweep.figures.gallery.scenario import animate, check_movie
-        from pounding_sweep.output.netcdf import check_output
+    from pounding_sweep.figures.gallery.scenario import animate, check_movie
+    from pounding_sweep.output.netcdf import check_output
 
-        check_output(out, overwrite=True, netcdf=False)
-        check_movie(out, frames, speed)
-        print(animate(_simulate(options), out, start=start, end=end, frames=frames, speed=speed))
+    check_output(out, overwrite=True, netcdf=False)
+    check_movie(out, frames, speed)
+    print(animate(_simulate(options), out, start=start, end=end, frames=frames, speed=speed))
 
 
 def _simulate(options: ScenarioOptions) -> xr.Dataset:
