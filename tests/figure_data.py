@@ -21,7 +21,7 @@ from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.outputs.variables import VARIABLES, inner_shape
 from pounding_sweep.records import pulse_record, records_dataset
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import scene_data, to_json
+from pounding_sweep.spec.spec import json_data, to_json
 
 LAWS = ("linear", "kelvin_voigt", "none")
 
@@ -125,7 +125,7 @@ def histories(left_wall=False, right_wall=False, touch=True, **more):
         "plastic_drift": (of_storeys, np.where(np.isnan(drift), np.nan, plastic), {"units": "m"}),
         "storey_shear": (of_storeys, 1e4 * (drift - 0.9 * plastic), {"units": "kN"}),
     }
-    about = {"title": "by hand", "scene": json.dumps(scene_data(row))}
+    about = {"title": "by hand", "scene": json.dumps(json_data(row))}
     base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, about)
     coords = {"time": ("time", time, {"units": "s"}), "pair_gap": ("pair", list(row.gaps), {"units": "m"})}
     return base.assign_coords(coords).assign(arrays)

@@ -22,7 +22,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.spec import scene_data, scene_of
+from pounding_sweep.spec.spec import json_data, scene_of
 
 
 def cases(runs, slow=lambda *_: False):
@@ -161,7 +161,7 @@ def toml(value):
 @pytest.mark.parametrize("name", [*KINDS, "smooth"])
 def test_a_row_comes_back_from_files(name, tmp_path):
     scene = KINDS[name].scene if name in KINDS else INVARIANT[name][0]
-    data = json.loads(json.dumps(scene_data(scene), allow_nan=False))
+    data = json.loads(json.dumps(json_data(scene), allow_nan=False))
     again = [scene_of(data)]
     if not scene.bumpers:  # whose laws a sweep file names, and a pickle can't hold
         path, laws = tmp_path / "sweep.toml", '[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'

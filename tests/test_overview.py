@@ -62,7 +62,7 @@ def test_a_file_may_hold_anything(stored):
 
 
 def test_the_row_of_one_scenario_is_told():
-    from pounding_sweep.spec.spec import scene_data
+    from pounding_sweep.spec.spec import json_data
 
     scene = row(storeys={"right-moat": [1]}, tolerance=2e-3)
-    assert overview_of({"scene": json.dumps(scene_data(scene))}) == overview(scene)
+    assert overview_of({"scene": json.dumps(json_data(scene))}) == overview(scene)

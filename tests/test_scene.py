@@ -15,7 +15,7 @@ from pounding_sweep.base.errors import LawError, SceneError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law, hertz_stiffness
 from pounding_sweep.model.presets import PRESETS, get_preset
 from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Link, Scene, Wall
-from pounding_sweep.spec.spec import scene_data
+from pounding_sweep.spec.spec import json_data
 
 NAN = float("nan")
 INF = float("inf")
@@ -137,7 +137,7 @@ def test_arrays_are_taken_as_lists_are(make, given):
     want, got = make(given), make(np.array(given))
     assert got == want
     assert hash(got) == hash(want)
-    assert json.dumps(scene_data(got)) == json.dumps(scene_data(want))
+    assert json.dumps(json_data(got)) == json.dumps(json_data(want))
 
 
 @pytest.mark.parametrize("number", [np.float32(0.05), np.float64(0.05), 0])

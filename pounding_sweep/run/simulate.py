@@ -24,7 +24,7 @@ from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import scene_data
+from pounding_sweep.spec.spec import json_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -183,7 +183,7 @@ def simulate(
         "time_step": step,
         "located": spec.locate,
         "unit_system": "kN, t, m, s",
-        "scene": json.dumps(scene_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
+        "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
     }
     if accuracy is not None:
         attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}

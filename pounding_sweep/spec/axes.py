@@ -379,17 +379,19 @@ class PropertyAxis:
         return "damping_ratios" if self.building is None else f"building.{self.building}.{self.kind}"
 
 
-def axes_of(told: Mapping[str, Any]) -> AxisValues:
+def _as_tuples(value: Any) -> Any:
+    """Return lists of JSON, at any depth, as tuples."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+
+
+def axes_of(data: Mapping[str, Any]) -> AxisValues:
     """Return the axes of a sweep that JSON describes."""
-    given: dict[str, Any] = {
-        name: tuple((building, tuple(values)) for building, values in told.get(name, ()))
-        if axis.by_building
-        else tuple(told[name])
-        if told.get(name) is not None
-        else None
-        for name, axis in AXES.items()
-    }
-    return AxisValues(**given)
+    return AxisValues(**{name: _as_tuples(data[name]) for name in AXES if name in data})
+
+
+def case_of(data: Mapping[str, Any]) -> Case:
+    """Return a listed case that JSON describes."""
+    return Case(**{name: _as_tuples(value) for name, value in data.items()})
 
 
 def plain_name(text: str, taken: Collection[str]) -> str:
@@ -457,10 +459,3 @@ class Case:
             if axis.column == column and value is not None:  # the first has a default
                 found = axis, value
         return found
-
-
-def case_of(told: Mapping[str, Any]) -> Case:
-    """Return a listed case that JSON describes."""
-    factors = {key: tuple((name, factor) for name, factor in told.get(key, ())) for key in FACTOR_KINDS}
-    gap = told.get("gap")
-    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

@@ -1,7 +1,6 @@
-"""From what a user gave to the sweep's description: arguments in Python or in a file, and what they need of each other.
+"""From a user's arguments, in Python or of a file, to a `SweepSpec`, or to one error that lists every fault.
 
-`build_spec` turns them into a `SweepSpec` or into one error that lists every fault. Nothing is run and nothing of the
-sweep's size is allocated here.
+Nothing is run here, and nothing of the sweep's size is allocated.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ import os
 import textwrap
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, create_model
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter, create_model
 
 from pounding_sweep.base.errors import (
     Fault,
@@ -44,7 +43,6 @@ from pounding_sweep.model.faults import (
     listed,
     number,
     one_of,
-    one_or_several,
     spell,
     valid_part,
 )
@@ -65,7 +63,7 @@ from pounding_sweep.records import (
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
-from pounding_sweep.spec.design import RECORD, Design, DesignTable, named_inputs, product_cases
+from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -89,52 +87,6 @@ def _check_title(value: str) -> str:
     if fault := label_fault(value, LONGEST_TITLE):
         raise InputError(f"{shown(value)} {fault}; give one line")
     return value
-
-
-def _check_outputs(value: Any) -> tuple[str, ...]:
-    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs, get_variable
-
-    if value is None or (isinstance(value, str) and value == "default"):
-        return check_outputs(DEFAULT_OUTPUTS)
-    if isinstance(value, str) and value == "all":
-        return tuple(VARIABLES)
-    return check_outputs(
-        read_each(value, get_variable, "variables, 'default' or 'all'", (str,), key=lambda each: each.name)
-    )
-
-
-def read_each(
-    value: Any,
-    read: Callable[[Any], Any],
-    what: str,
-    single: tuple[type, ...] = (),
-    *,
-    key: Callable[[Any], Any] = lambda item: item,
-    found: dict[Any, tuple[int, Any]] | None = None,
-    remedy: str = "give it once",
-) -> dict[Any, tuple[int, Any]]:
-    """Read a `single` item or each of a list of them, which makes one thing or several; no two have the same key.
-
-    Returns them by it, with the index of their item. A fault has its index; after many the rest is not looked at.
-    """
-    found = {} if found is None else found
-    items = listed(value, single)
-    if not items:
-        raise InputError(f"must be one or several of {what}, not {shown(value)}")
-    with Faults() as faults:
-        for index, item in enumerate(items):
-            if len(faults.entries) >= _MOST_FAULTS:
-                faults.add((), f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault")
-                break
-            place: Place = () if isinstance(value, single) else (index,)
-            result = faults.attempt(place, read, item)
-            for each in result if isinstance(result, list) else () if result is None else (result,):
-                name = key(each)
-                if name in found:
-                    faults.add(place, f"{shown(name)} repeats value [{found[name][0]}]; {remedy}")
-                else:
-                    found[name] = index, each
-    return found
 
 
 class _Settings(Table):
@@ -162,43 +114,33 @@ class _Settings(Table):
     force_unstable: Flag = key("true or false", False)
     beta: Number | None = number("a number", None, ge=0.0, le=0.5)
     gamma: Number | None = number("a number", None, ge=0.5, le=1.0)
-    outputs: Annotated[Any, AfterValidator(_check_outputs)] = Field(
-        "default", validate_default=True, description="a name or a list of names"
-    )
+    outputs: Any = key("a name or a list of names", "default")
 
 
+_KINDS = f"tables building.NAME of {', '.join(FACTOR_KINDS.values())}"
 #: Values by name of the building; a `Case` has them as pairs.
 _FACTORS = Annotated[dict[str, Any], BeforeValidator(lambda value: dict(value) if isinstance(value, tuple) else value)]
-_BY_BUILDING: Any = _FACTORS | None, key('a table by name of the building, such as {"left": 1.2}', None)
-_KINDS = ", ".join(FACTOR_KINDS.values())
-_BUILDINGS: Any = dict[str, dict[str, Any]] | None, key(f"tables building.NAME of {_KINDS}", None)
-_AXIS: Any = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
-_AXES: dict[str, Any] = {name: _BY_BUILDING if axis.by_building else _AXIS for name, axis in AXES.items()}
-#: All arguments: what each takes, and its default.
-Arguments = create_model("Arguments", __base__=_Settings, **_AXES, building=_BUILDINGS)
-_GAP = Annotated[Number, number("gap in m", ge=0.0)]
-_OF_CASES: dict[str, Any] = {
-    "record": (Any, None),
-    "building": _BUILDINGS,
-    "law": (Any, key(f"a law, valid: {', '.join(LAWS)}")),
-    "gap": (Annotated[Any, one_or_several(_GAP, Sequence[_GAP])], key("a gap in m, at least 0, or one per pair", None)),
+_OF_BUILDINGS: dict[str, Any] = {
+    **dict.fromkeys(
+        FACTOR_KINDS, (_FACTORS | None, key('a table by name of the building, such as {"left": 1.2}', None))
+    ),
+    "building": (dict[str, dict[str, Any]] | None, key(_KINDS, None)),
 }
-for _name, _axis in AXES.items():
-    if _axis.by_building:
-        _OF_CASES[_name] = _BY_BUILDING
-    elif _axis.dimension not in _OF_CASES:
-        _default = getattr(Case, _axis.dimension)
-        _OF_CASES[_axis.dimension] = Number | None, number(f"a {_axis.noun}", _default, **_axis.bounds)
+_AXIS = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
+_AXES: dict[str, Any] = {name: _OF_BUILDINGS.get(name, _AXIS) for name in (*AXES, "building")}
+#: All arguments: what each takes, and its default.
+Arguments = create_model("Arguments", __base__=_Settings, **_AXES)
+_OF_CASES: dict[str, Any] = {name: (Any, None) for name in Case.__dataclass_fields__ if name not in FACTOR_KINDS}
+_OF_CASES |= {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "scale": (Any, 1.0)}
 #: A listed case: its keys in Python and in files, which have `building`.
-CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES)
+CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES, **_OF_BUILDINGS)
 
 
-def read_sweep(given: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
+def read_sweep(arguments: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
     """Make a sweep of the arguments of `build_spec`; None, and every fault with its place, if that is not possible."""
-    faults = Faults()
-    reader = _Reader(valid_part(Arguments, given, faults), faults)
-    spec = faults.attempt((), reader.read)
-    return (None if faults.entries else spec), faults.entries
+    reader = _Reader(arguments)
+    spec = reader.faults.attempt((), reader.read)
+    return (None if reader.faults.entries else spec), reader.faults.entries
 
 
 def _exclusions(chosen: Collection[str]) -> Iterator[tuple[str, str, str]]:
@@ -211,37 +153,42 @@ def _exclusions(chosen: Collection[str]) -> Iterator[tuple[str, str, str]]:
 
 
 class _Reader:
-    """Reads the arguments that need each other, one after the other. Places are those in the whole sweep."""
+    """Reads the arguments that need each other, one after the other, and notes every fault with its place."""
 
-    def __init__(self, given: dict[str, Any], faults: Faults) -> None:
-        self.given, self.faults = given, faults
-        self.wrong = {place[0] for place, _ in faults.entries}  # arguments that stand at their defaults
+    def __init__(self, arguments: dict[str, Any]) -> None:
+        self.faults = Faults()
+        self.given = valid_part(Arguments, arguments, self.faults)
+        self.wrong = {place[0] for place, _ in self.faults.entries}  # arguments that stand at their defaults
         self.files: dict[str, Law] = {}  # laws of the user's own files, which are run once
         self.laws: dict[str, Law] = {}  # those that are valid count in further checks
         self.scene: Scene | None = None
         self.records: list[Record] | None = None  # None where one of them is at fault
         self.left_out: list[str] = []  # records that are missing, where that is allowed
-        self.listing = given["cases"] is not None
-        self.basis: str = given["restitution_basis"]
+        self.basis: str = self.given["restitution_basis"]
 
     def read(self) -> SweepSpec | None:
         """Read all of them but those that are wrong already."""
         given, faults = self.given, self.faults
 
-        def part(name: str, read: Any) -> Any:
-            return None if name in self.wrong else faults.attempt((name,), read, given[name])
+        def part(name: str, read: Callable[[Any], Any]) -> Any:
+            wanted = given[name] is not None or name not in ("cases", "design")
+            return faults.attempt((name,), read, given[name]) if wanted and name not in self.wrong else None
 
         self.scene = part("scene", self._scene)
         self.records = part("records", self._records)
-        part("laws", self._read_laws)
+        if given["cases"] is None:
+            part("laws", self._laws)
         cases = part("cases", self._cases)
         design = part("design", self._design)
         axes = self._axes(design)
         settings = self._settings()
-        if faults.entries:
+        spectral = given["sas"] is not None or any(case.sa is not None for case in cases or ())
+        if spectral and given["sa_period"] is None and "sa_period" not in self.wrong:
+            faults.add(("sa_period",), "is missing: sas needs it; give the period in s")
+        elif not spectral and given["sa_period"] is not None:
+            faults.add(("sa_period",), "is of no use without sas; leave it out")
+        if faults.entries or self.scene is None or self.records is None:
             return None
-        assert self.scene is not None
-        assert self.records is not None
         values = AxisValues(**axes)
         names = [record.name for record in self.records], [building.name for building in self.scene.buildings]
         if design is not None or any(axis.listed and getattr(values, name) for name, axis in AXES.items()):
@@ -260,6 +207,36 @@ class _Reader:
         self._check_room(spec)
         return None if faults.entries else with_strengths(spec)
 
+    def _each(
+        self,
+        place: Place,
+        value: Any,
+        read: Callable[[Any], Any],
+        what: str,
+        single: tuple[type, ...] = (),
+        *,
+        key: Callable[[Any], Any] = lambda item: item,
+        remedy: str = "give it once",
+    ) -> list[Any]:
+        """Read a `single` item or each of a list, which makes one thing or several; no two have the same key."""
+        found: dict[Any, tuple[int, Any]] = {}
+        items, before = listed(value, single), len(self.faults.entries)
+        if not items:
+            self.faults.add(place, f"must be one or several of {what}, not {shown(value)}")
+        for index, item in enumerate(items or ()):
+            if len(self.faults.entries) - before >= _MOST_FAULTS:
+                text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
+                self.faults.add(place, text)
+                break
+            at = place if isinstance(value, single) else (*place, index)
+            result = self.faults.attempt(at, read, item)
+            for each in result if isinstance(result, list) else () if result is None else (result,):
+                if (name := key(each)) in found:
+                    self.faults.add(at, f"{shown(name)} repeats value [{found[name][0]}]; {remedy}")
+                else:
+                    found[name] = index, each
+        return [each for _, each in found.values()]
+
     # --- scene, records, laws ---
 
     def _scene(self, value: Any) -> Scene | None:
@@ -269,23 +246,26 @@ class _Reader:
                 raise SceneError("preset and row exclude each other; give one of them", ("preset",))
             if (preset := self.faults.attempt(("scene", "preset"), get_preset, table["preset"])) is None:
                 return None
-            own = table.get("contact", {})
-            if isinstance(own, dict):
-                start = vars(preset.contact).items()
-                own = {k: v for k, v in start if k != "hertz_stiffness" or "hertz" not in own} | own
-            kept = {k: v for k, v in table.items() if k != "preset"}
-            table = {"row": preset.row, "gaps": preset.gaps, **kept, "contact": own}
+            contact = table.get("contact", {})
+            if isinstance(contact, dict):
+                defaults = vars(preset.contact).items()
+                contact = {k: v for k, v in defaults if k != "hertz_stiffness" or "hertz" not in contact} | contact
+            others = {k: v for k, v in table.items() if k != "preset"}
+            table = {"row": preset.row, "gaps": preset.gaps, **others, "contact": contact}
         elif isinstance(table, dict):
             table = {"row": (), **table}
         return TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
 
-    def _records(self, value: Any) -> list[Record]:
-        kinds, remedy = (Record, str, os.PathLike, dict), "give it another name"
-        words = "records, names and files"
-        found = read_each(value, self._resolve, words, kinds, key=lambda record: record.name, remedy=remedy)
-        if not found:
+    def _records(self, value: Any) -> list[Record] | None:
+        before, kinds = len(self.faults.entries), (Record, str, os.PathLike, dict)
+        name, remedy = (lambda record: record.name), "give it another name"
+        what = "records, names and files"
+        records = self._each(("records",), value, self._resolve, what, kinds, key=name, remedy=remedy)
+        if len(self.faults.entries) > before:
+            return None
+        if not records:
             raise InputError(f"none is left: {', '.join(self.left_out)} missing; get at least one of them")
-        return [record for _, record in found.values()]
+        return records
 
     def _resolve(self, item: Any) -> list[Record]:
         """Return the records that an item stands for: a set has several, a missing one that is left out none."""
@@ -301,15 +281,13 @@ class _Reader:
             warnings.warn(f"a record is left out: {error}", UserWarning, stacklevel=2)
             return []
 
-    def _law(self, value: Any, known: Mapping[str, Law]) -> Law:
-        """Return a law that the scene allows, and the only one of its key."""
+    def _law(self, value: Any) -> Law:
+        """Return a law that the scene allows."""
         if isinstance(value, str) and value in self.files:
             law = self.files[value]
         else:
             law = find_law(value, self.given["base"])
             self.files |= {value: law} if isinstance(value, str) else {}
-        if known.get(law.key, law) != law:
-            raise InputError(f"law {law.key!r} is another one than that of the same key before; give it another key")
         if self.scene and law.impulsive and self.scene.bumpers:
             raise InputError(f"law {law.key!r} has no force, as bumpers have; give another law, or no bumpers")
         struck = self.scene is not None and any(contact.struck >= 0 for contact in self.scene.contacts)
@@ -321,30 +299,16 @@ class _Reader:
             )
         return law
 
-    def _read_laws(self, value: Any) -> None:
+    def _laws(self, value: Any) -> None:
         """Read the laws of a sweep, groups expanded."""
-        if self.listing:
-            return
+        what = f"{', '.join(LAWS)}, the groups all, mate2015, and laws of your own"
 
         def read(item: Any) -> list[Law]:
             names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
-            return [self._law(name, {}) for name in names]
+            return [self._law(name) for name in names]
 
-        found: dict[str, tuple[int, Law]] = {}
-        try:
-            words = f"{', '.join(LAWS)}, the groups all, mate2015, and laws of your own"
-            read_each(value, read, words, (str, Law), key=lambda law: law.key, found=found)
-        finally:
-            self.laws |= {key: law for key, (_, law) in found.items()}
-
-    def _check_period(self, spectral: bool) -> None:
-        """Note that the period of an axis `sas` is missing, or given without it."""
-        stated = self.given["sa_period"] is not None
-        if stated != spectral and "sa_period" not in self.wrong:
-            text = (
-                "is of no use without sas; leave it out" if stated else "is missing: sas needs it; give the period in s"
-            )
-            self.faults.add(("sa_period",), text)
+        laws = self._each(("laws",), value, read, what, (str, Law), key=lambda law: law.key)
+        self.laws = {law.key: law for law in laws}
 
     # --- axes ---
 
@@ -365,60 +329,49 @@ class _Reader:
             raise InputError(f"has more than {MAX_AXIS} values; give at most as many")
         return values
 
-    def _values(self, sequence: Range | list[Any], axis: Axis) -> tuple[float, ...]:
-        """Convert and check the values of one axis."""
-        values: Any = sequence.values() if isinstance(sequence, Range) else sequence
-        read = functools.partial(axis.check, laws=list(self.laws.values()), basis=self.basis)
-        return tuple(read_each(values, read, axis.noun, remedy="the values of an axis must differ"))
-
-    def _by_building(self, given: Mapping[str, Any], faults: Faults) -> dict[tuple[str, Any], tuple[Place, Any]]:
-        """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
+    def _by_building(self, tables: Mapping[str, Any], faults: Faults) -> dict[Target, tuple[Place, Any]]:
+        """Return what is given for buildings: argument and name -> place and value, in the order of the row."""
         # it is given as tables by name of the building, or as one table `building` of tables by name
-        kinds = {kind: argument for argument, kind in FACTOR_KINDS.items()}
-        found: dict[tuple[str, Any], tuple[Place, Any]] = {
-            (argument, name): ((argument, name), value)
-            for argument in FACTOR_KINDS
-            for name, value in dict(given.get(argument) or ()).items()
-        }
-        for name, table in (given.get("building") or {}).items():
-            for kind, value in table.items():
-                if kind in kinds:
-                    found[kinds[kind], name] = ("building", name, kind), value
-                else:
-                    faults.add(("building", name, kind), unknown("key", kind, kinds))
+        values: dict[Target, tuple[Place, Any]] = {}
+        for argument, kind in FACTOR_KINDS.items():
+            for name, value in dict(tables.get(argument) or ()).items():
+                values[argument, name] = (argument, name), value
+            for name, table in (tables.get("building") or {}).items():
+                if kind in table:
+                    values[argument, name] = ("building", name, kind), table[kind]
+        for name, table in (tables.get("building") or {}).items():
+            for kind in table.keys() - {*FACTOR_KINDS.values()}:
+                faults.add(("building", name, kind), unknown("key", kind, FACTOR_KINDS.values()))
         if self.scene is None:
             return {}
         names = [building.name for building in self.scene.buildings]
-        for (argument, name), (place, _) in found.items():
+        for (argument, name), (place, _) in values.items():
             if name not in names:
                 faults.add(place, unknown("building", name, names))
             for _, text in AXES[argument].requires(self.scene, [name], ()):
                 faults.add(place, text)
         order = itertools.product(FACTOR_KINDS, names)
-        return {key: found[key] for key in order if key in found}
+        return {target: values[target] for target in order if target in values}
 
-    def _design(self, value: Any) -> Design | None:
+    def _design(self, value: Any) -> Design:
         """Check a design: what is drawn, from what, and whether what came of it will do."""
-        if value is None:
-            return None
-        if self.listing:
+        if self.given["cases"] is not None:
             raise InputError("a design and listed cases exclude each other; give one of them")
         table = DesignTable.model_validate(value)
         inputs = {name: drawn for name, drawn in dict(table.inputs).items() if drawn is not None}
         if not inputs:
             raise InputError("no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
-        items: dict[tuple[str, Any], tuple[Place, Any]] = {
+        items: dict[Target, tuple[Place, Any]] = {("records", None): ((), None)} if RECORD in inputs else {}
+        items |= {
             (name, None): ((axis.dimension,), inputs[axis.dimension])
             for name, axis in AXES.items()
             if axis.dimension in inputs
         }
         with Faults() as faults:
-            with_place = Faults()
-            items |= self._by_building(inputs, with_place)
-            faults.entries += [(("inputs", *place), text) for place, text in with_place.entries]
-        drawn = {argument: distribution for argument, (_, distribution) in items.items()}
-        if RECORD in inputs:
-            drawn["records", None] = None
+            of_buildings = Faults()
+            items |= self._by_building(inputs, of_buildings)
+            faults.entries += [(("inputs", *place), text) for place, text in of_buildings.entries]
+        drawn = {target: distribution for target, (_, distribution) in items.items()}
         design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
         if len(design) > MAX_AXIS:
             raise InputError(f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep")
@@ -430,48 +383,46 @@ class _Reader:
                         AXES[entry.argument].check(end, list(self.laws.values()), self.basis)
                     except InputError as error:
                         text = f"{error}; it was drawn: give low and high, or another distribution"
-                        faults.add(("inputs", *items[entry.argument, entry.building][0]), text)
+                        faults.add(("inputs", *items[entry.target][0]), text)
         return design
 
     def _axes(self, design: Design | None) -> dict[str, Any]:
         """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
         faults, scene, given = self.faults, self.scene, self.given
         stated = {name for name in AXES if given[name] is not None}
-        if self.listing:
+        if given["cases"] is not None:
             text = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
             faults.entries += [((name,), text) for name in ("laws", *AXES, "building") if given[name] is not None]
             return {}
         laws, records = list(self.laws.values()), self.records or []
-        sizes = {"records": len(records), "laws": len(laws)}
-        drawn = {(entry.argument, entry.building) for entry in design.inputs} if design else set()
-        if design:
-            sizes |= {"points": len(design)} | ({"records": 1} if ("records", None) in drawn else {})
-        items: dict[tuple[str, Any], tuple[Place, Any]] = {
-            (name, None): ((name,), given[name]) for name in AXES if name in stated and name not in FACTOR_KINDS
+        drawn = {entry.target for entry in design.inputs} if design else set()
+        sizes = {"records": 1 if ("records", None) in drawn else len(records), "laws": len(laws)}
+        sizes |= {"points": len(design)} if design else {}
+        items: dict[Target, tuple[Place, Any]] = {
+            (name, None): ((name,), given[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
         }
-        items |= self._by_building(given, faults)
-        sequences: dict[tuple[str, Any], Range | list[Any]] = {}
-        for (name, building), (place, value) in items.items():
-            if (name, building) in drawn:
+        sequences: dict[Target, tuple[Place, Range | list[Any]]] = {}
+        for target, (place, value) in (items | self._by_building(given, faults)).items():
+            if target in drawn:
                 faults.add(place, "is an input of the design, too; leave one of them out")
-            sequence = faults.attempt(place, self._sequence, value, AXES[name])
-            if sequence is not None:
-                sizes[spell(place)] = len(sequence)
-                sequences[name, building] = sequence
+            if (sequence := faults.attempt(place, self._sequence, value, AXES[target[0]])) is not None:
+                sequences[target], sizes[spell(place)] = (place, sequence), len(sequence)
         # each of a list is held as such
         listing = design or any(axis.listed and name in stated for name, axis in AXES.items())
         most = MAX_AXIS if listing else MAX_SCENARIOS
+        values: dict[str, Any] = {}
         if (size := math.prod(sizes.values())) > most:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
             faults.add((), f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it")
-        values: dict[str, Any] = {}
-        for (name, building), sequence in sequences.items():
-            if size <= most:
-                checked = faults.attempt(items[name, building][0], self._values, sequence, AXES[name])
-                values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        self._check_period("sas" in stated)
+            sequences = {}
+        for (name, building), (place, sequence) in sequences.items():
+            axis = AXES[name]
+            read = functools.partial(axis.check, laws=laws, basis=self.basis)
+            numbers = sequence.values() if isinstance(sequence, Range) else sequence
+            checked = tuple(self._each(place, numbers, read, axis.noun, remedy="the values of an axis must differ"))
+            values[name] = (*values.get(name, ()), (building, checked)) if building else checked
         chosen = stated | {name for name, _ in drawn}
-        self.faults.entries += [
+        faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
             for _, two, text in _exclusions(chosen)
         ]
@@ -481,110 +432,115 @@ class _Reader:
             for name in [name for name in names if name in chosen] or default:
                 faults.entries += AXES[name].requires(scene, laws, records) if scene is not None else ()
             values |= {name: AXES[name].default for name in default}
-        if "restitutions" not in stated and ("restitutions", None) not in drawn and scene is not None:
+        if "restitutions" not in chosen and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
-            value = faults.attempt((), self._scene_restitution, taking) if taking else 1.0
-            values["restitutions"] = () if value is None else (value,)
+            missing = scene.contact.restitution is None
+            place = ("restitutions",) if missing else ("scene", "contact", "restitution")
+            values["restitutions"] = (faults.attempt(place, self._scene_restitution, taking) if taking else 1.0,)
         return values
 
     def _scene_restitution(self, laws: Sequence[Law]) -> float:
         """Return the scene's restitution, checked against laws that take one."""
         value = self.scene and self.scene.contact.restitution
         if value is None:
-            text = (
+            raise InputError(
                 f"no restitution is given, and {', '.join(law.key for law in laws)} need{'s' * (len(laws) == 1)} one "
                 f"({laws[0].validity}); give restitutions, or restitution in the scene's contact properties"
             )
-            raise SceneError(text, ("restitutions",))
-        try:
-            return AXES["restitutions"].check(value, laws, self.basis)
-        except InputError as error:
-            raise SceneError(str(error), ("scene", "contact", "restitution")) from None
+        return AXES["restitutions"].check(value, laws, self.basis)
 
     # --- listed cases ---
 
-    def _case(self, item: Any, known: dict[str, Law]) -> Case:
-        """Check one listed case and fill in what it leaves to the scene."""
+    def _case(self, item: Any) -> Case | list[Case]:
+        """Check one listed case and fill in what it leaves to the scene; nothing of one whose record is left out."""
         item = vars(item) if isinstance(item, Case) else item
         item = {key: value for key, value in item.items() if value is not None} if isinstance(item, dict) else item
+        if isinstance(item, dict) and item.get("record") in self.left_out:
+            return []
         with Faults() as faults:
             values = valid_part(CaseTable, item, faults)
-            law = faults.attempt(("law",), self._law, item["law"], known) if values and "law" in item else None
-            if law is not None:
-                known[law.key] = law
-            if isinstance(gaps := values.get("gap"), tuple) and self.scene and len(gaps) != len(self.scene.gaps):
-                pairs = ", ".join(self.scene.pair_names)
-                faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
-            if law is not None and values["restitution"] is not None:
-                faults.attempt(("restitution",), AXES["restitutions"].check, values["restitution"], [law], self.basis)
-            dimensions = {name: axis.dimension for name, axis in AXES.items() if not axis.by_building and values}
-            stated = {name for name, key in dimensions.items() if values[key] not in (None, getattr(Case, key))}
-            faults.entries += [((dimensions[one],), text) for one, _, text in _exclusions(stated)]
-            factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
-            for (argument, name), (place, value) in self._by_building(values, faults).items():
+            if not values:
+                return []
+            law = None if values["law"] is None else faults.attempt(("law",), self._case_law, values["law"])
+            if (gaps := listed(values["gap"])) is not None:
+                values["gap"] = tuple(faults.attempt(("gap", i), AXES["gaps"].check, gap) for i, gap in enumerate(gaps))
+                if self.scene and len(gaps) != len(self.scene.gaps):
+                    pairs = ", ".join(self.scene.pair_names)
+                    faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
+            stated = set()
+            for name, axis in AXES.items():
+                value = None if axis.by_building else values[axis.dimension]
+                if value is not None and not isinstance(value, tuple):
+                    laws = [law] if law else []
+                    value = faults.attempt((axis.dimension,), axis.check, value, laws, self.basis)
+                    values[axis.dimension] = value
+                    stated |= {name} if value != getattr(Case, axis.dimension) else set()
+            faults.entries += [((AXES[one].dimension,), text) for one, _, text in _exclusions(stated)]
+            factors: dict[str, Any] = dict.fromkeys(FACTOR_KINDS, ())
+            for (argument, building), (place, value) in self._by_building(values, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)
                 if factor != 1.0:
-                    factors[argument][name] = factor
-            names, record = [record.name for record in self.records or ()], values.get("record")
-            if values and record is None and len(names) == 1:
-                (record,) = names
-            elif values and self.records is not None and record not in names:
-                valid = f"is missing; valid: {', '.join(names)}"
-                faults.add(("record",), valid if record is None else unknown("record", record, names))
-            if law is None or faults.entries or not isinstance(record, str):  # without records a fault is elsewhere
-                return Case("none")
-            if law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
+                    factors[argument] = (*factors[argument], (building, factor))
+            names = [record.name for record in self.records or ()]
+            if self.records is None:  # whose fault is elsewhere
+                values["record"] = None
+            elif values["record"] is None and len(names) == 1:
+                (values["record"],) = names
+            elif values["record"] is None:
+                faults.add(("record",), f"is missing; valid: {', '.join(names)}")
+            elif values["record"] not in names:
+                faults.add(("record",), unknown("record", values["record"], names))
+            if law and law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
                 values["stiffness_factor"] = 1.0
-            if law.takes_restitution and values["restitution"] is None and self.scene is not None:
-                try:
-                    values["restitution"] = self._scene_restitution([law])
-                except InputError as error:
-                    faults.add(("restitution",), str(error))
-        values |= {name: tuple(factors_of.items()) for name, factors_of in factors.items()}
-        return Case(**{name: values[name] for name in _CASE_KEYS} | {"law": law.key, "record": record})
+            if law and law.takes_restitution and values["restitution"] is None and self.scene is not None:
+                values["restitution"] = faults.attempt(("restitution",), self._scene_restitution, [law])
+        return Case(**{name: values[name] for name in _OF_CASES} | factors | {"law": law.key if law else ""})
 
-    def _cases(self, value: Any) -> tuple[Case, ...] | None:
+    def _case_law(self, value: Any) -> Law:
+        """Return the law of a case, the only one of its key."""
+        law = self._law(value)
+        if self.laws.setdefault(law.key, law) != law:
+            raise InputError(f"law {law.key!r} is another one than that of the same key before; give it another key")
+        return law
+
+    def _cases(self, value: Any) -> tuple[Case, ...]:
         """Check listed cases and fill in what they leave to the scene."""
-        if value is None:
-            return None
-        items = listed(value) or []
-
-        def is_left_out(item: Any) -> bool:
-            return (item.get("record") if isinstance(item, dict) else getattr(item, "record", None)) in self.left_out
-
-        if missing := sum(map(is_left_out, items)):
+        items = listed(value) or ()
+        names = [item.get("record") if isinstance(item, dict) else getattr(item, "record", None) for item in items]
+        if missing := sum(name in self.left_out for name in names):
             text = f"{missing} of {len(items)} listed cases name records that are missing"
             if missing == len(items):
                 raise InputError(f"none is left: {text}")
             text += "; they are left out too, and the others are numbered anew"
             warnings.warn(text, UserWarning, stacklevel=2)
-        seen: dict[Case, tuple[int, Case]] = {}
-        known: dict[str, Law] = {}
-
-        def read(item: Any) -> Any:
-            return [] if is_left_out(item) else self._case(item, known)
-
-        remedy = "list a scenario once"
-        self.faults.attempt(("cases",), read_each, items or value, read, "listed cases", found=seen, remedy=remedy)
-        self._check_period(any(case.sa is not None for case in seen))
-        self.laws |= {case.law: known[case.law] for case in seen if case.law in known}
+        cases = self._each(("cases",), items or value, self._case, "listed cases", remedy="list a scenario once")
         for axis in AXES.values():
-            using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
-            if not using or self.scene is None:
-                continue
-            laws = {case.law: known[case.law] for case in using}
-            names = {case.record for case in using}
-            records = [record for record in self.records or () if record.name in names]
-            groups = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
-            for group in groups:  # a case has a stiffness of its own
-                self.faults.entries += axis.requires(self.scene, group, records)
-        return tuple(seen)
+            using = [case for case in cases if (case.axis(axis.column) or [None])[0] is axis]
+            if using and self.scene is not None:
+                laws, names = {case.law: self.laws[case.law] for case in using}, [case.record for case in using]
+                records = [record for record in self.records or () if record.name in names]
+                groups = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
+                for group in groups:  # a case has a stiffness of its own
+                    self.faults.entries += axis.requires(self.scene, group, records)
+        return tuple(cases)
 
     # --- settings ---
+
+    def _outputs(self, value: Any) -> tuple[str, ...]:
+        from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs, get_variable
+
+        if value is None or (isinstance(value, str) and value == "default"):
+            return DEFAULT_OUTPUTS
+        if isinstance(value, str) and value == "all":
+            return tuple(VARIABLES)
+        what = "variables, 'default' or 'all'"
+        found = self._each(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
+        return check_outputs(variable.name for variable in found)
 
     def _settings(self) -> dict[str, Any]:
         """Check settings together, with defaults for what is not given; with an accuracy the cheapest is chosen."""
         given, scene, add = self.given, self.scene, self.faults.add
+        given["outputs"] = self._outputs(given["outputs"])
         automatic = given["accuracy"] is not None or "accuracy" in self.wrong
         if automatic and (given["dt"] is not None or "dt" in self.wrong):
             add(("dt",), "accuracy chooses the step; leave out dt, or leave out accuracy")
@@ -623,25 +579,24 @@ class _Reader:
 
     def _check_room(self, spec: SweepSpec) -> None:
         """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
-        for index, bumper in enumerate(spec.scene.bumpers):
+        scene, pairs = spec.scene, spec.scene.pair_names
+        for index, bumper in enumerate(scene.bumpers):
             check, basis = bumper.law.check_restitution, spec.restitution_basis
             self.faults.attempt(("scene", "bumpers", index), check, bumper.restitution, basis)
-        thick = [law.thickness for law in self.laws.values()] + [bumper.thickness for bumper in spec.scene.bumpers]
-        if not any(thick):
+        if not any([law.thickness for law in self.laws.values()] + [bumper.thickness for bumper in scene.bumpers]):
             return
-        shared: Place = ("scene", "gaps") if spec.gaps is None else ("gaps",)
-        narrowest = None if spec.gaps is None else min(spec.gaps)
-        asked: list[tuple[Place, Sequence[str], Any]] = [
+        rows: list[tuple[Place, Iterable[str], Any]] = [
             (("cases", i, "gap"), (case.law,), case.gap) for i, case in enumerate(spec.cases or ())
-        ] or [(shared, tuple(self.laws), narrowest)]
-        pairs = spec.scene.pair_names
-        for place, keys, given in asked:
-            gaps = np.broadcast_to(spec.scene.gaps if given is None else given, len(pairs)).tolist()
+        ]
+        narrowest = None if spec.gaps is None else min(spec.gaps)
+        rows = rows or [(("scene", "gaps") if spec.gaps is None else ("gaps",), self.laws, narrowest)]
+        for place, keys, gap in rows:
+            gaps = np.broadcast_to(scene.gaps if gap is None else gap, len(pairs)).tolist()
             owners = [(f"law {key!r}", self.laws[key].thickness, min(gaps, default=math.inf)) for key in keys]
-            owners += [(f"bumpers of {b.pair!r}", b.thickness, gaps[pairs.index(b.pair)]) for b in spec.scene.bumpers]
-            for owner, thickness, gap in owners:
-                if gap < thickness:
-                    text = f"a gap of {gap:g} m has no room for the {thickness:g} m of {owner}"
+            owners += [(f"bumpers of {b.pair!r}", b.thickness, gaps[pairs.index(b.pair)]) for b in scene.bumpers]
+            for owner, thickness, narrow in owners:
+                if narrow < thickness:
+                    text = f"a gap of {narrow:g} m has no room for the {thickness:g} m of {owner}"
                     self.faults.add(place, f"{text}; give a wider gap, or less thickness")
 
 
@@ -705,12 +660,10 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     return called(_to_spectrum, spectral, record=record)
 
 
-#: Arguments that are read together with others.
-_READ = ("scene", "records", "laws", "cases", "design")
-_CASE_KEYS = [field.name for field in fields(Case)]
-_SETTINGS = [name for name in _Settings.model_fields if name in SweepSpec.__dataclass_fields__ and name not in _READ]
-
-
+#: Arguments that are those of the sweep.
+_SETTINGS = {*_Settings.model_fields} & {*SweepSpec.__dataclass_fields__} - {
+    *("scene", "records", "laws", "cases", "design")
+}
 #: Digits of the factors that are found: more than any result shows, and fewer than tell machines apart.
 DIGITS = 9
 
@@ -719,53 +672,44 @@ def with_strengths(spec: SweepSpec) -> SweepSpec:
     """Return a sweep whose cases have the factors on strengths for the ductilities that they ask for."""
     # a motion twice as strong reaches the same ductility at twice the strength, and a building's masses change neither:
     # one search serves all scales, laws, gaps and masses of a record
-    if spec.cases is None:
-        return spec
-    cases = list(spec.cases)
-    groups: dict[str, dict[Case, list[int]]] = {}
+    cases, groups = list(spec.cases or ()), dict[str, dict[Case, list[int]]]()
     for i, case in enumerate(cases):
         if case.ductility is not None and not case.strength_factors:
-            alike = Case(
-                "none",
-                period_factors=case.period_factors,
-                damping_ratio=case.damping_ratio,
-                hardenings=case.hardenings,
-                ductility=case.ductility,
-            )
+            names = ("period_factors", "damping_ratio", "hardenings", "ductility")
+            alike = Case("none", **{name: getattr(case, name) for name in names})
             groups.setdefault(case.record or spec.records[0].name, {}).setdefault(alike, []).append(i)
     for name, group in groups.items():
-        found = _found(spec, name, list(group))
-        for each, rows in zip(found, group.values(), strict=True):
+        for factors, rows in zip(_strength_factors(spec, name, list(group)), group.values(), strict=True):
             for i in rows:
                 scale = abs(spec.case_value(cases[i], "scale")) or 1.0
-                factors = {building: float(f"{factor * scale:.{DIGITS}g}") for building, factor in each.items()}
-                cases[i] = replace(cases[i], strength_factors=tuple(factors.items()))
+                scaled = ((building, float(f"{factor * scale:.{DIGITS}g}")) for building, factor in factors.items())
+                cases[i] = replace(cases[i], strength_factors=tuple(scaled))
     return replace(spec, cases=tuple(cases)) if groups else spec
 
 
-def _found(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str, float]]:
-    """Return the factors at scale 1 of buildings that yield, by name."""
+def _strength_factors(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str, float]]:
+    """Return the factors at scale 1 of buildings that yield, by name, for the ductilities of cases."""
     from pounding_sweep.engine.spectrum import REACH, strengths_for
 
     buildings = spec.scene.buildings
     periods, hardenings = (
-        np.array([[dict(getattr(case, name)).get(b.name, own) for b in buildings] for case in cases], float)
-        for name, own in (("period_factors", 1.0), ("hardenings", np.nan))
+        np.array([[dict(getattr(case, name)).get(b.name, default) for b in buildings] for case in cases], float)
+        for name, default in (("period_factors", 1.0), ("hardenings", np.nan))
     )
-    ratios = np.array([np.nan if case.damping_ratio is None else case.damping_ratio for case in cases])
-    row = Variants(spec.scene, periods, np.ones(periods.shape), ratios, None, hardenings)  # type: ignore[arg-type]
+    ratios = np.array([case.damping_ratio for case in cases], float)
     targets = np.array([case.ductility for case in cases], float)
+    row = Variants(spec.scene, periods, np.ones(periods.shape), ratios, None, hardenings)  # type: ignore[arg-type]
     factors, _ = strengths_for(row, spec.record(record), targets)
     result = []
-    for case, each in zip(cases, factors, strict=True):
-        own = {b.name: factor for b, factor in zip(buildings, each.tolist(), strict=True) if any(b.yields)}
-        if lacking := [name for name, factor in own.items() if np.isnan(factor)]:
+    for case, values in zip(cases, factors.tolist(), strict=True):
+        named = {b.name: factor for b, factor in zip(buildings, values, strict=True) if any(b.yields)}
+        if lacking := [name for name, factor in named.items() if math.isnan(factor)]:
             msg = (
                 f"ductilities: {case.ductility:g} of building {lacking[0]!r} is not reached under {record!r}, not even "
                 f"at 1 / {REACH * (case.ductility or 1.0):g} of the strength at which it stays elastic; leave it out"
             )
             raise SweepError(msg, [msg])
-        result.append(own)
+        result.append(named)
     return result
 
 
@@ -789,8 +733,8 @@ def build_spec(**arguments: Any) -> SweepSpec:
         and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
         law, each record and each value of the other axes.
     method : str, optional
-        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the
-        cheapest that reaches it.
+        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the cheapest
+        that reaches it.
     dt : float, optional
         Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool
@@ -806,13 +750,13 @@ def build_spec(**arguments: Any) -> SweepSpec:
     precision : {"float64", "float32"}, optional
         Number format of the kernels; "float64" by default, with `accuracy` the cheaper that reaches it.
     restitution_basis : {"published", "realised"}
-        Whether damping follows from the restitution by each law's published formula,
-        or so that two free masses rebound at exactly it.
+        Whether damping follows from the restitution by each law's published formula, or so that two free masses
+        rebound at exactly it.
     accuracy : float, optional
         Relative error asked for, 1e-6 to 1e-2, instead of a step.
     audit : float
-        Share of the sweep's cost, in [0, 1], spent on running a sample of its own
-        scenarios again at a finer step, to measure their error; 0 for none.
+        Share of the sweep's cost, in [0, 1], spent on running a sample of its own scenarios again at a finer step, to
+        measure their error; 0 for none.
     sa_period : float, optional
         Period (s) at which the spectral accelerations `sas` are meant; needed with them.
     folders : path or several, optional
@@ -820,8 +764,8 @@ def build_spec(**arguments: Any) -> SweepSpec:
     base : path, optional
         Folder that relative record paths start from.
     skip_missing_records : bool
-        Go on without the records that are not found, with a warning for each, as long as
-        one is left. A file that is found but can't be read is always an error.
+        Go on without the records that are not found, with a warning for each, as long as one is left. A file that is
+        found but can't be read is always an error.
 
     Returns
     -------

@@ -6,7 +6,7 @@ A design becomes listed cases: each of its points with each law, each record and
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -27,6 +27,8 @@ from pounding_sweep.model.faults import Number, Table, key, number, one_of
 from pounding_sweep.model.laws import Law
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
 
+#: What has values: an argument of `build_spec`, and the building if it is one by building.
+Target = tuple[str, str | None]
 #: Share of a distribution that must lie between its ends.
 _LEAST_WITHIN = 1e-6
 
@@ -129,14 +131,15 @@ def _read_any_record(value: Any) -> str:
 
 
 _DRAWN: Any = Annotated[Any, PlainValidator(read_distribution)]
-_INPUTS: dict[str, Any] = {
-    RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None),
+#: [design.inputs]: distributions by the dimension of an axis, or of axes by building by its argument and the building.
+Inputs = create_model(
+    "Inputs",
+    __base__=Table,
+    **{RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None)},
     **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by_building},
     **dict.fromkeys(FACTOR_KINDS, (dict[str, _DRAWN], key("a table by name of the building", None))),
-    "building": (dict[str, dict[str, _DRAWN]], key("tables building.NAME of distributions", None)),
-}
-#: [design.inputs]: distributions by the dimension of an axis, or of axes by building by its argument and the building.
-Inputs = create_model("Inputs", __base__=Table, **_INPUTS)
+    building=(dict[str, dict[str, _DRAWN]], key("tables building.NAME of distributions", None)),
+)  # type: ignore[call-overload]
 
 
 def _balanced(samples: int, info: ValidationInfo) -> int:
@@ -168,17 +171,22 @@ class Input:
     building: str | None  # name of the building that it belongs to
     distribution: Distribution | None  # None for the record: each is as likely
 
+    @property
+    def target(self) -> Target:
+        """What it gives values to."""
+        return self.argument, self.building
 
-def named_inputs(drawn: dict[tuple[str, str | None], Distribution | None]) -> tuple[Input, ...]:
-    """Return inputs by (argument, building), in the order of the axes and the row, named as axes are."""
-    found: dict[str, Input] = {}
+
+def named_inputs(drawn: Mapping[Target, Distribution | None]) -> tuple[Input, ...]:
+    """Return inputs by what they give values to, in the order of the axes and the row, named as axes are."""
+    inputs: dict[str, Input] = {}
     for argument in ("records", *AXES):
         for (name, building), distribution in drawn.items():
             if name == argument:
                 stem = RECORD if name == "records" else AXES[name].dimension
-                own = stem if building is None else plain_name(f"{stem}_{building}", found)
-                found[own] = Input(own, name, building, distribution)
-    return tuple(found.values())
+                label = stem if building is None else plain_name(f"{stem}_{building}", inputs)
+                inputs[label] = Input(label, name, building, distribution)
+    return tuple(inputs.values())
 
 
 @dataclass(frozen=True)
@@ -191,13 +199,13 @@ class Design:
     inputs: tuple[Input, ...]  # what is drawn
 
     def __str__(self) -> str:
-        inputs = ", ".join(each.name for each in self.inputs)
+        inputs = ", ".join(entry.name for entry in self.inputs)
         return f"{self.kind} design, {len(self)} points (seed {self.seed}) of {inputs}"
 
     @property
     def blocks(self) -> tuple[str, ...]:
         """Blocks of points: "A", "B" and the input of B that A has in each further one; one without a name else."""
-        return ("A", "B", *(each.name for each in self.inputs)) if self.kind == "saltelli" else ("",)
+        return ("A", "B", *(entry.name for entry in self.inputs)) if self.kind == "saltelli" else ("",)
 
     def __len__(self) -> int:
         return self.samples * len(self.blocks)
@@ -223,61 +231,46 @@ class Design:
             return [records[int(share * len(records))] for share in shares]
         return distribution.values(shares).tolist()
 
-    def told(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        inputs = []
-        for each in self.inputs:
-            building = {"building": each.building} if each.building else {}
-            drawn = each.distribution.model_dump(exclude_none=True) if each.distribution else {}
-            inputs.append({"name": each.name, "argument": each.argument, **building, **drawn})
-        return {"kind": self.kind, "samples": self.samples, "seed": self.seed, "inputs": inputs}
+
+def design_of(data: Mapping[str, Any]) -> Design:
+    """Return a design that JSON describes."""
+    inputs = []
+    for item in data["inputs"]:
+        drawn = item["distribution"]
+        inputs.append(Input(**{**item, "distribution": None if drawn is None else read_distribution(drawn)}))
+    return Design(**{**data, "inputs": tuple(inputs)})
 
 
 def product_cases(
     laws: Mapping[str, Law],
     records: Sequence[Any],
-    given: AxisValues,
+    axes: AxisValues,
     buildings: Sequence[str],
     design: Design | None = None,
 ) -> tuple[Case, ...]:
     """Return each law, record and value of the axes as a listed case, with every point of a design innermost."""
+    steps: list[list[list[tuple[Target, Any]]]] = []
+    for name, axis in AXES.items():
+        values = getattr(axes, name)
+        for building, numbers in values if axis.by_building else [(None, values)] if values else []:
+            steps.append([[((name, building), value)] for value in numbers])
     inputs = design.inputs if design else ()
     columns = [design.values(i, records) for i in range(len(inputs))] if design else []
-    points = [tuple(zip(inputs, row, strict=True)) for row in zip(*columns, strict=True)] or [()]
-    if any(each.argument == "records" for each in inputs):
-        records = [None]
-    beside: list[list[tuple[Input, Any]]] = []
-    for name, axis in AXES.items():
-        values = getattr(given, name)
-        for building, each in values if axis.by_building else [(None, values)] if values else []:
-            beside.append([(Input(axis.dimension, name, building, None), value) for value in each])
-    found = []
-    for law_key, law in laws.items():
-        ignored = {"stiffness_factors": not law.has_contact, "restitutions": not law.takes_restitution}
-        kept = [choices for choices in beside if not ignored.get(choices[0][0].argument)]
+    targets = [item.target for item in inputs]
+    points = [list(zip(targets, row, strict=True)) for row in zip(*columns, strict=True)] or [[]]
+    records = [None] if ("records", None) in targets else records
+    order, cases = {name: i for i, name in enumerate(buildings)}, []
+    for key_of_law, law in laws.items():
+        matters = {"stiffness_factors": law.has_contact, "restitutions": law.takes_restitution}
+        of_law = [step for step in steps if matters.get(step[0][0][0][0], True)]
         for record in records:
-            for place in itertools.product(*kept):
-                found += [_case(law_key, record, (*place, *point), buildings) for point in points]
-    return tuple(found)
-
-
-def _case(law: str, record: str | None, given: Iterable[tuple[Input, Any]], buildings: Sequence[str]) -> Case:
-    """Return the listed case of values of inputs; factors of 1 are left out, as they are of other cases."""
-    found: dict[str, Any] = {RECORD: record}
-    for each, value in given:
-        if each.building is None:
-            found[RECORD if each.argument == "records" else AXES[each.argument].dimension] = value
-        elif value != 1.0:
-            factors = (*found.get(each.argument, ()), (each.building, value))
-            found[each.argument] = tuple(sorted(factors, key=lambda factor: buildings.index(factor[0])))
-    return Case(law, **found)
-
-
-def design_of(told: dict[str, Any]) -> Design:
-    """Return a design that JSON describes."""
-    inputs = []
-    for item in told["inputs"]:
-        drawn = {name: value for name, value in item.items() if name not in ("name", "argument", "building")}
-        distribution = read_distribution(drawn) if drawn else None
-        inputs.append(Input(item["name"], item["argument"], item.get("building"), distribution))
-    return Design(told["kind"], told["samples"], told["seed"], tuple(inputs))
+            for settings in itertools.product(*of_law, points):
+                case: dict[str, Any] = {RECORD: record}
+                for (argument, building), value in itertools.chain(*settings):
+                    if building is None:
+                        case[RECORD if argument == "records" else AXES[argument].dimension] = value
+                    elif value != 1.0:  # factors of 1 are left out, as they are of other cases
+                        factors = (*case.get(argument, ()), (building, value))
+                        case[argument] = tuple(sorted(factors, key=lambda factor: order[factor[0]]))
+                cases.append(Case(key_of_law, **case))
+    return tuple(cases)

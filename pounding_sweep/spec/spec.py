@@ -19,7 +19,7 @@ from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import Axis, AxisValues, Case
-from pounding_sweep.spec.design import Design
+from pounding_sweep.spec.design import Design, Distribution
 
 #: Time-stepping schemes by name.
 METHODS = tuple(SCHEMES)
@@ -31,6 +31,8 @@ ACCURACY_RANGE = (1e-6, 1e-2)
 AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
 MAX_SCENARIOS = 1_000_000_000
+#: What a sweep's JSON tells of each record.
+_OF_RECORD = ("name", "sha256", "pga", "dt", "n_points", "scale", "source")
 #: Problems that one message tells.
 MOST_PROBLEMS = 40
 
@@ -125,40 +127,37 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
-def scene_data(item: Any) -> Any:
-    """Return a row, or a part of it, as JSON holds it: arguments by name, null for what is infinite."""
-    if isinstance(item, Law):
-        return item.key if LAWS.get(item.key) is item else item.described
-    if isinstance(item, Contacts):
-        return item.asked
-    if isinstance(item, (tuple, list)):
-        return [scene_data(each) for each in item]
-    if is_dataclass(item):
-        wall = {"wall": True} if isinstance(item, Wall) else {}
-        return wall | {each.name: scene_data(getattr(item, each.name)) for each in fields(item) if each.init}
-    return None if item == math.inf else item
+def json_data(value: Any) -> Any:
+    """Return a sweep, a row or a part of them as JSON holds it: arguments by name, null for what is infinite."""
+    match value:
+        case Law():
+            return value.key if LAWS.get(value.key) is value else value.described
+        case Record():
+            return {name: getattr(value, name) for name in _OF_RECORD}
+        case Case():
+            return {name: json_data(item) for name, item in vars(value).items() if item not in (None, ())}
+        case Contacts():
+            return value.asked
+        case tuple() | list():
+            return [json_data(item) for item in value]
+        case Distribution():
+            return value.model_dump(exclude_none=True)
+        case _ if is_dataclass(value):
+            wall = {"wall": True} if isinstance(value, Wall) else {}
+            return wall | {item.name: json_data(getattr(value, item.name)) for item in fields(value) if item.init}
+    return None if value == math.inf else value
 
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
-    """Return the row of `scene_data`."""
+    """Return the row that JSON describes."""
     return Scene(**data)
 
 
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
-    data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
-    data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in spec.own_laws}
-    data["design"] = spec.design.told() if spec.design else None
-    data["scene"] = scene_data(spec.scene)
-    data["records"] = [
-        {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
-        for record in spec.records
-    ]
-    if spec.cases is not None:
-        data["cases"] = [
-            {key: value for key, value in vars(case).items() if value not in (None, ())} for case in spec.cases
-        ]
-    return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    laws = {law.key: {**law.described, "sha256": law.sha256} for law in spec.own_laws}
+    data = {"format": 1, **json_data(spec), "own_laws": laws}
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def digest(spec: SweepSpec) -> str:

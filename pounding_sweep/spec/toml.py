@@ -106,69 +106,63 @@ def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepE
 def key_lines(text: str) -> dict[Place, int]:
     r"""Find the line of every key, table and array element of valid TOML; it stops at what it does not follow."""
     lines: dict[Place, int] = {}
-    counts: dict[Place, int] = {}
+    counts: dict[Place, int] = {}  # elements of arrays of tables
     ends = [match.start() for match in re.finditer("\n", text)]
-    tokens = [
-        (match["token"], bisect.bisect_left(ends, match.start()) + 1)
-        for match in reversed([*_LEXEME.finditer(text)])
-        if match["token"]
-    ]
+    found = [match for match in _LEXEME.finditer(text) if match["token"]]
+    tokens = [(match["token"], bisect.bisect_left(ends, match.start()) + 1) for match in reversed(found)]
 
-    def next_is(*signs: str) -> bool:
-        return bool(tokens) and tokens[-1][0] in signs
-
-    def read_key(place: Place, line: int, several: bool = False) -> Place:
-        while True:
-            token, _ = tokens.pop()
-            place = (*place, token[1:-1] if token[0] in "\"'" else token)
+    def key(place: Place, several: bool = False) -> Place:
+        """Read a key of several parts, of a table or a value."""
+        line, more = tokens[-1][1], True
+        while more:
+            part = tokens.pop()[0]
+            place = (*place, part[1:-1] if part[0] in "\"'" else part)
             lines.setdefault(place, line)
-            last = not next_is(".")
-            if several and last:
+            more = bool(tokens) and tokens[-1][0] == "."
+            if several and not more:
                 counts[place] = counts.get(place, -1) + 1
-            if place in counts and (several or not last):
+            if place in counts and (several or more):
                 place = (*place, counts[place])
                 lines.setdefault(place, line)
-            if last:
-                return place
-            tokens.pop()
+            if more:
+                tokens.pop()
+        return place
 
-    def read_pair(table: Place) -> None:
-        place = read_key(table, tokens[-1][1])
-        tokens.pop()
-        read_value(place)
-
-    def read_value(place: Place) -> None:
+    def value(place: Place) -> None:
+        """Read a value, and all that it holds."""
         opening, index = tokens.pop()[0], 0
         while opening in ("[", "{"):
-            while next_is("\n", ","):
+            if (sign := tokens[-1][0]) in ("\n", ","):
                 tokens.pop()
-            if next_is("]", "}"):
+            elif sign in ("]", "}"):
                 tokens.pop()
                 return
-            if opening == "{":
-                read_pair(place)
+            elif opening == "{":
+                pair(place)
             else:
                 lines.setdefault((*place, index), tokens[-1][1])
-                read_value((*place, index))
+                value((*place, index))
                 index += 1
-        while tokens and not next_is("\n", ",", "]", "}"):
+        while tokens and tokens[-1][0] not in ("\n", ",", "]", "}"):
             tokens.pop()
+
+    def pair(table: Place) -> None:
+        place = key(table)
+        tokens.pop()
+        value(place)
 
     table: Place = ()
     with contextlib.suppress(IndexError, RecursionError):
         while tokens:
-            if next_is("["):
-                _, line = tokens.pop()
-                if several := next_is("["):
-                    tokens.pop()
-                table = read_key((), line, several)
+            if tokens[-1][0] == "\n":
                 tokens.pop()
-                if several:
-                    tokens.pop()
-            elif next_is("\n"):
-                tokens.pop()
+            elif tokens[-1][0] != "[":
+                pair(table)
             else:
-                read_pair(table)
+                several = tokens[-2][0] == "["
+                del tokens[-1 - several :]
+                table = key((), several)
+                del tokens[-1 - several :]
     return lines
 
 
@@ -200,23 +194,19 @@ _HOMES: dict[str, Iterable[str]] = {
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
     "[design]": DesignTable.model_fields,
 }
-_PLACES: dict[str, Place] = {
+#: Where a file has each argument.
+_PLACES: dict[str | int, Place] = {
     argument: (section, key) for section, keys in SECTIONS.items() for key, argument in keys.items()
 }
 
 
-def belongs(key: str) -> str:
-    """Say in which table of a file a key belongs; "" where in none."""
-    return next((f"; it belongs in {home}" for home, keys in _HOMES.items() if key in keys), "")
-
-
 def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `build_spec` that a file gives, its tables and keys checked."""
-    given: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for section, table in data.items():
         names = SECTIONS.get(section)
         if section in _PLAIN:
-            given[section] = table
+            arguments[section] = table
         elif names is None:
             faults.add((section,), unknown("key", section, (*_PLAIN, *SECTIONS)))
         elif not isinstance(table, dict):
@@ -224,10 +214,10 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
         else:
             for key, value in table.items():
                 if key in names:
-                    given[names[key]] = value
+                    arguments[names[key]] = value
                 else:
                     faults.add((section, key), unknown("key", key, names))
-    return given
+    return arguments
 
 
 def load_spec(
@@ -261,25 +251,20 @@ def load_spec(
     except ValueError as error:  # a number of thousands of digits, a key or brackets without end
         raise sweep_error([f"{named}: no usable TOML: {error}"]) from None
     faults = Faults()
-    given = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
-    spec, found = read_sweep(
-        given | {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
-    )
+    arguments = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
+    arguments |= {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
+    spec, found = read_sweep(arguments)
     wrong = [place for place, _ in faults.entries]
-    for inner, said in found:
-        place = (*_PLACES.get(str(inner[0]), inner[:1]), *inner[1:]) if inner else ("sweep",)
+    for (argument, *inner), said in [(place or ("sweep",), said) for place, said in found]:
+        place = (*_PLACES.get(argument, (argument,)), *inner)
         if not any(place[: len(whole)] == whole for whole in wrong):  # of what is at fault as a whole no more is said
             faults.add(place, said)
     if spec is not None and not faults.entries:
         return spec
     lines = key_lines(text)
-    placed = sorted(
-        ((line_of(lines, place) or 1, place, said) for place, said in faults.entries), key=lambda item: item[0]
-    )
-    raise sweep_error(
-        [
-            f"{named}:{line}: {spell(place)}: {said}{belongs(str(place[-1])) if said.startswith('unknown key') else ''}"
-            for line, place, said in sorted(placed, key=lambda item: item[0])
-        ],
-        named,
-    )
+    placed = sorted(((line_of(lines, place) or 1, place, said) for place, said in faults.entries), key=lambda it: it[0])
+    problems = []
+    for line, place, said in placed:
+        home = next((f"; it belongs in {home}" for home, keys in _HOMES.items() if str(place[-1]) in keys), "")
+        problems.append(f"{named}:{line}: {spell(place)}: {said}{home if said.startswith('unknown key') else ''}")
+    raise sweep_error(problems, named)
