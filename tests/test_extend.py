@@ -30,7 +30,7 @@ from pounding_sweep.resume import MANIFEST, identity_of
 from pounding_sweep.run import audit as auditing
 from pounding_sweep.run import execute
 from pounding_sweep.run import sweep as sweeping
-from pounding_sweep.run.cube_writer import cube_in_memory
+from pounding_sweep.run.cube_writer import write_cube_of
 from pounding_sweep.run.reuse import EarlierCube
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -267,22 +267,24 @@ def whole_file(whole, tmp_path_factory):
 @pytest.mark.parametrize(
     ("told", "says"),
     [
-        pytest.param({"pounding_sweep_version": "0.0"}, r"version is '0\.0' there and", marks=pytest.mark.slow),
+        pytest.param(
+            {"pounding_sweep_version": "0.0"}, r"pounding_sweep_version is '0\.0' there and", marks=pytest.mark.slow
+        ),
         ({"package_sha256": None}, "does not say what it needs to be extended"),
         pytest.param(
             {"package_sha256": "new"},
-            r"source of the package, as SHA-256, is 'new' there and '[0-9a-f]{64}' here\. The",
+            r"package_sha256 is 'new' there and '[0-9a-f]{64}' here\. The",
             marks=pytest.mark.slow,
         ),
         pytest.param(
             {"numba_version": "0.61.0"},
-            r"by this sweep: numba is '0\.61\.0' there and '\S+' here\. The same scenario may",
+            r"by this sweep: numba_version is '0\.61\.0' there and '\S+' here\. The same scenario may",
             marks=pytest.mark.slow,
         ),
         (
             {"llvmlite_version": "0.44.0", "numpy_version": None},
-            r"llvmlite is '0\.44\.0' there and '\S+' here; numpy is None there and '\S+' here\. The same scenario may "
-            "have another result with each: install what made it, or run the sweep without it$",
+            r"llvmlite_version is '0\.44\.0' there and '\S+' here; numpy_version is None there and '\S+' here\. The "
+            "same scenario may have another result with each: install what made it, or run the sweep without it$",
         ),
     ],
 )
@@ -395,7 +397,7 @@ def test_listed_cases(tmp_path_factory, old, new, chunk_seconds):
         ran.clear()
         found = job.run(extend=folder / "old.nc", workers=1)
     same(found, whole)
-    assert set(ran) == wanted - before
+    assert set(ran) >= wanted - before  # what never touches may run again
     assert job.last_outcome.run + found_taken(found) == n
 
 
@@ -456,15 +458,6 @@ def test_cases_under_labels(few, ran, tmp_path):
             lambda cube: cube.isel(case=[0, 1]),
             r"'.*old\.nc' has 2 values of case, its sweep had 4; give the cube as it was made",
         ),
-        pytest.param(
-            lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep", marks=pytest.mark.slow
-        ),
-        (lambda cube: cube.assign_coords(pair_gap=cube.pair_gap * 2), "other values of pair_gap than its sweep"),
-        pytest.param(
-            lambda cube: cube.drop_vars("contact_stiffness"),
-            "other values of contact_stiffness than its sweep",
-            marks=pytest.mark.slow,
-        ),
         (lambda cube: cube.isel(case=0), "has the axes none, its sweep had case"),
     ],
 )
@@ -522,8 +515,10 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
-    with pytest.raises(InputError, match="all its records must be in the new sweep"):
-        sweep(**few, records=motions()[1:]).run(extend=tmp_path / "old.nc")
+    fewer = sweep(**few, records=motions()[1:])
+    found = fewer.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, fewer.run(workers=1))
+    assert found_taken(found) > 0
 
 
 def test_a_disk_that_gets_full_while_results_are_taken(whole, earlier, tmp_path, monkeypatch):
@@ -682,7 +677,7 @@ def of_accuracy(job):
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     outcome = Outcome(results, np.ones(len(plan.unique), bool))
     more = {"package_sha256": sweeping.package_digest()}
-    return cube_in_memory(plan, outcome, None, execute.Progress(), more).to_dataset()
+    return write_cube_of(plan, outcome, None, execute.Progress(), more).to_dataset()
 
 
 @pytest.mark.slow  # processes are started

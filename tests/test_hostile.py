@@ -374,15 +374,16 @@ def test_a_cube_can_be_sent_to_another_process(tmp_path):
 def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
     """Arrays carry checksums, compressed or not: a value is as written, or can't be read."""
     values = np.random.default_rng(1).random((3, 3, 2))
-    x = ("gap", "building", "storey"), values, {}
-    blocks, slab = {"x": values.shape}, ((slice(None),), {"x": values})
-    path = write_in_slabs(CubeParts({"x": x}, {}, {VERSION_ATTRIBUTE: "0.1.0"}), tmp_path / "cube.nc", blocks, [slab])
+    made = {"status": np.zeros(3, "i1"), "drift_max": values}
+    data_vars = {"status": (("gap",), made["status"], {}), "drift_max": (("gap", "building", "storey"), values, {})}
+    cube = CubeParts(data_vars, {}, {VERSION_ATTRIBUTE: "0.1.0"})
+    path = write_in_slabs(cube, tmp_path / "cube.nc", lambda _: made)
     data = bytearray(path.read_bytes())
     data[data.index(values.tobytes()) + 3] ^= 1
     (tmp_path / "flipped.nc").write_bytes(data)
     with open_cube(path) as whole:
-        np.testing.assert_array_equal(whole["x"], values)
+        np.testing.assert_array_equal(whole["drift_max"], values)
     with open_cube(tmp_path / "flipped.nc") as flipped, pytest.raises(RuntimeError, match="NetCDF: HDF error"):
-        flipped["x"].load()
+        flipped["drift_max"].load()
     said = "values of a netCDF file can't be read (NetCDF: HDF error): it is damaged; make it again"
     assert bad("info", tmp_path / "flipped.nc") == said

@@ -226,12 +226,12 @@ with begin(disk, finished=1) as process:  # full while chunks are written
 ballast.unlink()
 code = BALLAST + '''
 from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-slabs = filling._slabs
+from pounding_sweep.output import netcdf as filling
+slabs = filling.slabs
 def full(*arguments):
     fill("ballast")
     yield from slabs(*arguments)
-filling._slabs = full
+filling.slabs = full
 cli.main()
 '''
 failed = cli(*RUN, cwd=disk, code=1, start=("-c", code))  # full while the cube is written

@@ -24,7 +24,7 @@ from pounding_sweep.base.errors import OutputError, SweepError, WriteError
 from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.describe import describe
-from pounding_sweep.output.netcdf import block_shape, slab_shape, slabs, write_cube
+from pounding_sweep.output.netcdf import block_shape, slabs, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.scenarios import Chunk
@@ -122,10 +122,9 @@ SIZES = st.lists(st.integers(1, 7), min_size=1, max_size=5).map(tuple)
 def test_slabs_are_whole_blocks_and_together_the_cube(sizes, block_most, slab_most):
     block = block_shape(sizes, block_most)
     assert math.prod(block) <= block_most
-    shape = slab_shape(sizes, block, slab_most)
-    assert math.prod(shape) <= max(slab_most, math.prod(block))
     seen = np.zeros(sizes, int)
-    for slab in slabs(sizes, shape):
+    for slab in slabs(sizes, slab_most, block):
+        assert seen[slab].size <= max(slab_most, math.prod(block))
         for part, own, size in zip(slab, block, sizes, strict=True):
             assert part.start % own == 0
             assert part.stop % own == 0 or part.stop == size
@@ -148,9 +147,9 @@ def test_blocks_are_as_large_as_they_may_be(sizes, most):
 def small_slabs(monkeypatch):
     """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
     monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
-    for module in (describing, filling):
+    for module in (describing, writing):
         monkeypatch.setattr(module, "SLAB_BYTES", 2000)
-    monkeypatch.setattr(filling, "BLOCK_BYTES", 100)
+    monkeypatch.setattr(writing, "BLOCK_BYTES", 100)
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
 
 
@@ -263,13 +262,13 @@ def test_chunks_that_are_there_need_no_room_again(tmp_path, monkeypatch):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[2])
-from pounding_sweep.run import cube_writer as filling
+from pounding_sweep.output import netcdf as writing
 import stub_engine
 from test_memory import make
 
 stub_engine.install()
-filling.SLAB_BYTES, filling.BLOCK_BYTES = 2000, 100
-true_slabs = filling._slabs
+writing.SLAB_BYTES, writing.BLOCK_BYTES = 2000, 100
+true_slabs = writing.slabs
 
 def killed(*arguments):
     for number, slab in enumerate(true_slabs(*arguments)):
@@ -277,7 +276,7 @@ def killed(*arguments):
             os.kill(os.getpid(), signal.SIGKILL)
         yield slab
 
-filling._slabs = killed
+writing.slabs = killed
 make(stiffness_factors=[1.0, 1e3]).run(sys.argv[1])
 """
 

@@ -127,7 +127,7 @@ def test_audited_errors_stand_with_their_scenarios(cube, tmp_path):
             ok = here["law"].item() == law and here["record"].item() == one["audit_record"].item()
             ok &= float(here["scale"]) == float(one["audit_scale"])
             ok &= float(here["pair_gap"].values[0]) == float(one["audit_gap"].values[0])
-            ok &= float(here["restitution"]) == float(one["audit_restitution"])
+            ok &= law == "linear" or float(here["restitution"]) == float(one["audit_restitution"])
             if "audit_period_factor" in cube.coords:
                 periods = [b.periods[0] for b in scene_of(json.loads(cube.attrs["sweep"])["scene"]).buildings]
                 ok &= np.allclose(here["fundamental_period"], periods * one["audit_period_factor"], rtol=1e-12)

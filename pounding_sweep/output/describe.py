@@ -21,7 +21,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
-from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, block_shape, slabs
+from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, STATUS, Status
 from pounding_sweep.spec.spec import overview_of
 
@@ -88,7 +88,7 @@ def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
     dims = [dim for dim in values.dims if dim not in INNER_DIMS]
     sizes = [values.sizes[dim] for dim in dims]
     each = max(1, values.nbytes // max(1, math.prod(sizes)))
-    for slab in slabs(sizes, block_shape(sizes, SLAB_BYTES // each)):  # that fit into memory
+    for slab in slabs(sizes, SLAB_BYTES // each):  # that fit into memory
         cut = dict(zip(dims, slab, strict=True))
         kept = values.isel(cut).astype(float)
         if status is not None and set(status.dims) <= set(kept.dims):
@@ -304,7 +304,7 @@ def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
     names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
     each = max([1, *(arrays[name].dtype.itemsize * arrays[name].size // status.size for name in names)])
     found: dict[str, list[list[np.ndarray]]] = {}
-    for slab in slabs(status.shape, block_shape(status.shape, max(1, SLAB_BYTES // each))):
+    for slab in slabs(status.shape, SLAB_BYTES // each):
         # the largest of all floors, shape (*scenarios, pair); missing where no floors meet
         largest = [np.fmax.reduce(arrays[name][slab], axis=-1) for name in names]
         by_law = np.expand_dims(laws[slab[along]], [axis for axis in range(status.ndim) if axis != along])

@@ -22,15 +22,14 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
 from pounding_sweep.base.files import expanded, failure, replacing
 from pounding_sweep.base.text import bytes_text
-from pounding_sweep.model.laws import get_law
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import encoding_of
-from pounding_sweep.output.identity import places_of, plain, scenario_keys
+from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
+from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records.record import RecordMeasures
-from pounding_sweep.spec.axes import axes_of, plain_name
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.spec.axes import plain_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,7 +129,7 @@ class Table:
         import pandas as pd
 
         cells = max(1, len(self.columns) * sum(map(len, self._existing)))
-        for slab in slabs(self._sizes, block_shape(self._sizes, max(1, CELLS_AT_A_TIME // cells))):
+        for slab in slabs(self._sizes, CELLS_AT_A_TIME // cells):
             part = self.complete(self.cube.isel(dict(zip(self.outer, slab, strict=True))).load())
             frames = [self._rows(part, kind) for kind in range(len(self._kinds))]
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
@@ -244,50 +243,14 @@ def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
 def _audited_errors(part: xr.Dataset, cube: xr.Dataset) -> xr.Variable:
     """Return the errors of scenarios by output, as the audit of their cube measured them; missing without."""
     outer = {dim: part.sizes[dim] for dim in outer_dims(part.dims)}
-    known = _known_by(part, json.loads(cube.attrs["sweep"]))
-    names = [name for name in known if f"audit_{name}" in cube.coords]
-    here = {}
-    for name in names:
-        variable = known[name].variable
-        inner = {dim: size for dim, size in variable.sizes.items() if dim not in outer}
-        here[name] = variable.set_dims(outer | inner).values.reshape(math.prod(outer.values()), -1)
-    keys = scenario_keys({name: cube[f"audit_{name}"].transpose("audit", ...).values for name in names})
+    columns = cube_columns(part, json.loads(cube.attrs["sweep"]), outer)
+    columns = {name: values for name, values in columns.items() if f"audit_{name}" in cube.coords}
+    keys = scenario_keys({name: cube[f"audit_{name}"].transpose("audit", ...).values for name in columns})
     order = np.argsort(keys)
-    place = places_of(scenario_keys(here), keys[order])
+    place = places_of(scenario_keys(columns), keys[order])
     errors = cube["audit_error"].transpose("audit", "output").values[order][place]
     errors[place < 0] = np.nan
     return xr.Variable((*outer, "output"), errors.reshape(*outer.values(), -1))
-
-
-def _known_by(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataArray]:
-    """Return what the scenarios of a part are known by, as an audit names it."""
-    law = part["law"]
-    takes = [get_law(key).takes_restitution for key in np.ravel(law.values).astype(str)]
-    stiffness = part["contact_stiffness" if "contact_stiffness" in part.coords else "stiffness"]
-    known: dict[str, xr.DataArray] = {
-        "law": law,
-        "record": part["record"],
-        "scale": part["scale"],
-        "stiffness": stiffness.fillna(0.0),
-        "restitution": xr.where(law.copy(data=np.reshape(takes, law.shape)), part["restitution"], 1.0),
-        "gap": part["pair_gap"],
-    }
-    axes = axes_of(sweep).property_axes if sweep["cases"] is None else ()
-    for kind in ("period_factor", "mass_factor", "strength_factor", "hardening"):
-        default = np.nan if kind == "hardening" else 1.0
-        values = part.get(kind, xr.full_like(part["building"], default, dtype=float))
-        for axis in axes:
-            if axis.kind == kind:
-                values = xr.where(part["building"] == axis.building, part[axis.dimension], values)
-        known[kind] = values
-    # missing where it is the building's own
-    buildings = scene_of(sweep["scene"]).buildings
-    hardening = xr.DataArray([building.uniform_hardening for building in buildings], dims="building")
-    known["hardening"] = known["hardening"].where(known["hardening"] != hardening)
-    ratio, *others = {building.damping_ratio for building in buildings}
-    damping = part.get("damping_ratio", xr.DataArray(np.nan))
-    known["damping_ratio"] = damping.where(damping != ratio) if isinstance(ratio, float) and not others else damping
-    return known
 
 
 #: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.

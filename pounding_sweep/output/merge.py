@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,42 +32,33 @@ from pounding_sweep.output.dataset import (
 from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
-    KNOWN_BY,
     LIBRARIES,
     MAKER_ATTRIBUTES,
     ORIGINS,
     OWN_LAWS,
-    REMEDY,
-    check_axes,
     differing_sweeps,
     makers,
-    motion_of,
-    outer_dims,
+    motions_of,
     plain,
-    recorded_axes,
     recorded_sweep,
     runs,
-    scenario_keys,
 )
-from pounding_sweep.output.netcdf import (
-    BLOCK_BYTES,
-    SLAB_BYTES,
-    block_shape,
-    check_output,
-    check_space,
-    open_cube,
-    reading,
-    slab_shape,
-    slabs,
-    write_in_slabs,
-)
+from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
+from pounding_sweep.output.scenario_rows import scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 
-#: Cubes by the name of their file
+#: Cubes by the name of their file.
 Parts = Mapping[str, "xr.Dataset"]
+#: Descriptions of sweeps, in the order of the cubes that they made.
+Sweeps = Sequence[Mapping[str, Any]]
 #: Dimension of listed scenarios.
 CASE = "case"
+#: What tells listed cases apart, what their law ignores too: a case is selected by it.
+CASE_COORDINATES = (
+    *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap"),
+    *("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"),
+)
 #: Global attributes that say how a part came to be, or are made anew, and how others of them begin.
 OWN_ATTRIBUTES = frozenset(
     {
@@ -81,266 +73,6 @@ NEARLY = 1e-9
 NAMED = 5
 #: Relative difference between two results of the same scenario that is no conflict.
 TOLERANCE = 1e-6
-
-
-def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
-    """Return what cubes of one study say of their sweeps."""
-    for name, cube in parts.items():
-        if "status" not in cube.data_vars or "sweep" not in cube.attrs:
-            raise InputError(
-                f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
-            )
-    _check_makers(parts, mix_sources=mix_sources)
-    sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
-    (first, base), *_ = parts.items()
-    for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        check_axes(name, cube, recorded_axes(sweep))
-        for what, here, there in _differences(base, cube, sweeps[0], sweep):
-            raise InputError(
-                f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
-                f"{shown(there)} in the second; run one of them again with the other's"
-            )
-        for key in ("law", "record") if CASE in cube.dims else ():
-            if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
-                raise InputError(f"{name!r} has other cases than its sweep; {REMEDY}")
-    return sweeps
-
-
-def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
-    """Raise `InputError` if cubes were made by other versions of the package or of libraries, or another source."""
-    (first, base), *others = parts.items()
-    for name, cube in others:
-        released = plain(cube.attrs.get(VERSION_ATTRIBUTE)) == plain(base.attrs[VERSION_ATTRIBUTE])
-        both = makers(base.attrs) | makers(cube.attrs)
-        if released and (mix_sources or len(both) == 1):
-            continue
-        remedy = (
-            "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
-            "on the command line --mix-sources. The cube then says which file is of which"
-        )
-        raise InputError(
-            f"{first!r} was made by {_made_by(base)}, {name!r} by {_made_by(cube)}: the same scenario may have another "
-            "result in each. Run them again with one of them, such as the installed package "
-            f"(version {package_version()}){remedy if released else ''}"
-        )
-
-
-def _made_by(cube: xr.Dataset) -> str:
-    """Say what made a cube, by its version, source and libraries."""
-    names = ("source", *LIBRARIES)
-    texts = [
-        ", ".join(f"{name} {str(value)[:12]}" for name, value in zip(names, maker, strict=True))
-        for maker in makers(cube.attrs)
-    ]
-    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(texts))})"
-
-
-def _differences(
-    a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
-) -> list[tuple[str, Any, Any]]:
-    varying = "period_factor" in a.coords, "period_factor" in b.coords
-    found: list[tuple[str, Any, Any]] = [
-        ("the list of axes", outer_dims(a), outer_dims(b)),
-        ("the list of variables", scenario_variables(a), scenario_variables(b)),
-        ("whether building properties vary, in kernels of their own,", *varying),
-        *differing_sweeps(one, two),
-    ]
-    for key in sorted(AXIS_KEYS):
-        found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
-    for key in sorted({*shared(a), *shared(b)}):
-        found.append((f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))))
-    for name in INNER_DIMS:
-        here, there = (cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
-        found.append((f"the list of {name}s", here, there))
-    motions = {record["name"]: record for record in two["records"]}
-    for record in one["records"]:
-        here, there = (list(motion_of(each)) for each in (record, motions.get(record["name"], record)))
-        found.append((f"record {record['name']!r}", here, there))
-    return [each for each in found if each[1] != each[2]]
-
-
-def shared(cube: xr.Dataset) -> dict[str, Any]:
-    """Global attributes of a cube in which all parts agree."""
-    return {k: v for k, v in cube.attrs.items() if k not in OWN_ATTRIBUTES and not k.startswith(OWN_BEGINNINGS)}
-
-
-def scenario_variables(cube: xr.Dataset) -> list[str]:
-    """Variables of a cube that are not its audit's."""
-    return [str(name) for name, array in cube.data_vars.items() if AUDIT_DIMS[0] not in array.dims]
-
-
-def of_one_design(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> dict[str, xr.Dataset]:
-    """Return cubes without what designs say of their cases, where these were not drawn by one design."""
-    designs = [sweep.get("design") or {} for sweep in sweeps]
-    if all(design == designs[0] for design in designs):
-        return dict(parts)
-    names = {SAMPLE, BLOCK, *(each["name"] for design in designs for each in design.get("inputs", ()))} - {*KNOWN_BY}
-    return {file: cube.drop_vars(names & {*cube.coords}) for file, cube in parts.items()}
-
-
-def number_cases(
-    parts: Parts, sweeps: Sequence[Mapping[str, Any]]
-) -> tuple[dict[str, xr.Dataset], list[Any], list[dict[str, Any]]]:
-    """Return cubes with each of their cases once, numbered over all cubes, and labels and descriptions of all cases."""
-    labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
-    numbers: dict[bytes, int] = {}
-    labels: dict[Any, tuple[bytes, str, int]] = {}
-    described, result = [], {}
-    for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        # with what the law ignores, too: a case was listed with it, and is selected by it
-        names = [name for name in (*([CASE] if labelled else []), *KNOWN_BY) if name in cube.coords]
-        positions: dict[bytes, int] = {}
-        for position, key in enumerate(scenario_keys({name: cube[name].values for name in names}).tolist()):
-            if key in positions:  # a list may name a case in two spellings
-                continue
-            positions[key] = position
-            if key not in numbers:
-                numbers[key] = len(numbers)
-                described.append(sweep["cases"][position])
-            label = cube[CASE].values[position].item()
-            other_key, other, at = labels.setdefault(label, (key, file, position))
-            if labelled and other_key != key:
-                one, two = case_name(parts[other].coords, at), case_name(cube.coords, position)
-                raise InputError(
-                    f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
-                )
-        chosen = cube.isel(case=list(positions.values()))
-        result[file] = chosen.assign_coords({CASE: [numbers[key] for key in positions]})
-    return result, list(labels) if labelled else list(range(1, len(numbers) + 1)), described
-
-
-def case_name(coordinates: Mapping[Any, Any], position: int) -> str:
-    """Say which scenario a listed case is, by those of its coordinates that have a value."""
-    told = []
-    for name in (name for name in KNOWN_BY if name in coordinates):
-        values = list(dict.fromkeys(np.ravel(coordinates[name].values[position]).tolist()))
-        if not any(isinstance(value, float) and math.isnan(value) for value in values):
-            told.append(f"{name}={'/'.join(map(str, values))}")
-    return " ".join(told)
-
-
-def merge_values(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return all values of an axis, each once: rising or falling if all parts are, else as they come."""
-    values = list(dict.fromkeys(value for part in parts for value in part))
-    if not all(isinstance(value, int | float) for value in values):
-        return values
-    rising = sorted(values)
-    for a, b in pairwise(rising):
-        near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
-        if near and not any(a in part and b in part for part in parts):  # a part with both means them apart
-            raise InputError(
-                f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
-            )
-    if all(a < b for part in parts for a, b in pairwise(part)):
-        return rising
-    return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
-
-
-def merge_labels(parts: Parts, axes: Mapping[str, list[Any]]) -> dict[str, xr.Variable]:
-    """Return the coordinates of all parts; missing (NaN, "") if no part has both values of two axes."""
-    labels = [
-        part.drop_vars(part.data_vars).drop_dims(AUDIT_DIMS, errors="ignore").reset_coords().reindex(axes)
-        for part in parts.values()
-    ]
-    try:
-        merged = xr.merge(labels, compat="no_conflicts", join="exact", combine_attrs="override")
-    except xr.MergeError as error:
-        raise InputError(
-            f"the cubes are not of one study, or one was changed: {str(error).partition(' on objects')[0]} of the same "
-            "place; run it again"
-        ) from None
-    result = {}
-    for name, variable in merged.variables.items():
-        dtype = next(part[name].dtype for part in parts.values() if name in part)
-        if dtype.kind == "U":
-            values = np.where(variable.notnull(), variable.values, "").astype(str)
-        else:
-            values = variable.values.astype(dtype if variable.notnull().all() else float)
-        result[str(name)] = variable.copy(data=values)
-    return result
-
-
-def merge_attributes(
-    parts: Parts, sweeps: Sequence[Mapping[str, Any]], n: int, cases: list[dict[str, Any]] | None
-) -> dict[str, Any]:
-    """Return what a cube says of its parts: what they share, the sweep of all, where each is from."""
-    cubes = list(parts.values())
-    whole = {**sweeps[0], "cases": cases}
-    if any(sweep.get("design") != sweeps[0].get("design") for sweep in sweeps):
-        whole.pop("design", None)
-    for key in AXIS_KEYS:
-        if whole.get(key) is not None:
-            whole[key] = merge_values(key, [sweep[key] for sweep in sweeps])
-    for key in BUILDING_AXES & whole.keys():
-        each_building = zip(*(sweep[key] for sweep in sweeps), strict=True)
-        whole[key] = [[alike[0][0], merge_values(key, [values for _, values in alike])] for alike in each_building]
-    if laws := {key: law for sweep in sweeps for key, law in sweep.get(OWN_LAWS, {}).items()}:
-        whole[OWN_LAWS] = laws
-    records = {record["name"]: record for sweep in reversed(sweeps) for record in sweep["records"]}
-    described = {record["name"]: record for cube in reversed(cubes) for record in json.loads(cube.attrs["records"])}
-    names = merge_values("record", [[record["name"] for record in sweep["records"]] for sweep in sweeps])
-    whole["records"] = [records[name] for name in names]
-    left_out = merge_values("records_left_out", [sweep["records_left_out"] for sweep in sweeps])
-    whole["records_left_out"] = [name for name in left_out if name not in records]
-    text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    all_runs = runs({file: cube.attrs for file, cube in parts.items()})
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-    attributes = shared(cubes[0]) | {
-        **{key: cubes[0].attrs[key] for key in ("title",) if key in cubes[0].attrs},
-        "records": json.dumps([described[name] for name in names], sort_keys=True),
-        "sweep": text,
-        "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "scenarios_asked": n,
-        **{key: sum(int(run.get(key, 0)) for run in all_runs) for key in ("scenarios_run", "scenarios_never_touching")},
-        "history": f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)",
-        "merged_from": json.dumps(all_runs),
-    }
-    if "time_step" in cubes[0].attrs:
-        steps = {
-            record["name"]: step
-            for sweep, cube in zip(sweeps, cubes, strict=True)
-            for record, step in zip(sweep["records"], np.ravel(cube.attrs["time_step"]).tolist(), strict=True)
-        }
-        attributes["time_step"] = np.array([steps[name] for name in names])
-    if "accuracy_choice" in cubes[0].attrs:
-        attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
-    if whole["records_left_out"]:
-        attributes["records_left_out"] = json.dumps(whole["records_left_out"])
-    all_makers = set().union(*(makers(cube.attrs) for cube in cubes))
-    for key, values in zip(MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
-        if len(set(values)) == 1 and values[0] is not None:
-            attributes[key] = values[0]
-    return attributes
-
-
-def merge_audits(cube: CubeParts, parts: Parts) -> None:
-    """Put the audits of all parts, one after another, into their cube; of each scenario the first one."""
-    audited = {file: part for file, part in parts.items() if has_audit(part)}
-    if not audited:
-        return
-    first = next(iter(audited.values()))
-    names = {name for name, variable in first.variables.items() if {*AUDIT_DIMS} & {*variable.dims}}
-    whole = xr.concat(
-        [part.drop_vars({*part.variables} - names).reset_coords() for part in audited.values()],
-        "audit",
-        data_vars="minimal",
-        coords="minimal",
-        compat="override",
-        join="override",
-        combine_attrs="override",
-    )
-    known = [name for name in names & {*first.coords} if name not in AUDIT_DIMS]
-    keys = scenario_keys({str(name): whole[name].transpose("audit", ...).values for name in known})
-    whole = whole.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))
-    whole["audit"] = ("audit", np.arange(1, whole.sizes["audit"] + 1, dtype=np.int32), first["audit"].attrs)
-    totals = [run for run in runs({file: p.attrs for file, p in audited.items()}) if "audit_touching" in run]
-    touching = [int(run["audit_touching"]) for run in totals]
-    add_audit(
-        cube,
-        {str(name): (tuple(map(str, v.dims)), v.values, v.attrs) for name, v in whole.variables.items()},
-        sum(touching),
-        float(np.average([float(run["audit_share"]) for run in totals], weights=touching)),
-    )
 
 
 @dataclass
@@ -421,151 +153,355 @@ def merge_cubes(
     """
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
         raise InputError(f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}")
-    _check_distinct(paths)
+    for one, two in itertools.combinations([os.fspath(path) for path in paths], 2):
+        if os.path.exists(one) and os.path.exists(two) and os.path.samefile(one, two):
+            twice = f"{two!r} is given twice" if one == two else f"{one!r} and {two!r} are the same file"
+            raise InputError(f"{twice}; give each cube once")
     target = check_output(out, overwrite)
     with ExitStack() as files:
-        parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
-        merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
-        check_space(target.parent, merge.n_bytes, f"the cube of {merge.result.scenarios:,} scenarios")
-        blocks = {name: (*merge.block, *merge.inner[name]) for name in merge.names}
-        merge.result.path = write_in_slabs(merge.cube, target, blocks, merge.slabs(), overwrite=overwrite)
-    return merge.result
-
-
-def _check_distinct(paths: Sequence[str | os.PathLike[str]]) -> None:
-    """Raise `InputError` where two paths lead to one file: most likely another one was meant."""
-    for first, path in itertools.combinations([os.fspath(path) for path in paths], 2):
-        if os.path.exists(first) and os.path.exists(path) and os.path.samefile(first, path):
-            twice = f"{path!r} is given twice" if first == path else f"{first!r} and {path!r} are the same file"
-            raise InputError(f"{twice}; give each cube once")
-
-
-class _Merge:
-    """Parts on their way into one cube."""
-
-    def __init__(self, parts: Parts, sweeps: list[dict[str, Any]], tolerance: float) -> None:
-        base = next(iter(parts.values()))
-        self.tolerance, self.names = tolerance, scenario_variables(base)
-        self.parts, cases = of_one_design(parts, sweeps), None
+        parts: Parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
+        sweeps = check_parts(parts, mix_sources=mix_sources)
+        sources = set().union(*(makers(part.attrs) for part in parts.values()))
+        base, cases = next(iter(parts.values())), None
         if CASE in base.dims:
-            self.parts, case_labels, cases = number_cases(self.parts, sweeps)
-            self.axes: dict[str, list[Any]] = {CASE: list(range(len(case_labels)))}
+            parts, case_labels, cases = _number_cases(_of_one_design(parts, sweeps), sweeps)
+            axes: dict[str, list[Any]] = {CASE: list(range(len(case_labels)))}
         else:
-            along = {dim: [part[dim].values.tolist() for part in parts.values()] for dim in outer_dims(base)}
-            self.axes = {dim: merge_values(dim, values) for dim, values in along.items()}
-        self.labels = merge_labels(self.parts, self.axes)
-        if cases is not None:
-            self.labels[CASE] = xr.Variable(CASE, coordinate_values(case_labels), base[CASE].attrs)
-        self.sizes = [len(values) for values in self.axes.values()]
-        n = math.prod(self.sizes)
-        self.inner = {name: [base.sizes[dim] for dim in VARIABLES[name].dims] for name in self.names}
-        sizes = {name: np.dtype(VARIABLES[name].dtype).itemsize * math.prod(self.inner[name]) for name in self.names}
-        self.n_bytes = n * sum(sizes.values())
-        self.block = block_shape(self.sizes, BLOCK_BYTES // max(sizes.values()))
-        self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(sizes.values())))
-        self.result = Merged(Path(), n, sources=len(set().union(*(makers(part.attrs) for part in parts.values()))))
-        self.conflicts: list[str] = []
-        self.n_conflicts = 0
-        #: without its values, which would not fit into memory
-        self.cube = CubeParts({}, {}, merge_attributes(parts, sweeps, n, cases))
-        for name in self.names:
-            values = unfilled(name, (*self.sizes, *self.inner[name]))
-            attributes = {key: v for key, v in base[name].attrs.items() if not str(key).startswith("audit_")}
-            dims = (*self.axes, *VARIABLES[name].dims)
-            self.cube.data_vars[name] = (dims, values, attributes)
-        for name, label in self.labels.items():
-            self.cube.coords[name] = (tuple(map(str, label.dims)), label.values, label.attrs)
-        merge_audits(self.cube, self.parts)
-
-    def slabs(self) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
-        """Values of all parts as they are stored; raises `InputError` at the end if some are in conflict."""
-        for slab in slabs(self.sizes, self.slab):
-            labels = {dim: values[part] for (dim, values), part in zip(self.axes.items(), slab, strict=True)}
-            shape = [len(values) for values in labels.values()]
-            values = {
-                name: np.full((*shape, *self.inner[name]), VARIABLES[name].fill, VARIABLES[name].dtype)
-                for name in self.names
-                if name != "status"
+            axes = {
+                str(dim): merge_values(str(dim), [part[dim].values.tolist() for part in parts.values()])
+                for dim in base["status"].dims
             }
-            values["status"] = np.full(shape, int(Status.NOT_RUN), np.int8)
-            origin = np.full(shape, -1)
-            for index, file in enumerate(self.parts):
-                results = self._read(file, labels)
-                if results is None:
-                    continue
-                exists = results["status"] != Status.NOT_RUN
-                new, both = exists & (origin < 0), exists & (origin >= 0)
-                self.result.overlapping += int(both.sum())
-                if both.any():
-                    self._compare(values, results, both, origin, file, slab)
-                for name in self.names:
-                    values[name][new] = results[name][new]
-                origin[new] = index
-            missing = np.argwhere(origin < 0)
-            self.result.missing += len(missing)
-            for position in missing[: max(0, NAMED - len(self.result.named))].tolist():
-                self.result.named.append(self._name(position, slab))
-            yield slab, values
-        if self.conflicts:
-            more = self.n_conflicts - len(self.conflicts)
+        labels = _merge_labels(parts, axes)
+        if cases is not None:
+            labels[CASE] = xr.Variable(CASE, coordinate_values(case_labels), base[CASE].attrs)
+        sizes = [len(values) for values in axes.values()]
+        result = Merged(target, math.prod(sizes), sources=len(sources))
+        cube = CubeParts({}, {}, _merge_attributes(parts, sweeps, result.scenarios, cases))
+        for name in scenario_variables(base):
+            dims, about = VARIABLES[name].dims, base[name].attrs
+            values = unfilled(name, (*sizes, *(base.sizes[dim] for dim in dims)))
+            attributes = {key: value for key, value in about.items() if not str(key).startswith("audit_")}
+            cube.data_vars[name] = ((*axes, *dims), values, attributes)
+        for name, label in labels.items():
+            cube.coords[name] = (tuple(map(str, label.dims)), label.values, label.attrs)
+        n_bytes = sum(values.nbytes for _, values, _ in cube.data_vars.values())
+        check_space(target.parent, n_bytes, f"the cube of {result.scenarios:,} scenarios")
+        _merge_audits(cube, parts)
+        write_in_slabs(cube, target, partial(_merge_slab, parts, axes, labels, tolerance, result), overwrite=overwrite)
+    return result
+
+
+def scenario_variables(cube: xr.Dataset) -> list[str]:
+    """Variables of a cube that are not its audit's."""
+    return [str(name) for name, array in cube.data_vars.items() if AUDIT_DIMS[0] not in array.dims]
+
+
+def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
+    """Return the sweeps of cubes of one study; raises `InputError` where they are of several."""
+    for name, cube in parts.items():
+        if "status" not in cube.data_vars or "sweep" not in cube.attrs:
             raise InputError(
-                f"parts have different results of {self.n_conflicts} scenarios: {'; '.join(self.conflicts)}"
-                f"{f'; and {more} more' if more else ''}. Leave one of the parts out, or allow a larger tolerance"
+                f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
             )
+    (first, base), *others = parts.items()
+    for name, cube in others:
+        same_version = plain(cube.attrs[VERSION_ATTRIBUTE]) == plain(base.attrs[VERSION_ATTRIBUTE])
+        if same_version and (mix_sources or len(makers(base.attrs) | makers(cube.attrs)) == 1):
+            continue
+        remedy = (
+            "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
+            "on the command line --mix-sources. The cube then says which file is of which"
+        )
+        raise InputError(
+            f"{first!r} was made by {_made_by(base)}, {name!r} by {_made_by(cube)}: the same scenario may have another "
+            "result in each. Run them again with one of them, such as the installed package "
+            f"(version {package_version()}){remedy if same_version else ''}"
+        )
+    sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
+    for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
+        for what, here, there in _differences(base, cube, sweeps[0], sweep):
+            if here != there:
+                raise InputError(
+                    f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
+                    f"{shown(there)} in the second; run one of them again with the other's"
+                )
+        for key in ("law", "record") if CASE in cube.dims else ():
+            if cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
+                raise InputError(f"{name!r} has other cases than its sweep; give the cube as it was made")
+    return sweeps
 
-    def _read(self, file: str, labels: Mapping[str, list[Any]]) -> dict[str, np.ndarray] | None:
-        """Return what a part has of a slab, as it is stored and missing elsewhere; None if it has nothing of it."""
-        part = self.parts[file][self.names].reset_coords(drop=True)
-        chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in labels.items()}
-        if not all(map(len, chosen.values())):
-            return None
-        with reading(file):
-            read = part.isel(chosen).load()
-        read = read.reindex(labels, fill_value={"status": int(Status.NOT_RUN)})
-        return {
-            name: as_stored(name, read[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
-        }
 
-    def _compare(
-        self,
-        before: Mapping[str, np.ndarray],
-        results: Mapping[str, np.ndarray],
-        both: np.ndarray,
-        origin: np.ndarray,
-        file: str,
-        slab: tuple[slice, ...],
-    ) -> None:
-        """Note the scenarios of which two parts have different results."""
-        noted = np.zeros(both.shape, bool)
-        for name in self.names:
-            a, b = before[name], results[name]
-            inner = tuple(range(both.ndim, a.ndim))
-            differs = a != b
-            if VARIABLES[name].dtype == "f8":
-                # of ratios, such as the residual of the energies, 1 is the whole
-                least = 1.0 if VARIABLES[name].units == "1" else 0.0
-                scale = np.fmax.reduce(np.fmax(np.abs(a), np.abs(b)), axis=inner, keepdims=True, initial=least)
-                with np.errstate(invalid="ignore"):
-                    differs &= ~(np.isnan(a) & np.isnan(b)) & ~(np.abs(a - b) <= self.tolerance * scale)
-            scenarios = differs.any(axis=inner) & both & ~noted
-            noted |= scenarios
-            self.n_conflicts += int(scenarios.sum())
-            for position in np.argwhere(scenarios)[: NAMED - len(self.conflicts)].tolist():
-                place = tuple(position)
-                spot = np.unravel_index(np.argmax(differs[place]), differs[place].shape)
-                one, two = (each[place][spot].item() for each in (a, b))
-                other = list(self.parts)[int(origin[place])]
-                name_of = self._name(position, slab)
-                self.conflicts.append(f"{name_of}: {name} {one!r} in {other!r}, {two!r} in {file!r}")
+def _made_by(cube: xr.Dataset) -> str:
+    """Say what made a cube, by its version, source and libraries."""
+    texts = [
+        ", ".join(f"{name} {str(value)[:12]}" for name, value in zip(("source", *LIBRARIES), maker, strict=True))
+        for maker in makers(cube.attrs)
+    ]
+    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(texts))})"
 
-    def _name(self, position: Sequence[int], slab: tuple[slice, ...]) -> str:
+
+def _differences(
+    a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
+) -> Iterator[tuple[str, Any, Any]]:
+    """Compare two cubes and their sweeps in all that parts of one study share."""
+    yield "the list of axes", [*a["status"].dims], [*b["status"].dims]
+    yield "the list of variables", scenario_variables(a), scenario_variables(b)
+    varying = "period_factor" in a.coords, "period_factor" in b.coords
+    yield "whether building properties vary, in kernels of their own,", *varying
+    yield from differing_sweeps(one, two)
+    for key in sorted(AXIS_KEYS):
+        yield f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None
+    for key in sorted({*_shared(a), *_shared(b)}):
+        yield f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))
+    for name in INNER_DIMS:
+        yield f"the list of {name}s", *(cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
+    motions = motions_of(two)
+    for name, motion in motions_of(one).items():
+        yield f"record {name!r}", motion, motions.get(name, motion)
+
+
+def _shared(cube: xr.Dataset) -> dict[str, Any]:
+    """Return the global attributes in which all parts agree."""
+    return {k: v for k, v in cube.attrs.items() if k not in OWN_ATTRIBUTES and not k.startswith(OWN_BEGINNINGS)}
+
+
+def _of_one_design(parts: Parts, sweeps: Sweeps) -> Parts:
+    """Return cubes without what designs say of their cases, where these were not drawn by one design."""
+    designs = [sweep.get("design") or {} for sweep in sweeps]
+    if all(design == designs[0] for design in designs):
+        return parts
+    inputs = {item["name"] for design in designs for item in design.get("inputs", ())}
+    drawn = {SAMPLE, BLOCK, *inputs} - {*CASE_COORDINATES}
+    return {file: cube.drop_vars(drawn & {*cube.coords}) for file, cube in parts.items()}
+
+
+def _number_cases(parts: Parts, sweeps: Sweeps) -> tuple[Parts, list[Any], list[dict[str, Any]]]:
+    """Return cubes with each case once, numbered over all cubes, and labels and descriptions of all cases."""
+    labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
+    numbers: dict[bytes, int] = {}
+    labels: dict[Any, tuple[bytes, str, int]] = {}
+    described, result = [], {}
+    for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
+        names = [name for name in (*([CASE] if labelled else []), *CASE_COORDINATES) if name in cube.coords]
+        keys = scenario_keys({name: cube[name].values for name in names}).tolist()
+        for i, (key, label) in enumerate(zip(keys, cube[CASE].values.tolist(), strict=True)):
+            if key not in numbers:
+                numbers[key] = len(numbers)
+                described.append(sweep["cases"][i])
+            other_key, other, j = labels.setdefault(label, (key, file, i))
+            if labelled and other_key != key:
+                one, two = _case_name(parts[other].coords, j), _case_name(cube.coords, i)
+                raise InputError(
+                    f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
+                )
+        # a list may name a case in two spellings
+        result[file] = cube.assign_coords({CASE: [numbers[key] for key in keys]}).drop_duplicates(CASE)
+    return result, list(labels) if labelled else list(range(1, len(numbers) + 1)), described
+
+
+def _case_name(coordinates: Mapping[Any, Any], position: int) -> str:
+    """Say which scenario a listed case is, by those of its coordinates that have a value."""
+    texts = []
+    for name in (name for name in CASE_COORDINATES if name in coordinates):
+        values = list(dict.fromkeys(np.ravel(coordinates[name].values[position]).tolist()))
+        if not any(isinstance(value, float) and math.isnan(value) for value in values):
+            texts.append(f"{name}={'/'.join(map(str, values))}")
+    return " ".join(texts)
+
+
+def merge_values(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return all values of an axis, each once: rising or falling if all parts are, else as they come."""
+    values = list(dict.fromkeys(value for part in parts for value in part))
+    if not all(isinstance(value, int | float) for value in values):
+        return values
+    rising = sorted(values)
+    for a, b in pairwise(rising):
+        near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
+        if near and not any(a in part and b in part for part in parts):  # a part with both means them apart
+            raise InputError(
+                f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
+            )
+    if all(a < b for part in parts for a, b in pairwise(part)):
+        return rising
+    return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
+
+
+def _merge_labels(parts: Parts, axes: Mapping[str, list[Any]]) -> dict[str, xr.Variable]:
+    """Return the coordinates of all parts; missing (NaN, "") if no part has both values of two axes."""
+    labels = [
+        part.drop_vars(part.data_vars).drop_dims(AUDIT_DIMS, errors="ignore").reset_coords().reindex(axes)
+        for part in parts.values()
+    ]
+    try:
+        merged = xr.merge(labels, compat="no_conflicts", join="exact", combine_attrs="override")
+    except xr.MergeError as error:
+        raise InputError(
+            f"the cubes are not of one study, or one was changed: {str(error).partition(' on objects')[0]} of the same "
+            "place; run it again"
+        ) from None
+    result = {}
+    for name, variable in merged.variables.items():
+        dtype = next(part[name].dtype for part in parts.values() if name in part)
+        if dtype.kind == "U":
+            values = np.where(variable.notnull(), variable.values, "").astype(str)
+        else:
+            values = variable.values.astype(dtype if variable.notnull().all() else float)
+        result[str(name)] = variable.copy(data=values)
+    return result
+
+
+def _merge_sweeps(sweeps: Sweeps, cases: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Return the description of the sweep that asks for what all ask for."""
+    whole = {**sweeps[0], "cases": cases}
+    if any(sweep.get("design") != sweeps[0].get("design") for sweep in sweeps):
+        whole.pop("design", None)
+    for key in AXIS_KEYS:
+        if whole.get(key) is not None:
+            whole[key] = merge_values(key, [sweep[key] for sweep in sweeps])
+    for key in BUILDING_AXES & whole.keys():
+        by_building = zip(*(sweep[key] for sweep in sweeps), strict=True)
+        whole[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_building]
+    if laws := {key: law for sweep in sweeps for key, law in sweep.get(OWN_LAWS, {}).items()}:
+        whole[OWN_LAWS] = laws
+    records = {record["name"]: record for sweep in reversed(sweeps) for record in sweep["records"]}
+    names = dict.fromkeys(record["name"] for sweep in sweeps for record in sweep["records"])
+    whole["records"] = [records[name] for name in names]
+    left_out = dict.fromkeys(name for sweep in sweeps for name in sweep["records_left_out"])
+    whole["records_left_out"] = [name for name in left_out if name not in records]
+    return whole
+
+
+def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Return what a cube says of its parts: what they share, the sweep of all, where each is from."""
+    cubes = list(parts.values())
+    whole, base = _merge_sweeps(sweeps, cases), cubes[0].attrs
+    names = [record["name"] for record in whole["records"]]
+    text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    described = {record["name"]: record for cube in reversed(cubes) for record in json.loads(cube.attrs["records"])}
+    all_runs = runs({file: cube.attrs for file, cube in parts.items()})
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    attributes = _shared(cubes[0]) | {
+        **{key: base[key] for key in ("title",) if key in base},
+        "records": json.dumps([described[name] for name in names], sort_keys=True),
+        "sweep": text,
+        "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "scenarios_asked": n,
+        **{key: sum(int(run.get(key, 0)) for run in all_runs) for key in ("scenarios_run", "scenarios_never_touching")},
+        "history": f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)",
+        "merged_from": json.dumps(all_runs),
+    }
+    if "time_step" in base:
+        steps: dict[str, float] = {}
+        for sweep, cube in zip(sweeps, cubes, strict=True):
+            steps |= dict(zip(motions_of(sweep), np.ravel(cube.attrs["time_step"]).tolist(), strict=True))
+        attributes["time_step"] = np.array([steps[name] for name in names])
+    if "accuracy_choice" in base:
+        attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
+    if whole["records_left_out"]:
+        attributes["records_left_out"] = json.dumps(whole["records_left_out"])
+    all_makers = set().union(*(makers(cube.attrs) for cube in cubes))
+    for key, values in zip(MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
+        if len(set(values)) == 1 and values[0] is not None:
+            attributes[key] = values[0]
+    return attributes
+
+
+def _merge_audits(cube: CubeParts, parts: Parts) -> None:
+    """Put the audits of all parts, one after another, into their cube; of each scenario the first one."""
+    audited = {file: part for file, part in parts.items() if has_audit(part)}
+    if not audited:
+        return
+    first = next(iter(audited.values()))
+    names = {name for name, variable in first.variables.items() if {*AUDIT_DIMS} & {*variable.dims}}
+    audits = [part.drop_vars({*part.variables} - names).reset_coords() for part in audited.values()]
+    whole = xr.concat(
+        audits, "audit", data_vars="minimal", coords="minimal", compat="override", join="override",
+        combine_attrs="override",
+    )  # fmt: skip
+    known = [name for name in names & {*first.coords} if name not in AUDIT_DIMS]
+    keys = scenario_keys({str(name): whole[name].transpose("audit", ...).values for name in known})
+    whole = whole.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))
+    whole["audit"] = ("audit", np.arange(1, whole.sizes["audit"] + 1, dtype=np.int32), first["audit"].attrs)
+    totals = [run for run in runs({file: p.attrs for file, p in audited.items()}) if "audit_touching" in run]
+    touching = [int(run["audit_touching"]) for run in totals]
+    add_audit(
+        cube,
+        {str(name): (tuple(map(str, v.dims)), v.values, v.attrs) for name, v in whole.variables.items()},
+        sum(touching),
+        float(np.average([float(run["audit_share"]) for run in totals], weights=touching)),
+    )
+
+
+def _merge_slab(
+    parts: Parts,
+    axes: Mapping[str, list[Any]],
+    labels: Mapping[str, xr.Variable],
+    tolerance: float,
+    result: Merged,
+    slab: Slab,
+) -> dict[str, np.ndarray]:
+    """Return the values of all parts in a slab as they are stored; raises `InputError` if some are in conflict."""
+    files, conflicts, n_conflicts = list(parts), list[str](), 0
+    along = {dim: values[part] for (dim, values), part in zip(axes.items(), slab, strict=True)}
+
+    def name_of(position: Sequence[int]) -> str:
         """Return the values of the axes that have several, and what a listed case is."""
-        places = [i + part.start for i, part in zip(position, slab, strict=True)]
-        texts = [
-            f"{axis}={self.labels[axis].values[i].item()}"
-            for (axis, values), i in zip(self.axes.items(), places, strict=True)
-            if len(values) > 1
-        ]
-        if CASE in self.axes:
-            texts.append(case_name(self.labels, places[0]))
+        at = {dim: i + part.start for dim, i, part in zip(axes, position, slab, strict=True)}
+        texts = [f"{dim}={labels[dim].values[i].item()}" for dim, i in at.items() if len(axes[dim]) > 1]
+        texts += [_case_name(labels, at[CASE])] if CASE in at else []
         return " ".join(texts) or "the scenario"
+
+    values = _read_part(files[0], parts[files[0]], along)
+    origin = np.where(values["status"] != Status.NOT_RUN, 0, -1)  # the part that each result is from
+    for index, file in enumerate(files[1:], 1):
+        read = _read_part(file, parts[file], along)
+        has_result = read["status"] != Status.NOT_RUN
+        new, both = has_result & (origin < 0), has_result & (origin >= 0)
+        result.overlapping += int(both.sum())
+        in_conflict = np.zeros(both.shape, bool)
+        for name in values if both.any() else ():
+            differs = _differ(name, values[name], read[name], both.ndim, tolerance)
+            scenarios = differs.any(axis=tuple(range(both.ndim, differs.ndim))) & both & ~in_conflict
+            in_conflict |= scenarios
+            n_conflicts += int(scenarios.sum())
+            for place in map(tuple, np.argwhere(scenarios)[: NAMED - len(conflicts)].tolist()):
+                spot = (*place, *np.argwhere(differs[place])[0])
+                one, two = (f"{array[name][spot].item()!r}" for array in (values, read))
+                conflicts.append(f"{name_of(place)}: {name} {one} in {files[origin[place]]!r}, {two} in {file!r}")
+        for name in values:
+            values[name][new] = read[name][new]
+        origin[new] = index
+    if conflicts:
+        more = f"; and {n_conflicts - len(conflicts)} more" if n_conflicts > len(conflicts) else ""
+        raise InputError(
+            f"parts have different results of {n_conflicts} scenarios or more: {'; '.join(conflicts)}{more}. "
+            "Leave one of the parts out, or allow a larger tolerance"
+        )
+    missing = np.argwhere(origin < 0)
+    result.missing += len(missing)
+    result.named += map(name_of, missing[: NAMED - len(result.named)].tolist())
+    return values
+
+
+def _read_part(file: str, part: xr.Dataset, along: Mapping[str, list[Any]]) -> dict[str, np.ndarray]:
+    """Return what a part has at values of the axes, as it is stored; what it has not as not run."""
+    names = scenario_variables(part)
+    chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in along.items()}
+    with reading(file):
+        read = part[names].reset_coords(drop=True).isel(chosen).load()
+    read = read.reindex(along, fill_value={"status": int(Status.NOT_RUN)})
+    dims = {name: (*along, *VARIABLES[name].dims) for name in names}
+    return {name: np.array(as_stored(name, read[name].transpose(*dims[name]).values)) for name in names}
+
+
+def _differ(name: str, a: np.ndarray, b: np.ndarray, n_outer: int, tolerance: float) -> np.ndarray:
+    """Return where two results of a variable differ by more than the tolerance allows."""
+    differs = a != b
+    if VARIABLES[name].dtype == "f8":
+        # of ratios, such as the residual of the energies, 1 is the whole
+        least = 1.0 if VARIABLES[name].units == "1" else 0.0
+        inner, largest = tuple(range(n_outer, a.ndim)), np.fmax(np.abs(a), np.abs(b))
+        scale = np.fmax.reduce(largest, axis=inner, keepdims=True, initial=least)
+        with np.errstate(invalid="ignore"):
+            differs &= ~(np.isnan(a) & np.isnan(b)) & ~(np.abs(a - b) <= tolerance * scale)
+    return differs

@@ -1,4 +1,4 @@
-"""The one writer and reader of cubes, large ones a part at a time.
+"""The one writer and reader of cubes, large ones a slab at a time.
 
 A file appears under its name only when it is complete and on disk. HDF5 is
 not thread-safe: everything of this package that touches a netCDF file holds
@@ -16,7 +16,7 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,11 +32,51 @@ if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
+#: A part of the dimensions of scenarios.
+Slab = tuple[slice, ...]
+#: Wanted size (bytes) of one stored block of the largest variable, and of what is held of a cube at a time.
+BLOCK_BYTES, SLAB_BYTES = 2**20, 2**25
+#: How characters are to be read. Only texts that are labels of their dimension, or alone, say so in the file: xarray
+#: reads others that do as objects, of which dask can't tell the size, so that ``chunks="auto"`` would fail.
+ENCODING = "utf-8"
+#: Endings of files that are not netCDF: sweep files, and what cubes are exported to.
+_OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
+#: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
+#: for the many variables of a cube.
+READ_CACHE = 2**22
+#: How arrays are compressed, except those that are written slab by slab, and the least size (bytes) of one that is: to
+#: begin with it costs as much as to write it.
+COMPRESSION: Any = {"complevel": 4, "shuffle": True}
+LEAST_COMPRESSED = 2**14
+#: Held by the thread that reads or writes a netCDF file; a thread may take it several times.
+NETCDF_LOCK = threading.RLock()
+os.register_at_fork(after_in_child=NETCDF_LOCK._at_fork_reinit)  # type: ignore[attr-defined]
 
-#: Wanted size (bytes) of one stored block of the largest variable.
-BLOCK_BYTES = 2**20
-#: Wanted size (bytes) of what is held of a cube at a time.
-SLAB_BYTES = 2**25
+
+class _ReadLock:
+    """Held while values of an open cube are read: `NETCDF_LOCK`, then that under which xarray writes files."""
+
+    def __init__(self) -> None:
+        from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
+
+        self._xarray = NETCDF4_PYTHON_LOCK
+
+    def acquire(self, blocking: bool = True) -> bool:
+        if NETCDF_LOCK.acquire(blocking):
+            if self._xarray.acquire(blocking):
+                return True
+            NETCDF_LOCK.release()
+        return False
+
+    def release(self) -> None:
+        self._xarray.release()
+        NETCDF_LOCK.release()
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
 
 def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
@@ -51,66 +91,18 @@ def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
     return tuple(shape)
 
 
-def slab_shape(sizes: Sequence[int], block: Sequence[int], most: int) -> tuple[int, ...]:
-    """Return the shape of a slab of about `most` elements that is made of whole blocks, at least one."""
-    counts = [math.ceil(size / own) for size, own in zip(sizes, block, strict=True)]
+def slabs(sizes: Sequence[int], most: int, block: Sequence[int] | None = None) -> Iterator[Slab]:
+    """Go through slabs of at most `most` elements, made of whole blocks (at least one) where these are given."""
+    block = block or (1,) * len(sizes)
+    counts = [math.ceil(size / along) for size, along in zip(sizes, block, strict=True)]
     numbers = block_shape(counts, max(1, most // math.prod(block)))
-    return tuple(min(size, own * n) for size, own, n in zip(sizes, block, numbers, strict=True))
-
-
-def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
-    """Go through all slabs of that shape, the last ones of a dimension cut off where it ends."""
-    along = [
-        [slice(first, min(first + step, size)) for first in range(0, size, step)]
-        for size, step in zip(sizes, shape, strict=True)
-    ]
-    yield from itertools.product(*along)
-
-
-#: Held by the thread that reads or writes a netCDF file; a thread may take it several times.
-NETCDF_LOCK = threading.RLock()
-os.register_at_fork(after_in_child=NETCDF_LOCK._at_fork_reinit)  # type: ignore[attr-defined]
-
-
-class _ReadLock:
-    """Held while values of an open cube are read: `NETCDF_LOCK`, then that under which xarray writes files."""
-
-    def acquire(self, blocking: bool = True) -> bool:
-        from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
-
-        if NETCDF_LOCK.acquire(blocking):
-            if NETCDF4_PYTHON_LOCK.acquire(blocking):
-                return True
-            NETCDF_LOCK.release()
-        return False
-
-    def release(self) -> None:
-        from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
-
-        NETCDF4_PYTHON_LOCK.release()
-        NETCDF_LOCK.release()
-
-    def __enter__(self) -> None:
-        self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-
-#: How characters are to be read. Only texts that are labels of their dimension, or alone, say so in the file: xarray
-#: reads others that do as objects, of which dask can't tell the size, so that ``chunks="auto"`` would fail.
-ENCODING = "utf-8"
-#: Endings of files that are not netCDF: sweep files, and what cubes are exported to.
-_OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
-#: What an unfinished run has next to its cube, as long as it can be resumed.
-_UNFINISHED = ".parts/manifest.jsonl"
-#: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
-#: for the many variables of a cube.
-READ_CACHE = 2**22
-#: How arrays are compressed, except those that are written slab by slab.
-COMPRESSION: Any = {"complevel": 4, "shuffle": True}
-#: Least size (bytes) of an array that is compressed: to begin with it costs as much as to write it.
-LEAST_COMPRESSED = 2**14
+    steps = [along * number for along, number in zip(block, numbers, strict=True)]
+    yield from itertools.product(
+        *(
+            [slice(i, min(i + step, size)) for i in range(0, size, step)]
+            for size, step in zip(sizes, steps, strict=True)
+        )
+    )
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -167,7 +159,7 @@ def check_space(folder: Path, needed: int, what: str) -> None:
         )
 
 
-def _access_fault(path: Path, remedy: str = "copy the cube to another drive") -> str | None:
+def _access_fault(path: Path, remedy: str = "copy the cube to another drive") -> str:
     """Say why a file can't be opened, if its content is not to blame: permissions, the drive, or another program."""
     try:
         with path.open("rb") as file:
@@ -180,18 +172,18 @@ def _access_fault(path: Path, remedy: str = "copy the cube to another drive") ->
         if error.errno in (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP):
             return f"its drive grants no locks: set HDF5_USE_FILE_LOCKING=FALSE or {remedy}"
         return f"{error.strerror or error}; check the permissions of the file, and its drive"
-    return None
+    return ""
 
 
 def unreadable(what: str, path: str | os.PathLike[str], error: Exception) -> OutputError:
     """Return the error that a cube, or `what` of it, can't be read: it is damaged only if the file is accessible."""
-    fault = _access_fault(Path(path))
-    if fault is None and isinstance(error, OSError) and (error.errno or 0) > 0:
+    fault, name = _access_fault(Path(path)), os.fspath(path)
+    if not fault and isinstance(error, OSError) and (error.errno or 0) > 0:
         fault = f"{error.strerror or error}; check the permissions of the file, and its drive"
-    if fault is None:
-        fault = f"{error}): it is damaged or another kind of file. Run its sweep again, or leave it out"
-        return OutputError(f"{what} {os.fspath(path)!r} can't be read as netCDF ({fault}")
-    return OutputError(f"{what} {os.fspath(path)!r} can't be read: {fault}")
+    if fault:
+        return OutputError(f"{what} {name!r} can't be read: {fault}")
+    damaged = "it is damaged or another kind of file. Run its sweep again, or leave it out"
+    return OutputError(f"{what} {name!r} can't be read as netCDF ({error}): {damaged}")
 
 
 @contextmanager
@@ -220,19 +212,18 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         part = parts.coords if name in dataset.coords else parts.data_vars
         values = variable.values.astype("i1") if variable.dtype.kind == "b" else variable.values
         part[str(name)] = (tuple(map(str, variable.dims)), values, variable.attrs)
-    return write_in_slabs(parts, path, {}, (), overwrite=overwrite)
+    return write_in_slabs(parts, path, overwrite=overwrite)
 
 
 def write_in_slabs(
     cube: CubeParts,
     path: str | os.PathLike[str],
-    blocks: Mapping[str, Sequence[int]],
-    slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
+    values_of: Callable[[Slab], Mapping[str, np.ndarray]] | None = None,
     *,
     overwrite: bool = False,
     folder: Path | None = None,
 ) -> Path:
-    """Write a cube as `write_cube` does; variables in `blocks` are made while it is written, slab by slab."""
+    """Write a cube as `write_cube` does; with `values_of`, results of scenarios are made while it is written."""
     import netCDF4
 
     target = check_output(path, overwrite)
@@ -245,7 +236,7 @@ def write_in_slabs(
                     raise WriteError(f"{str(path)!r} can't be written: {fault}") from error
                 raise
             with file:
-                _write(file, cube, blocks, slabs)
+                _write(file, cube, values_of)
     except OutputError:  # what is written can't be read
         raise
     except (OSError, RuntimeError) as error:
@@ -254,24 +245,29 @@ def write_in_slabs(
 
 
 def _write(
-    file: netCDF4.Dataset,
-    cube: CubeParts,
-    blocks: Mapping[str, Sequence[int]],
-    slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
+    file: netCDF4.Dataset, cube: CubeParts, values_of: Callable[[Slab], Mapping[str, np.ndarray]] | None
 ) -> None:
     """Fill an open file."""
+    outer, later = cube.data_vars["status"][:2] if values_of else ((), np.empty(0))
+    blocks, sizes = dict[str, tuple[int, ...]](), later.shape
+    if values_of is not None:
+        arrays = {name: array for name, (dims, array, _) in cube.data_vars.items() if dims[: len(outer)] == outer}
+        inner = {name: array.shape[len(sizes) :] for name, array in arrays.items()}
+        widths = [encoding_of(name, arrays[name].dtype)["dtype"].itemsize * math.prod(inner[name]) for name in arrays]
+        block = block_shape(sizes, BLOCK_BYTES // max(widths))
+        blocks = {name: (*block, *inner[name]) for name in arrays}
     coordinates = _coordinates_of(cube)
     file.setncatts(_encoded(cube.attrs) | coordinates.get("", {}))
     file.set_fill_off()
     # all are made before values are written: what is made later costs the library as much as many values
     declared = {}
-    for name, (outer, raw, attributes) in {**cube.data_vars, **cube.coords}.items():
-        dims, values, text = outer, raw, {}
+    for name, (dims_of, raw, attributes) in {**cube.data_vars, **cube.coords}.items():
+        dims, values, text = dims_of, raw, {}
         if raw.dtype.kind in "OSUT":
             texts = np.char.encode(raw.astype(str), ENCODING)
             values = texts.reshape(*texts.shape, 1).view("S1")
-            dims = (*outer, f"string{values.shape[-1]}")
-            text = {"_Encoding": ENCODING} if outer in ((), (name,)) else {}
+            dims = (*dims_of, f"string{values.shape[-1]}")
+            text = {"_Encoding": ENCODING} if dims_of in ((), (name,)) else {}
         encoding = encoding_of(name, raw.dtype, is_coordinate=name in cube.coords)
         fill, dtype = encoding["_FillValue"], np.dtype(encoding.get("dtype", values.dtype))
         if dtype.kind == "i" and raw.dtype.kind == "f" and name not in blocks:
@@ -282,7 +278,6 @@ def _write(
         for dim, size in zip(dims, values.shape, strict=True):
             if dim not in file.dimensions:
                 file.createDimension(dim, size)
-        block = blocks.get(name)
         # checksums: damage is found when it is read; they cost next to nothing
         stored: netCDF4.Variable[Any] = file.createVariable(
             name,
@@ -290,31 +285,33 @@ def _write(
             dims,
             fletcher32=bool(dims),
             fill_value=False if fill is None else fill,
-            chunksizes=block,
-            zlib=block is None and values.nbytes >= LEAST_COMPRESSED,
+            chunksizes=blocks.get(name),
+            zlib=name not in blocks and values.nbytes >= LEAST_COMPRESSED,
             **COMPRESSION,
         )
         stored.set_auto_maskandscale(False)
         stored.set_auto_chartostring(False)
-        if block is not None:
+        if name in blocks:
             stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
         stored.setncatts(_encoded(attributes) | text | coordinates.get(name, {}))
         declared[name] = stored, values
     for name, (stored, values) in declared.items():
         if name not in blocks:
             stored[...] = values
-    for slab, arrays in slabs:
-        for name in blocks:
-            declared[name][0][slab] = arrays[name]
+    if values_of is not None:
+        for slab in slabs(sizes, SLAB_BYTES // (2 * sum(widths)), block):
+            made = values_of(slab)
+            for name in blocks:
+                declared[name][0][slab] = made[name]
 
 
 def _coordinates_of(cube: CubeParts) -> dict[str, dict[str, str]]:
     """Return the attribute ``coordinates`` of each variable, as CF asks for it, and by "" that of the whole file."""
     # as xarray writes and reads it: the file's names those that belong to no variable
     labels = {name: set(label[0]) for name, label in cube.coords.items() if name not in label[0]}
-    found = {name: {label for label in labels if labels[label] <= set(v[0])} for name, v in cube.data_vars.items()}
-    found[""] = set(labels).difference(*found.values())
-    return {name: {"coordinates": " ".join(sorted(names))} for name, names in found.items() if names}
+    result = {name: {label for label in labels if labels[label] <= set(v[0])} for name, v in cube.data_vars.items()}
+    result[""] = set(labels).difference(*result.values())
+    return {name: {"coordinates": " ".join(sorted(names))} for name, names in result.items() if names}
 
 
 def with_texts(cube: xr.Dataset) -> xr.Dataset:
@@ -351,8 +348,11 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     -----
     Every array carries checksums: where the values of a damaged file are read later, the library raises RuntimeError.
     """
+    import netCDF4
+    import xarray as xr
+
     target, mode = _target(path)
-    if mode is None and os.path.isfile(f"{target}{_UNFINISHED}"):
+    if mode is None and os.path.isfile(f"{target}.parts/manifest.jsonl"):
         raise OutputError(
             f"cube {str(path)!r} is not finished: its chunks wait in {f'{target}.parts'!r}; the same 'run' command "
             f"completes it, 'pounding-sweep info {path}' tells what is missing"
@@ -362,34 +362,25 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         raise OutputError(f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'")
     try:
         with NETCDF_LOCK:
-            dataset = _open(target)
+            cache = netCDF4.get_chunk_cache()
+            netCDF4.set_chunk_cache(READ_CACHE)
+            try:  # one handle: two on a file may crash the library
+                store = xr.backends.NetCDF4DataStore.open(target, lock=_ReadLock())
+            finally:
+                netCDF4.set_chunk_cache(*cache)
+            try:
+                dataset = xr.open_dataset(store, decode_times=False)
+                cube = with_texts(dataset)
+            except BaseException:
+                store.close()
+                raise
     except Exception as error:  # the libraries raise anything at a damaged file
         raise unreadable("cube", path, error) from None
-    if VERSION_ATTRIBUTE not in dataset.attrs:
-        dataset.close()
+    cube.set_close(dataset.close)
+    if VERSION_ATTRIBUTE not in cube.attrs:
+        cube.close()
         raise OutputError(
             f"{str(path)!r} is a netCDF file, but not one of this package (no attribute {VERSION_ATTRIBUTE!r}); "
             "give a file made by 'pounding-sweep run'"
         )
-    return dataset
-
-
-def _open(target: Path) -> xr.Dataset:
-    """Open a file, with one handle: two on a file may crash the library."""
-    import netCDF4
-    import xarray as xr
-
-    cache = netCDF4.get_chunk_cache()
-    netCDF4.set_chunk_cache(READ_CACHE)
-    try:
-        store = xr.backends.NetCDF4DataStore.open(target, lock=_ReadLock())
-        try:
-            dataset = xr.open_dataset(store, decode_times=False)
-            cube = with_texts(dataset)
-        except BaseException:
-            store.close()
-            raise
-    finally:
-        netCDF4.set_chunk_cache(*cache)
-    cube.set_close(dataset.close)
     return cube

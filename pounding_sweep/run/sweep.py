@@ -212,7 +212,7 @@ class Sweep:
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
-        from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
+        from pounding_sweep.run.cube_writer import write_cube_of
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
         from pounding_sweep.run.log import introduction, run_log
         from pounding_sweep.run.reuse import EarlierCube
@@ -255,11 +255,9 @@ class Sweep:
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
-                parts = plan, outcome, self.last_audit
-                if target is None or store is None:
-                    cube = cube_in_memory(*parts, progress, attributes)
-                else:
-                    cube = write_cube_of(*parts, target, progress, attributes, overwrite=overwrite, folder=store.folder)
+                folder = None if store is None else store.folder
+                settings: dict[str, Any] = {"path": target, "overwrite": overwrite, "folder": folder}
+                cube = write_cube_of(plan, outcome, self.last_audit, progress, attributes, **settings)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
