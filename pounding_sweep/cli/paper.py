@@ -21,9 +21,6 @@ from pounding_sweep.cli.app import (
     say,
 )
 
-#: Name of the report in its folder.
-REPORT = "report.html"
-
 
 @command("paper")
 def paper_command(
@@ -48,38 +45,40 @@ def paper_command(
 
         with suppress(OSError):  # said below
             out.mkdir(parents=True, exist_ok=True)
-        target = check_output(out / REPORT, overwrite)
+        report = out / "report.html"
+        check_output(report, overwrite)
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
         with progress_display(quiet) as progress:
-            found = study(opened, folders=folders or None, progress=progress)
-            for text in found.missing.values():
+            computed = study(opened, folders=folders or None, progress=progress)
+            for text in computed.missing.values():
                 say(f"left out: {text}")
-            pictures = save_figures(found, out, progress)
-        contents = contents_of(found)
-        write_report(contents, pictures, target)
+            pictures = save_figures(computed, out, progress)
+        contents = contents_of(computed)
+        write_report(contents, pictures, report)
         if as_json:
+            judgements = [
+                {
+                    "conclusion": one.conclusion["key"],
+                    "reading": one.reading,
+                    "verdict": one.verdict.value,
+                    "claims": [{"verdict": claim.verdict.value, **asdict(claim)} for claim in one.outcomes],
+                }
+                for one in contents["judgements"]
+            ]
             print_json(
                 {
-                    "report": str(out / REPORT),
+                    "report": str(report),
                     "figures": [str(picture.path) for picture in pictures],
-                    "records": [record.name for record in found.records],
-                    "missing": dict(found.missing),
+                    "records": [record.name for record in computed.records],
+                    "missing": dict(computed.missing),
                     "verdict": [asdict(part) for part in contents["opening"]],
-                    "verdicts": [
-                        {
-                            "conclusion": one.conclusion.key,
-                            "reading": one.reading,
-                            "verdict": one.verdict.value,
-                            "claims": [{"verdict": o.verdict.value, **asdict(o)} for o in one.outcomes],
-                        }
-                        for one in contents["judgements"]
-                    ],
+                    "verdicts": judgements,
                     "warnings": said,
                 }
             )
-        else:
-            for grid in summary(contents):
-                print(f"{grid.title}\n")
-                print_table([" ".join(pair).strip() for pair in grid.headings], grid.rows)
-                print()
-            print(out / REPORT)
+            return
+        for grid in summary(contents):
+            print(f"{grid.title}\n")
+            print_table([" ".join(pair).strip() for pair in grid.headings], grid.rows)
+            print()
+        print(report)

@@ -1,15 +1,16 @@
 """The numbers of the paper's Tables 3 to 6, labelled like a cube's outputs, and the two readings of its data.
 
-The paper's text and its tables can't both be right. `READINGS` holds the row as it is printed, and the row that its
-tables fit.
+The paper's text and its tables can't both be right: the row is as it is printed, or as the tables fit it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,9 @@ from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import AUDIT_SHARE, to_json
 
+_FOLDER = files("pounding_sweep") / "data" / "mate2015"
+#: Readings, limits, conclusions and findings; see the file.
+PAPER: dict[str, Any] = tomllib.loads((_FOLDER / "paper.toml").read_text("utf-8"))
 #: Records in the order of the tables, by their keys in `pounding_sweep.records.KNOWN_RECORDS`: Table 2's peak ground
 #: acceleration (g) and duration (s).
 GROUND_MOTIONS = {
@@ -76,7 +80,7 @@ def published(number: int) -> xr.Dataset:
     """Return a table of the paper as outputs of a cube."""
     if number not in TABLES:
         raise InputError(unknown("table of results", number, map(str, TABLES)))
-    with files("pounding_sweep").joinpath("data", "mate2015", f"table{number}.csv").open() as file:
+    with (_FOLDER / f"table{number}.csv").open() as file:
         frame = pd.read_csv(file).replace({"model": MODELS}).rename(columns={"model": "law"})
     dims = [dim for dim in _DIMENSIONS if dim in frame]
     if "direction" in frame:
@@ -130,36 +134,8 @@ class Reading:
     note: str  # what it takes, and why
 
 
-READINGS: dict[str, Reading] = {
-    reading.key: reading
-    for reading in (
-        Reading(
-            "as_printed",
-            "mate2015",
-            "as printed",
-            "Masses and storey stiffnesses of Section 5.1 with the subscripts read as (storey, building): only so do "
-            "the columns' 12 E I / h^3 give the stiffnesses. Gap stiffness 2e6 kN/m, which Section 5.2 adopts. The "
-            "Hertz stiffness is not printed; 1.88e7 kN/m^1.5 follows from Eqs 9 to 11 as in their sources (cube root, "
-            "1 - nu^2) with E = 25e6 kN/m2 for the roofs of 134 and 136 t; nu = 0.2 and 2.5 t/m3 are taken here.",
-        ),
-        Reading(
-            "as_run",
-            "mate2015_as_run",
-            "as probably run",
-            "Inferred from the tables: right building's stiffness twice the printed one; gap stiffness 2e5 kN/m, what "
-            "2e5 tonne-force per metre entered as kN/m would give; Hertz stiffness 2.79e4 kN/m^1.5, what Eqs 9 to 11 "
-            "exactly as printed (square root, 1 - nu) give with E = 25 000, as IS 456 states it in N/mm2, entered as "
-            "kN/m2. The paper states none of the three.",
-        ),
-    )
-}
-"""Readings by key, in the order of the report."""
-
-
-def reading_axis(readings: Iterable[Reading]) -> xr.DataArray:
-    """Return the axis of readings, for `xarray.concat`."""
-    keys = [reading.key for reading in readings]
-    return xr.DataArray(keys, dims="reading", name="reading", attrs={"long_name": "reading of the paper's data"})
+#: Readings by key, in the order of the report.
+READINGS: dict[str, Reading] = {item["key"]: Reading(**item) for item in PAPER["readings"]}
 
 
 def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:

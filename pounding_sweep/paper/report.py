@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs no other file."""
+"""The report: tables as text, for the terminal and for one HTML page that needs no other file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +17,35 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
+from pounding_sweep.outputs.variables import STATUS
 from pounding_sweep.paper.compare import (
-    ALL,
-    HOLDS_SHARE,
-    PARTLY_SHARE,
-    RULE,
-    Grid,
-    agreement,
+    CLOSE,
+    LIMITS,
+    WRITTEN,
+    Judgement,
+    Reproduction,
     energy_checks,
     findings,
     judge,
-    opening_grid,
+    paper_and_computed,
     side_by_side,
-    table_grid,
-    ungrouped,
-    verdict_grid,
     verdict_of_all,
 )
-from pounding_sweep.paper.published import GROUND_MOTIONS, READINGS, RESCALED, STEP, TABLES, record_title
-from pounding_sweep.paper.study import LIMIT, Study, error_text, largest_steps, step_grid
+from pounding_sweep.paper.published import (
+    GROUND_MOTIONS,
+    READINGS,
+    RESCALED,
+    STEP,
+    TABLES,
+    Reading,
+    record_title,
+)
+from pounding_sweep.paper.study import LIMIT, STEP_OUTPUTS, Study, largest_steps
+
+_SOURCES = {"sap2000": "paper, SAP2000", "matlab": "paper, MATLAB", "paper": "paper"}
+_SOURCES |= {key: reading.label for key, reading in READINGS.items()}
+#: In place of a record, in summaries: all together.
+ALL = "all"
 
 
 @dataclass(frozen=True)
@@ -47,50 +57,69 @@ class Picture:
     path: Path  # PNG file; an SVG of the same name stands beside it
 
 
+@dataclass(frozen=True)
+class Grid:
+    """A table as text."""
+
+    title: str  # above it
+    headings: Sequence[tuple[str, str]]  # group and heading of each column
+    rows: Sequence[Sequence[str]]  # cells
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Groups of the headings with their widths; none where no heading has one."""
+        groups = [(group, len(list(columns))) for group, columns in groupby(self.headings, key=lambda pair: pair[0])]
+        return groups if any(group for group, _ in groups) else []
+
+
+def ungrouped(*texts: str) -> list[tuple[str, str]]:
+    """Return headings without groups."""
+    return [("", text) for text in texts]
+
+
 def write_report(contents: Mapping[str, Any], pictures: Sequence[Picture], path: Path) -> Path:
-    """Write the report; `contents` are those of `contents_of`."""
-    page = render(contents, pictures)
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
-
-
-def render(contents: Mapping[str, Any], pictures: Sequence[Picture]) -> str:
-    """Return the report as HTML; see `write_report`."""
+    """Write the report as HTML; `contents` are those of `contents_of`."""
     from jinja2 import Environment, StrictUndefined
 
     template = files("pounding_sweep").joinpath("paper", "report.html.j2").read_text("utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["base64"] = lambda path: base64.b64encode(path.read_bytes()).decode("ascii")
-    return environment.from_string(template).render(**contents, pictures=pictures)
+    page = environment.from_string(template).render(**contents, pictures=pictures)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
 
 
 def contents_of(study: Study) -> dict[str, Any]:
     """Return everything that the report says, by section."""
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     readings = [READINGS[str(key)] for key in study.cube["reading"].values]
-    judgements, suspects = judge(study.cube, study.floor_spectra), findings(study.cube)
-    impossible = [f"{one.title}: {one.printed}" for one in suspects if one.impossible]
+    judgements, suspects = judge(study.cube, study.histories["pseudo_acceleration"]), findings(study.cube)
+    impossible = [f"{one['title']}: {one['printed']}" for one in suspects if one["impossible"]]
+    attributes = study.cube.attrs
+    how = "the cubes differ in scheme or step"
+    if {"method", "time_step"} <= attributes.keys():
+        located = "" if attributes.get("located") else "not "
+        step = f"steps of at most {1e3 * float(np.max(attributes['time_step'])):g} ms"
+        how = f"{attributes['method']} with {step}, contacts {located}located inside their steps"
     return {
         "opening": verdict_of_all(compared, judgements, impossible),
-        "rule": RULE,
+        "limits": LIMITS,
         "version": package_version(),
-        "how": _how(study.cube),
+        "how": how,
         "readings": readings,
         "missing": [(record_title(key), text) for key, text in study.missing.items()],
-        "records": record_grid(study),
+        "records": _records_grid(study),
         "judgements": judgements,
-        "labels": {key: reading.label for key, reading in READINGS.items()},
-        "holds_share": f"{HOLDS_SHARE:.0%}",
-        "partly_share": f"{PARTLY_SHARE:.0%}",
+        "labels": _SOURCES,
         "agreement": [agreement(one) for one in compared.values()],
         "tables": [table_grid(one) for one in compared.values()],
         "findings": suspects,
         "steps": [step_grid(study.steps, reading) for reading in readings],
-        "largest_steps": largest_grid(study),
-        "checks": checks_grid(study),
-        "errors": error_grid(study),
-        "hertz": hertz_grid(study),
+        "largest_steps": _largest_grid(study.steps),
+        "checks": _checks_grid(study.cube),
+        "errors": _error_grid(study.error),
+        "hertz": _hertz_grid(study.hertz),
     }
 
 
@@ -99,10 +128,10 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
     by_table = dict(zip(TABLES, contents["agreement"], strict=True))
     rows = [[str(n), *row[:2], *row[3:]] for n, grid in by_table.items() for row in grid.rows if row[2] == ALL]
     headings = [("", "table"), *(pair for pair in by_table[3].headings if pair[1] != "record")]
-    impossible = [[one.title, one.printed] for one in contents["findings"]]
+    impossible = [[one["title"], one["printed"]] for one in contents["findings"]]
     return [
-        opening_grid(contents["opening"]),
-        verdict_grid(contents["judgements"]),
+        _opening_grid(contents["opening"]),
+        _judgement_grid(contents["judgements"]),
         Grid("Agreement with Tables 3 to 6, over all records", headings, rows),
         contents["hertz"],
         Grid("What can't be", ungrouped("in the paper's tables", "printed"), impossible),
@@ -112,87 +141,161 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
     ]
 
 
-def record_grid(study: Study) -> Grid:
+def _label(dim: str, value: Any) -> str:
+    if dim == "law":
+        return LAWS[value].model
+    return record_title(value) if dim == "record" and value != ALL else str(value)
+
+
+def table_grid(compared: xr.Dataset) -> Grid:
+    """Write a table of `side_by_side` as text, one row per place."""
+    places = [dim for dim in ("law", "record", "building", "pair", "storey") if dim in compared.dims]
+    stacked = compared.stack(place=places)
+    headings = ungrouped(*(dim.replace("law", "model") for dim in places))
+    columns = [[_label(dim, value) for value in stacked[dim].values] for dim in places]
+    outputs = [name for name in WRITTEN if name in compared]
+    for name, source in product(outputs, compared["source"].values.tolist()):
+        what, factor, unit, digits = WRITTEN[name]
+        group = f"{what} ({unit})" if unit else what
+        values = factor * stacked[name].sel(source=source).values
+        headings.append((group, _SOURCES[source]))
+        columns.append(["-" if np.isnan(value) else f"{value:z.{digits}f}" for value in values])
+        if source in READINGS:
+            difference = stacked[f"{name}_difference"].sel(reading=source).values
+            headings.append((group, "difference"))
+            columns.append(["-" if np.isnan(value) else f"{value:+.0%}" for value in difference])
+    return Grid(str(compared.attrs["title"]), headings, list(zip(*columns, strict=True)))
+
+
+def agreement(compared: xr.Dataset) -> Grid:
+    """Sum up a table of `side_by_side`: how near each reading comes to the paper, over all records and by record."""
+    headings = ungrouped("output", "reading", "record", "cells", "median difference")
+    headings += [("cells that agree", f"within {share:.0%}") for share in CLOSE]
+    rows = []
+    outputs = [name for name in WRITTEN if name in compared]
+    readings, records = compared["reading"].values.tolist(), compared["record"].values.tolist()
+    for name, reading, record in product(outputs, readings, [ALL, *records]):
+        one = compared if record == ALL else compared.sel(record=record)
+        difference = one[f"{name}_difference"].sel(reading=reading).values
+        off = np.abs(difference[np.isfinite(difference)])
+        paper, computed, written = paper_and_computed(one, name, reading)
+        one_zero = int((np.isfinite(computed) & ((paper != 0) != written)).sum())
+        shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
+        median = f"{np.median(off):.0%}" if off.size else "-"
+        place = [WRITTEN[name][0], READINGS[reading].label, _label("record", record)]
+        rows.append([*place, str(paper.size), median, *shares, str(one_zero)])
+    title = f"Agreement with {compared.attrs['title'].partition(':')[0]}"
+    return Grid(title, [*headings, ("", "zero in one of the two alone")], rows)
+
+
+def _opening_grid(parts: Sequence[Reproduction]) -> Grid:
+    """Write the verdict, a row for each item."""
+    rows = [
+        [part.word, part.reading, item] if item is part.items[0] else ["", "", item]
+        for part in parts
+        for item in part.items
+    ]
+    return Grid("The verdict", ungrouped("verdict", "reading", "what"), rows)
+
+
+def _judgement_grid(judgements: Sequence[Judgement]) -> Grid:
+    """Write the verdicts: one row per conclusion and reading, and one per claim."""
+    rows = []
+    for one in judgements:
+        label = READINGS[one.reading].label
+        rows.append([one.conclusion["key"], label, one.verdict.value, "", one.conclusion["text"]])
+        for claim, outcome in zip(one.conclusion["claims"], one.outcomes, strict=True):
+            cases = f"{outcome.held}/{outcome.cases}"
+            rows.append(["", "", outcome.verdict.value, cases, f"{claim['text']} {outcome.numbers}"])
+    headings = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
+    return Grid("The paper's conclusions", headings, rows)
+
+
+def _records_grid(study: Study) -> Grid:
     """Write the ground motions beside Table 2."""
     used = {record.name: record for record in study.records}
     rows = []
     for key, (pga, duration) in GROUND_MOTIONS.items():
-        if key not in used:
-            rows.append([record_title(key), f"{pga:g}", "-", f"{duration:g}", "-", "missing"])
-            continue
-        record = used[key]
-        note = f"scaled by {record.scale:.4f} to the paper's peak" if key in RESCALED else "as recorded"
-        used_values = f"{record.pga / STANDARD_GRAVITY:.3f}", f"{duration:g}", f"{record.duration:.2f}"
-        rows.append([record_title(key), f"{pga:g}", *used_values, note])
-    groups = [("", "record"), *[(g, s) for g in ("PGA (g)", "duration (s)") for s in ("paper", "here")], ("", "")]
+        here, note = ("-", "-"), "missing"
+        if key in used:
+            record = used[key]
+            here = f"{record.pga / STANDARD_GRAVITY:.3f}", f"{record.duration:.2f}"
+            note = f"scaled by {record.scale:.4f} to the paper's peak" if key in RESCALED else "as recorded"
+        rows.append([record_title(key), f"{pga:g}", here[0], f"{duration:g}", here[1], note])
+    groups = [("", "record"), *product(("PGA (g)", "duration (s)"), ("paper", "here")), ("", "")]
     return Grid("Ground motions (Table 2)", groups, rows)
 
 
-def error_grid(study: Study) -> Grid:
-    """Write the largest error of each output over all scenarios, reading by reading."""
-    labels = [READINGS[str(key)].label for key in study.error["reading"].values]
+def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
+    """Write the errors of a reading: one row per scheme, locating and step."""
+    one = steps.sel(reading=reading.key)
     rows = []
-    for name, error in study.error.data_vars.items():
-        rows.append([str(name)])
-        for reading in study.error["reading"].values:
-            one = error.sel(reading=reading)
-            worst = one.where(one == one.max(), drop=True)
-            place = f"{LAWS[worst['law'].item(0)].model}, {record_title(worst['record'].item(0))}"
-            place = place if float(one.max()) > 0 else "-"
-            rows[-1] += [error_text(float(one.median())), error_text(float(one.max())), place]
-    headings = [("", "output"), *[(label, text) for label in labels for text in ("median", "largest", "where")]]
-    return Grid(f"Relative difference to a run with steps of at most {500.0 * STEP:g} ms", headings, rows)
+    for scheme, located, step in product(one["scheme"].values, one["located"].values[::-1], one["step"].values):
+        part = one.sel(scheme=scheme, located=located, step=step)
+        status = STATUS[int(part["status"])]
+        texts = [_error_text(error) if status.has_values else "-" for error in part["error"].values.tolist()]
+        rows.append([scheme, _yes_or_no(located), f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
+    outputs = (STEP_OUTPUTS[name] for name in one["output"].values)
+    headings = ungrouped("scheme", "contacts located", "step ms", *outputs, "status")
+    return Grid(reading.label.capitalize(), headings, rows)
 
 
-def largest_grid(study: Study) -> Grid:
+def _largest_grid(steps: xr.Dataset) -> Grid:
     """Write the largest step of each scheme that an engineer may take."""
-    largest = 1e3 * largest_steps(study.steps)
+    largest = 1e3 * largest_steps(steps)
     rows = []
     for scheme, located in product(largest["scheme"].values, largest["located"].values[::-1]):
         values = largest.sel(scheme=scheme, located=located).values
-        rows.append([scheme, "yes" if located else "no", *(f"{v:g} ms" if np.isfinite(v) else "none" for v in values)])
-    labels = (READINGS[str(key)].label for key in largest["reading"].values)
+        rows.append([scheme, _yes_or_no(located), *(f"{v:g} ms" if np.isfinite(v) else "none" for v in values)])
+    labels = (_SOURCES[key] for key in largest["reading"].values)
     title = f"Largest step with errors within {LIMIT:.0%} and the right number of impacts"
     return Grid(title, ungrouped("scheme", "contacts located", *labels), rows)
 
 
-def checks_grid(study: Study) -> Grid:
+def _checks_grid(cube: xr.Dataset) -> Grid:
     """Write the energy checks."""
-    headings = ungrouped("what must be", "reading", "largest departure", "of", "relative")
-    rows = [
-        [
-            one.text,
-            READINGS[one.reading].label,
-            f"{one.value:.2g} kN m",
-            f"{one.scale:.0f} kN m",
-            f"{one.value / one.scale:.1e}",
-        ]
-        for one in energy_checks(study.cube)
-    ]
-    return Grid("Energy", headings, rows)
-
-
-def hertz_grid(study: Study) -> Grid:
-    """Write how the forces of Models IV to VI compare with Table 5 under both Hertz stiffnesses."""
-    headings = ungrouped("model", "floors in Table 5")
-    stiffnesses = study.hertz["stiffness"].values
-    columns = ("median ratio", "90 % over 10 % fractile")
-    headings += [(f"{k:.3g} kN/m^1.5", text) for k in stiffnesses for text in columns]
+    checks = energy_checks(cube)
     rows = []
-    for law in study.hertz["law"].values:
-        one = study.hertz.sel(law=law)
-        rows.append([str(one["law_model"].item()), str(int(one["cells"].max()))])
-        for k in stiffnesses:
-            values = (float(one[name].sel(stiffness=k)) for name in ("force_ratio", "ratio_spread"))
-            rows[-1] += [f"{value:.2f}" if np.isfinite(value) else "-" for value in values]
+    for reading, check in product(checks["reading"].values, checks["check"].values):
+        off, scale = (float(part) for part in checks.sel(reading=reading, check=check).data_vars.values())
+        rows.append([check, _SOURCES[reading], f"{off:.2g} kN m", f"{scale:.0f} kN m", f"{off / scale:.1e}"])
+    return Grid("Energy", ungrouped("what must be", "reading", "largest departure", "of", "relative"), rows)
+
+
+def _error_grid(errors: xr.Dataset) -> Grid:
+    """Write the largest error of each output over all scenarios, reading by reading."""
+    rows = []
+    for name, error in errors.data_vars.items():
+        rows.append([str(name)])
+        for one in error.stack(place=("law", "record")):
+            law, record = one["place"].values[int(one.argmax("place"))]
+            place = f"{LAWS[law].model}, {record_title(record)}" if one.max() > 0 else "-"
+            rows[-1] += [_error_text(float(one.median())), _error_text(float(one.max())), place]
+    labels = [_SOURCES[key] for key in errors["reading"].values]
+    headings = [("", "output"), *product(labels, ("median", "largest", "where"))]
+    return Grid(f"Relative difference to a run with steps of at most {500.0 * STEP:g} ms", headings, rows)
+
+
+def _hertz_grid(hertz: xr.Dataset) -> Grid:
+    """Write how the forces of Models IV to VI compare with Table 5 under both Hertz stiffnesses."""
+    stiffnesses = [f"{stiffness:.3g} kN/m^1.5" for stiffness in hertz["stiffness"].values]
+    headings = [*ungrouped("model", "floors in Table 5")]
+    headings += product(stiffnesses, ("median ratio", "90 % over 10 % fractile"))
+    rows = []
+    for law in hertz["law"].values:
+        one = hertz.sel(law=law)
+        values = one[["force_ratio", "ratio_spread"]].to_dataarray().transpose("stiffness", "variable").values.ravel()
+        texts = [f"{value:.2f}" if np.isfinite(value) else "-" for value in values]
+        rows.append([str(one["law_model"].item()), str(int(one["cells"].max())), *texts])
     return Grid("Computed peak force over that of Table 5", headings, rows)
 
 
-def _how(cube: xr.Dataset) -> str:
-    """Say how the cubes were integrated, as far as they agree."""
-    attributes = cube.attrs
-    if "method" not in attributes or "time_step" not in attributes:
-        return "the cubes differ in scheme or step"
-    located = "" if attributes.get("located") else "not "
-    step = 1e3 * float(np.max(attributes["time_step"]))
-    return f"{attributes['method']} with steps of at most {step:g} ms, contacts {located}located inside their steps"
+def _yes_or_no(located: Any) -> str:
+    return "yes" if located else "no"
+
+
+def _error_text(error: float) -> str:
+    """Write a relative error: small ones as powers of ten, others in percent."""
+    if error == 0.0:
+        return "0"
+    return f"{error:.1e}" if error < 0.01 else f"{error:.1%}"

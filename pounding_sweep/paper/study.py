@@ -1,17 +1,14 @@
 """Everything that the report is made of: cubes, histories, spectra and measured errors of both readings.
 
 And what the paper leaves open: which time step is fine enough, compared under El Centro for Model I, and which Hertz
-stiffness it used. Both candidates come from Eqs 9 to 11: as in the original sources with E in kN/m2, and exactly as
-printed with the number that IS 456 gives for E in N/mm2; Table 5's forces are set beside those of either.
+stiffness it used, of the two that its Eqs 9 to 11 can give.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,7 +19,6 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.outputs.variables import STATUS, relative_errors
-from pounding_sweep.paper.compare import Grid, ungrouped
 from pounding_sweep.paper.published import (
     FIXED,
     GAP,
@@ -35,7 +31,6 @@ from pounding_sweep.paper.published import (
     Reading,
     paper_records,
     published,
-    reading_axis,
     reading_of,
     sweep_of,
 )
@@ -49,41 +44,36 @@ from pounding_sweep.run.sweep import Sweep
 STEPS_COMPARED = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)
 #: Relative error of displacements and forces that an engineer may accept.
 LIMIT = 0.01
-#: The response that the paper varied the step for.
-RECORD, LAW = "el_centro", "linear"
-#: Outputs compared, with what they are called.
+#: Outputs compared by step, with what they are called.
 STEP_OUTPUTS = {
     "displacement_max": "displacement, forth",
     "displacement_min": "displacement, back",
     "impact_force_max": "peak force",
     "impact_count": "number of impacts",
 }
+#: Laws whose stiffness the Hertz stiffness is.
+HERTZ_LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
+#: Interval (s) of the histories that are kept; a divisor of every record's step.
+INTERVAL = 0.01
+#: Damping ratio of the spectra, and their periods (s): from 0.02 to 3 s.
+DAMPING = 0.05
+PERIODS = np.geomspace(0.02, 3.0, 150)
 
 
-def step_errors(readings: Sequence[Reading], progress: Progress | None = None) -> xr.Dataset:
-    """Measure what each scheme and step errs by."""
-    choice: dict[str, Any] = {"steps": STEPS_COMPARED, "methods": ("rk4", "newmark"), "precisions": ("float64",)}
-    parts = []
-    for reading in readings:
-        sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=list(STEP_OUTPUTS))
-        trade = tradeoff(sweep, scenarios=1, repeats=1, progress=progress, **choice)
-        one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
-        parts.append(one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True))
-    return xr.concat(parts, reading_axis(readings), combine_attrs="drop_conflicts")
-
-
-def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
-    """Write the errors of a reading: one row per scheme, locating and step."""
-    one = steps.sel(reading=reading.key)
-    rows = []
-    for scheme, located, step in product(one["scheme"].values, one["located"].values[::-1], one["step"].values):
-        here = one.sel(scheme=scheme, located=located, step=step)
-        status = STATUS[int(here["status"])]
-        texts = [error_text(error) if status.has_values else "-" for error in here["error"].values.tolist()]
-        rows.append([scheme, "yes" if located else "no", f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
-    outputs = (STEP_OUTPUTS[name] for name in one["output"].values)
-    headings = ungrouped("scheme", "contacts located", "step ms", *outputs, "status")
-    return Grid(reading.label.capitalize(), headings, rows)
+def step_errors(reading: Reading, progress: Progress) -> xr.Dataset:
+    """Measure what each scheme and step errs by, in the response that the paper varied the step for."""
+    sweep = Sweep(reading.preset, "el_centro", "linear", gaps=[GAP], outputs=list(STEP_OUTPUTS))
+    trade = tradeoff(
+        sweep,
+        steps=STEPS_COMPARED,
+        methods=("rk4", "newmark"),
+        precisions=("float64",),
+        scenarios=1,
+        repeats=1,
+        progress=progress,
+    )
+    one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
+    return one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True)
 
 
 def largest_steps(steps: xr.Dataset) -> xr.DataArray:
@@ -92,28 +82,24 @@ def largest_steps(steps: xr.Dataset) -> xr.DataArray:
     valued = rising["status"].isin([int(s) for s in STATUS if s.has_values])
     within = (rising["error"].drop_sel(output="impact_count") <= LIMIT).all("output")
     fine = valued & within & (rising["error"].sel(output="impact_count", drop=True) == 0.0)
-    still = fine.astype(int).cumprod("step") == 1
-    largest = rising["step"].where(still).max("step")
+    largest = rising["step"].where(fine.astype(int).cumprod("step") == 1).max("step")
     return largest.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
-
-
-def error_text(error: float) -> str:
-    """Write a relative error: small ones as powers of ten, others in percent."""
-    if error == 0.0:
-        return "0"
-    return f"{error:.1e}" if error < 0.01 else f"{error:.1%}"
-
-
-#: Laws whose stiffness it is.
-HERTZ_LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
 
 
 def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
     """Compare the forces of Models IV to VI with Table 5 under the Hertz stiffnesses of both readings."""
-    stiffnesses = [get_preset(r.preset).contact.hertz_stiffness for r in READINGS.values()]
-    axes: dict[str, Any] = {"gaps": [GAP], "stiffnesses": stiffnesses, "restitutions": [RESTITUTION]}
-    how: dict[str, Any] = {"method": METHOD, "dt": STEP, "outputs": OUTPUTS, "audit": 0.0}
-    cube = Sweep(READINGS["as_run"].preset, records, HERTZ_LAWS, **axes, **how).run()
+    cube = Sweep(
+        READINGS["as_run"].preset,
+        records,
+        HERTZ_LAWS,
+        gaps=[GAP],
+        stiffnesses=[get_preset(reading.preset).contact.hertz_stiffness for reading in READINGS.values()],
+        restitutions=[RESTITUTION],
+        method=METHOD,
+        dt=STEP,
+        outputs=OUTPUTS,
+        audit=0.0,
+    ).run()
     return force_fit(cube["impact_force_max"].squeeze(["gap", "restitution", "scale"], drop=True))
 
 
@@ -132,13 +118,6 @@ def force_fit(force: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({name: values.assign_attrs(units="1", long_name=text) for name, (values, text) in about.items()})
 
 
-#: Interval (s) of the histories that are kept; a divisor of every record's step.
-INTERVAL = 0.01
-#: Damping ratio of the spectra, and their periods (s): from 0.02 to 3 s.
-DAMPING = 0.05
-PERIODS = np.geomspace(0.02, 3.0, 150)
-
-
 def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
     """Run one of the paper's scenarios with full histories; see `pounding_sweep.simulate`."""
     restitution = RESTITUTION if get_law(law).takes_restitution else None
@@ -149,42 +128,15 @@ def thin_out(one: xr.Dataset) -> xr.Dataset:
     """Bring the histories of one scenario down to those of the figures."""
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
     at = one.isel(time=slice(None, None, every))
+    energy = at["kinetic"] + at["damping"] + at["strain"]
     force = one["contact_force"].isel(storey=-1).coarsen(time=every, boundary="pad", coord_func="min").max()
-    data = {
+    about = {
         "roof_displacement": (at["displacement"].isel(storey=-1), "m", "roof displacement"),
-        "structural_energy": (
-            at["kinetic"] + at["damping"] + at["strain"],
-            *("kN m", "kinetic + damping + strain energy of a building"),
-        ),
+        "structural_energy": (energy, "kN m", "kinetic + damping + strain energy of a building"),
         "roof_force": (force, "kN", "largest contact force at the roofs in each interval"),
     }
-    made = {name: values.assign_attrs(units=units, long_name=text) for name, (values, units, text) in data.items()}
+    made = {name: values.assign_attrs(units=units, long_name=text) for name, (values, units, text) in about.items()}
     return xr.Dataset(made).reset_coords(drop=True)
-
-
-def paper_histories(
-    reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
-) -> tuple[xr.Dataset, xr.Dataset]:
-    """Run Models I to VII of one reading under all records: their histories, and the spectra of their roofs."""
-    rows: list[list[tuple[xr.Dataset, xr.Dataset]]] = []
-    for law in MATE2015_MODELS:
-        rows.append([])
-        for record in records:
-            one = scenario(reading, record, law)
-            roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING).isel(storey=0).reset_coords(drop=True)
-            rows[-1].append((thin_out(one), roofs))
-            advance(1)
-    labels = {
-        "law": ("law", list(MATE2015_MODELS), {"long_name": "contact law"}),
-        "record": ("record", [record.name for record in records], {"long_name": "ground-motion record"}),
-    }
-    histories, spectra = (
-        xr.combine_nested(
-            [[pair[part] for pair in row] for row in rows], ["law", "record"], join="outer", combine_attrs="override"
-        ).assign_coords(labels)
-        for part in (0, 1)
-    )
-    return histories, spectra
 
 
 @dataclass(frozen=True)
@@ -195,51 +147,64 @@ class Study:
     records: tuple[Record, ...]  # ground motions that histories were run for
     missing: Mapping[str, str]  # records of the paper that are not in the cube or not at hand -> why
     motions: xr.Dataset  # the ground motions and their 5 % response spectra, on ``record``
-    histories: xr.Dataset  # see `pounding_sweep.paper.study.paper_histories`; on ``reading`` too
-    #: spectra of the roofs' total acceleration, on ``reading``, ``law``, ``record``, ``building``, ``period``
-    floor_spectra: xr.Dataset
+    #: histories and spectra of the roofs, their total acceleration, on ``reading``, ``law``, ``record``
+    histories: xr.Dataset
     #: relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``
     error: xr.Dataset
-    steps: xr.Dataset  # see `pounding_sweep.paper.study.step_errors`
-    hertz: xr.Dataset  # see `pounding_sweep.paper.study.hertz_fit`
+    steps: xr.Dataset  # of `step_errors`, on ``reading``
+    hertz: xr.Dataset  # of `hertz_fit`
 
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:
     """Run or take up both readings, and everything else that the report shows."""
     progress = progress or Progress()
     records, missing = paper_records(folders)
-    given = {reading_of(cube, f"cube {number}").key: cube for number, cube in enumerate(cubes, start=1)}
-    by_reading = {key: given[key] for key in READINGS if key in given}
-    if by_reading:
-        used = [{one["name"]: one["sha256"] for one in json.loads(c.attrs["records"])} for c in by_reading.values()]
-        for record in records:
-            if any(names.get(record.name) != record.sha256 for names in used):
-                missing[record.name] = (
-                    f"record {record.name!r} at hand is not a motion that the cubes were run with (another file, or "
-                    "another scale); run the sweep again with it"
-                )
-        records = [record for record in records if record.name not in missing]
-        if not records:
-            raise InputError(f"no record of the cubes can be used: {'; '.join(missing.values())}")
-    else:
-        by_reading = {key: sweep_of(reading, records).run(progress=progress) for key, reading in READINGS.items()}
-    readings = [READINGS[key] for key in by_reading]
+    stored = {reading_of(cube, f"cube {number}").key: cube for number, cube in enumerate(cubes, start=1)}
+    used = [{one["name"]: one["sha256"] for one in json.loads(cube.attrs["records"])} for cube in stored.values()]
+    for record in records:
+        if any(names.get(record.name) != record.sha256 for names in used):
+            missing[record.name] = (
+                f"record {record.name!r} at hand is not a motion that the cubes were run with (another file, or "
+                "another scale); run the sweep again with it"
+            )
+    records = [record for record in records if record.name not in missing]
+    if not records:
+        raise InputError(f"no record of the cubes can be used: {'; '.join(missing.values())}")
+    readings = [reading for key, reading in READINGS.items() if key in stored or not stored]
+    runs = [stored[r.key] if stored else sweep_of(r, records).run(progress=progress) for r in readings]
+    axes = {
+        "reading": ("reading", [reading.key for reading in readings], {"long_name": "reading of the paper's data"}),
+        "law": ("law", list(MATE2015_MODELS), {"long_name": "contact law"}),
+        "record": ("record", [record.name for record in records], {"long_name": "ground-motion record"}),
+    }
 
-    def together(parts: Iterable[xr.Dataset]) -> xr.Dataset:
-        """Put datasets of the readings side by side, records in the paper's order."""
-        joined = xr.concat(list(parts), reading_axis(readings), join="outer", combine_attrs="drop_conflicts")
-        return joined.sel(record=[name for name in RECORDS if name in joined["record"].values])
+    def combine(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+        """Put datasets of the readings side by side."""
+        whole = xr.concat(list(parts), "reading", join="outer", combine_attrs="drop_conflicts")
+        return whole.assign_coords(reading=axes["reading"])
 
-    cube = together(_paper_slice(one) for one in by_reading.values())
-    error = together(_error(READINGS[key], one, records, progress) for key, one in by_reading.items())
+    cube = combine(map(_paper_slice, runs))
+    cube = cube.sel(record=[name for name in RECORDS if name in cube["record"].values])
+    error = combine(_error(*run, records, progress) for run in zip(readings, runs, strict=True))
     progress.stage("histories", len(readings) * len(MATE2015_MODELS) * len(records))
-    ran = [paper_histories(reading, records, progress.advance) for reading in readings]
-    histories, spectra = (together(part) for part in zip(*ran, strict=True))
+    nested = [
+        [[_histories(reading, record, law, progress) for record in records] for law in MATE2015_MODELS]
+        for reading in readings
+    ]
+    histories = xr.combine_nested(nested, list(axes), join="outer", combine_attrs="override").assign_coords(axes)
     progress.stage("time steps", 0)
-    steps = step_errors(readings, progress)
+    steps = combine(step_errors(reading, progress) for reading in readings)
     progress.stage("Hertz stiffness", 0)
     motions = records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
-    return Study(cube, tuple(records), missing, motions, histories, spectra, error, steps, hertz_fit(records))
+    return Study(cube, tuple(records), missing, motions, histories, error, steps, hertz_fit(records))
+
+
+def _histories(reading: Reading, record: Record, law: str, progress: Progress) -> xr.Dataset:
+    """Run a scenario: its histories as the figures draw them, and the spectra of its roofs."""
+    one = scenario(reading, record, law)
+    roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING).isel(storey=0).reset_coords(drop=True)
+    progress.advance(1)
+    return thin_out(one).merge(roofs, combine_attrs="drop")
 
 
 def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
@@ -255,8 +220,6 @@ def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progre
     half = sweep_of(reading, records, step=0.5 * STEP, audit=0.0).run(progress=progress)
     runs = [_paper_slice(one).sel(record=names).stack(case=dims).transpose("case", ...) for one in (cube, half)]
     errors = relative_errors(OUTPUTS, *({name: run[name].values for name in OUTPUTS} for run in runs))
-    about = {"units": "1", "comment": "largest difference to a run at half the step, over the largest value"}
-    data = {
-        name: ("case", error, {**about, "long_name": f"relative error of {name}"}) for name, error in errors.items()
-    }
-    return xr.Dataset(data, {"case": runs[0]["case"]}).unstack("case")
+    return xr.Dataset({name: ("case", error) for name, error in errors.items()}, {"case": runs[0]["case"]}).unstack(
+        "case"
+    )
