@@ -23,7 +23,6 @@ RUN = {
     "accuracy.tradeoff",
     "analysis.spectra",
     "figures.gallery.scenario",
-    "run.one_scenario",
     "run.simulate",
 }
 

@@ -14,7 +14,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine import spectrum
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.run.one_scenario import selectors, simulate_one
+from pounding_sweep.run.simulate import selectors, simulate_one
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.spec import digest
 

@@ -7,7 +7,7 @@ from scenes import motions, row
 
 from pounding_sweep import Sweep
 from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.run.one_scenario import scenario_of
+from pounding_sweep.run.simulate import scenario_of
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import to_json

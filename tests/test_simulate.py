@@ -16,8 +16,8 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import DIMS, INTEGER_FILL, VARIABLES, Status
-from pounding_sweep.run.one_scenario import simulate_one
-from pounding_sweep.run.simulate import HISTORIES, NOT_OF_ONE, peaks_shown
+from pounding_sweep.run.histories import HISTORIES, peaks_shown
+from pounding_sweep.run.simulate import NOT_OF_ONE, simulate_one
 from pounding_sweep.spec.spec import METHODS
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")

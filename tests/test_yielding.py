@@ -29,7 +29,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
-from pounding_sweep.run.one_scenario import simulate_one
+from pounding_sweep.run.simulate import simulate_one
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import scene_of
 

@@ -276,8 +276,8 @@ def animate_command(
 def _simulate(options: ScenarioOptions) -> xr.Dataset:
     """Run the chosen scenario; say which it is, and how fine its histories are."""
     from pounding_sweep.figures.select import scenario_title
-    from pounding_sweep.run.one_scenario import simulate_shown
-    from pounding_sweep.run.simulate import peaks_shown
+    from pounding_sweep.run.histories import peaks_shown
+    from pounding_sweep.run.simulate import simulate_shown
     from pounding_sweep.run.sweep import load_sweep
 
     choice = dict(vars(options))

@@ -1,30 +1,30 @@
-"""One scenario with full histories."""
+"""One scenario with full histories: of a scene and a record, or out of a sweep."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.engine.row_kernel import RowKernel
-from pounding_sweep.kernel.spec import history_slots
+from pounding_sweep.base.errors import InputError, StabilityError, unknown
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import Coordinates, assemble
-from pounding_sweep.outputs.variables import DIMS, VARIABLES, Status, scatter
+from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.run.histories import histories, peaks_shown
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
-from pounding_sweep.spec.axes import contact_stiffness
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import json_data
+from pounding_sweep.spec.spec import SweepSpec, json_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -130,7 +130,6 @@ def simulate(
             f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"
         )
     contact = find_law(law or "none")
-    outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=row,
         records=motion,
@@ -146,19 +145,18 @@ def simulate(
         restitution_basis=restitution_basis,
         precision=precision,
         accuracy=accuracy,
-        outputs=outputs,
+        outputs=tuple(name for name in VARIABLES if name not in NOT_OF_ONE),
     )
     row = spec.scene
-    outputs = tuple(name for name in outputs if any(row.yields) or not VARIABLES[name].of_yielding)
+    outputs = tuple(name for name in spec.outputs if any(row.yields) or not VARIABLES[name].of_yielding)
     velocities = None if initial_velocity is None else _velocities(row, initial_velocity)
     approaches = [sum(share * velocities[i] for i, share in c.ends) for c in row.contacts if velocities]
     plan = make_plan(spec, initial_speed=max([0.0, *approaches]))
-    steps = int(plan.steps[0])
+    steps, limit = int(plan.steps[0]), float(plan.limit[0])
     if output_step is not None:
         if not (math.isfinite(output_step) and output_step > 0.0):
             raise InputError(f"output_step is {output_step!r}; it must be a positive number of seconds")
         steps = max(steps, math.ceil(motion.dt / output_step * (1.0 - 1e-9)))
-    limit = float(plan.limit[0])
     if motion.dt / steps > limit and not force_unstable:
         raise StabilityError(
             f"the step {motion.dt / steps:.6g} s is beyond the stability limit of {plan.numerics.method} for this "
@@ -167,60 +165,44 @@ def simulate(
         )
     kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
     values = run_scenarios(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step"))
-    states, step = values.pop(STATES)[0], float(values.pop("time_step")[0])
+    variables = {name: value[0] for name, value in values.items()}
+    states, step = variables.pop(STATES), float(variables["time_step"])
     kernel = ended(kernel, motion, round(motion.dt / step))
-    e, has = spec.restitutions[0], contact.has_contact
-    attributes = {
-        "title": spec.title or f"{motion.name}: {contact.title}",
-        "law": contact.key,
-        "stiffness": contact_stiffness(row, contact, stiffness=stiffness),
-        "restitution": e if contact.takes_restitution else "none",
-        "restitution_realised": float(realised_restitution(contact, e, restitution_basis)) if has else "none",
-        "restitution_basis": restitution_basis,
-        "record": motion.name,
-        "method": kernel.numerics.method,
-        "precision": kernel.numerics.precision,
-        "time_step": step,
-        "located": spec.locate,
-        "unit_system": "kN, t, m, s",
-        "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
-    }
+    e, attributes = (
+        spec.restitutions[0],
+        {
+            "title": spec.title or f"{motion.name}: {contact.title}",
+            "law": contact.key,
+            "stiffness": contact_stiffness(row, contact, stiffness=stiffness),
+            "restitution": "none",
+            "restitution_realised": "none",
+            "restitution_basis": restitution_basis,
+            "record": motion.name,
+            "method": kernel.numerics.method,
+            "precision": kernel.numerics.precision,
+            "time_step": step,
+            "located": spec.locate,
+            "unit_system": "kN, t, m, s",
+            "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
+        },
+    )
+    if contact.takes_restitution:
+        attributes["restitution"] = e
+    if contact.has_contact:
+        attributes["restitution_realised"] = float(realised_restitution(contact, e, restitution_basis))
     if accuracy is not None:
         attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}
-    pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]
-    extra: Coordinates = {}
-    if pair_gaps:
-        extra["pair_gap"] = (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})
-    variables = {name: v[0] for name, v in values.items() if name not in NOT_OF_ONE}
-    dataset = assemble(row, {}, variables, attributes, extra)
+    gap: Coordinates = {}
+    if row.pair_labels:
+        pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]
+        gap["pair_gap"] = (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})
+    shown = {name: value for name, value in variables.items() if name not in NOT_OF_ONE}
+    dataset = assemble(row, {}, shown, attributes, gap)
     if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
         time = np.linspace(0.0, motion.duration, len(states))
         dataset = dataset.assign(histories(kernel, states[::every], motion, time[::every]))
     return dataset
-
-
-#: Peaks that a cube has, the histories in which they are seen, and on which side: 0 for either.
-_SEEN = {
-    "displacement_max": ("displacement", 1),
-    "displacement_min": ("displacement", -1),
-    "acceleration_max": ("acceleration", 0),
-    "impact_force_max": ("contact_force", 0),
-}
-
-
-def peaks_shown(one: xr.Dataset) -> float:
-    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces."""
-    # peaks are located between the instants of the histories; the share is that of the largest of all floors or
-    # contacts, 1 where every peak is shown
-    shares = [1.0]
-    for peak, (history, sign) in _SEEN.items():
-        if peak in one and history in one:
-            series = one[history]
-            seen, reported = ((abs(each) if sign == 0 else sign * each).max().item() for each in (series, one[peak]))
-            if reported > 0.0:
-                shares.append(seen / reported)
-    return min(shares)
 
 
 def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
@@ -240,117 +222,159 @@ def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
     return tuple(floors.tolist())
 
 
-#: Histories in the order of the Dataset: what there is one of each for, unit, and what it is.
-HISTORIES = {
-    "displacement": ("floor", "m", "floor displacement relative to the ground"),
-    "velocity": ("floor", "m s-1", "floor velocity relative to the ground"),
-    "acceleration": ("floor", "m s-2", "total floor acceleration"),
-    "ground_acceleration": ("scenario", "m s-2", "ground acceleration"),
-    "input": ("building", "kN m", "input energy"),
-    "damping": ("building", "kN m", "energy dissipated by structural damping"),
-    "kinetic": ("building", "kN m", "kinetic energy"),
-    "strain": ("building", "kN m", "strain energy"),
-    "transfer": (
-        "building",
-        "kN m",
-        "transferred energy: input - kinetic - damping - strain - yielding - given to links since the start",
-    ),
-    "storey_drift": ("floor", "m", "interstorey displacement"),
-    "plastic_drift": ("floor", "m", "plastic part of the interstorey displacement"),
-    "storey_shear": ("floor", "kN", "storey shear, dampers not included"),
-    "hysteretic": ("building", "kN m", "energy lost in yielding"),
-    "link_force": ("link", "kN", "force of the link, positive where it draws the floors together"),
-    "given_to_links": ("building", "kN m", "energy given to links"),
-    "foundation_sway": ("base", "m", "displacement of the foundation relative to the ground"),
-    "foundation_rotation": ("base", "rad", "rotation of the foundation relative to the ground"),
-    "contact_force": ("contact", "kN", "contact force, pressing positive"),
-    "penetration": ("contact", "m", "penetration, zero while open"),
-    "work": ("pair", "kN m", "work of the contacts: what they took in"),
-}
+def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
+    """Return the scenario in the middle of a sweep, or a listed case and its number: values by `selectors`."""
+    if spec.cases is None:
+        if case is not None:
+            raise InputError(f"case {case} is not there; the sweep is a product of axes, choose by their values")
+        law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
+        return {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values} | {"law": law}
+    if case is not None and not 1 <= case <= len(spec.cases):
+        raise InputError(f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}")
+    case = case or next((i for i, item in enumerate(spec.cases, 1) if spec.law(item.law).has_contact), 1)
+    listed = spec.cases[case - 1]
+    values = {name: _value(listed, *field) for name, field in selectors(spec).items()}
+    axes = [pair[0].dimension for column in COLUMNS if (pair := listed.axis(column))]  # not the scale where a PGA is
+    ignored = {dim for column in COLUMNS for dim in DIMENSIONS[column]} - {*axes}
+    return {"case": case} | {name: v for name, v in values.items() if v is not None and name not in ignored}
 
 
-def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.ndarray) -> dict[str, xr.DataArray]:
-    """Return ``time`` and all histories that the row has, from its states at these times, shape (time, slots)."""
-    import xarray as xr
-
-    scene, slots = kernel.scene, history_slots(kernel.shape)
-    row, n = variants_of(scene), scene.n_dof
-    part = {name: states[:, first : first + slots.count[name]] for name, first in slots.first.items()}
-    moved, moving = part["u"], part["v"]  # of floors, then of foundations
-    u, v = moved[:, :n], moving[:, :n]
-    drifts, deformations = (_by_motion(scene, name) for name in ("drifts", "deformations"))
-    owner = np.repeat(np.arange(len(scene.buildings)), [b.n_storeys for b in scene.buildings])
-    owned = np.equal.outer([*owner, *np.repeat(scene.foundations, 2)], range(len(scene.buildings))).astype(float)
-    masses, base = np.hstack([row.masses, row.base_masses])[0], row.base_stiffnesses[0]
-    alpha, beta = (factor[0, owner] for factor in row.rayleigh_factors)
-
-    # storeys: the elastic part, and that which may yield
-    drift, plastic, stiffnesses, soft = (
-        moved @ drifts.T,
-        part.get("slip", 0.0),
-        row.stiffnesses[0],
-        1.0 - row.hardenings[0],
-    )
-    spring = stiffnesses * (drift - soft * plastic)
-    strain = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-    strengths = np.where(scene.yields, row.yield_strengths[0], 0.0)
-    hysteretic = ((1.0 - row.elastic_hardenings[0]) * strengths * part.get("travel", np.zeros_like(u))) @ owned[:n]
-    damper = (beta * part.get("kd", stiffnesses) + row.dashpots[0]) * (moving @ drifts.T)
-
-    # contacts and links: what each floor moves them by
-    pressed = np.zeros((len(scene.contacts), n))
-    for j, contact in enumerate(scene.contacts):
-        for floor, share in contact.ends:
-            pressed[j, floor] = share
-    linked = np.zeros((len(scene.linked_floors), n))
-    for j, link in enumerate(scene.linked_floors):
-        linked[j, [link.left, link.right]] = 1.0, -1.0
-    gaps = np.array([scene.gaps[contact.pair] for contact in scene.contacts]) - scene.thicknesses(kernel.law.thickness)
-    force = part.get("force", np.zeros((len(time), len(pressed))))
-    pull = (u @ linked.T) * [link.stiffness for link in scene.linked_floors]
-    pull += (v @ linked.T) * [link.damping for link in scene.linked_floors]
-    labels = np.equal.outer([contact.place for contact in scene.contacts], range(len(scene.pair_labels)))
-
-    on_floors = -alpha * masses[:n] * (moving @ deformations.T) - (spring + damper) @ drifts[:, :n]
-    on_floors -= force @ pressed + pull @ linked
-    kinetic = (0.5 * masses * moving**2) @ owned
-    strain = np.hstack([strain, 0.5 * base * moved[:, n:] ** 2]) @ owned
-    given = part.get("e_link", np.zeros_like(kinetic))
-    values = {
-        "displacement": u,
-        "velocity": v,
-        "acceleration": on_floors / masses[:n],
-        "ground_acceleration": np.interp(time, record.time, record.acceleration)[:, None],
-        "input": part["e_in"],
-        "damping": part["e_damp"],
-        "kinetic": kinetic,
-        "strain": strain,
-        "transfer": part["e_in"] - part["e_damp"] - strain - (kinetic - kinetic[0]) - hysteretic - given,
-    }
-    if any(scene.yields):
-        shear = spring + row.geometric_stiffnesses[0] * drift
-        values |= {"storey_drift": drift, "plastic_drift": plastic, "storey_shear": shear, "hysteretic": hysteretic}
-    if scene.links:
-        values |= {"link_force": pull, "given_to_links": given}
-    if scene.foundations:
-        values |= {"foundation_sway": moved[:, n::2], "foundation_rotation": moved[:, n + 1 :: 2]}
-    if scene.pair_names:
-        work = part.get("work", np.zeros_like(force)) @ labels.astype(float)
-        values |= {"contact_force": force, "penetration": np.maximum(u @ pressed.T - gaps, 0.0), "work": work}
-    found = {"time": xr.DataArray(time, dims="time", attrs={"units": "s", "long_name": "time", "axis": "T"})}
-    for name, (per, units, long_name) in HISTORIES.items():
-        if name in values:
-            about = {"units": units, "long_name": long_name}
-            found[name] = xr.DataArray(scatter(values[name], scene, per), dims=("time", *DIMS[per]), attrs=about)
+def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
+    """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
+    names = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
+    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
+    for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by_building):
+        if axis.by_building:
+            mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
+            for building in spec.scene.buildings:
+                name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
+                found[name] = (argument, building.name)
+        elif axis.of_buildings and not axis.listed:
+            found[axis.dimension] = (axis.dimension, None)
     return found
 
 
-def _by_motion(scene: Scene, name: str) -> np.ndarray:
-    """Return a matrix that each building has, for the whole row, shape (floors, floors and bases)."""
-    n = scene.n_dof
-    result = np.zeros((n, n + 2 * len(scene.foundations)))
-    for b, building in enumerate(scene.buildings):
-        floors = np.arange(*scene.offsets[b : b + 2])
-        bases = 2 * scene.foundations.index(b) + np.array([n, n + 1]) if building.foundation else ()
-        result[np.ix_(floors, [*floors, *bases])] = getattr(building, name)
-    return result
+def _value(case: Case, field: str, building: str | None) -> Any:
+    """Return a field of a case, or of a building's property in it; None where it has none."""
+    return getattr(case, field) if building is None else dict(getattr(case, field)).get(building)
+
+
+def simulate_one(
+    spec: SweepSpec, *, case: int | None = None, output_step: float | None = None, **choice: Any
+) -> xr.Dataset:
+    """Run one scenario of a sweep and return its histories.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        A sweep; its scheme, step and number format are used.
+    case : int, optional
+        Number of a listed case, from 1.
+    output_step : float, optional
+        See `pounding_sweep.simulate`.
+    **choice
+        ``law``, ``gap`` (m; of all pairs, or a sequence of one per pair), ``stiffness``
+        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the
+        sweep's), ``scale`` or ``pga`` (m/s2), and building properties by the dimension that
+        their axis has in a cube, such as ``period_factor_left`` and ``damping_ratio``: in place
+        of the scenario's own, which is that of `scenario_of`. None leaves it as it is.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case, the
+        stiffness, the restitution, the scale and the building properties where the sweep has
+        several of them, or where they are chosen here; it is not there where none is told.
+
+    Raises
+    ------
+    InputError
+        A choice is unknown or not valid, or the scenario's stiffness is that of a law of
+        another force exponent.
+
+    Examples
+    --------
+    >>> from pounding_sweep.spec.build import build_spec
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["none", "linear"], gaps=[0.005, 0.01])
+    >>> simulate_one(spec, gap=0.01).attrs["law"]
+    'linear'
+    """
+    scenario, fields = scenario_of(spec, case), dict[str, Any]()
+    selected = selectors(spec)
+    for name in choice.keys() - selected.keys():
+        raise InputError(unknown("choice", name, selected))
+    choice = {name: value for name, value in choice.items() if value is not None}
+    for argument, axis in AXES.items():
+        for name in choice if axis.of_buildings else ():
+            if selected[name][0] in (argument, axis.dimension):
+                axis.check(choice[name], (), "")
+    values = scenario | choice
+    for column in COLUMNS:
+        if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
+            raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
+        for dim in DIMENSIONS[column] if ways else ():
+            if dim not in choice:
+                values.pop(dim, None)
+    for name, (field, building) in selected.items():
+        if name in values:
+            fields[field] = values[name] if building is None else fields.get(field, {}) | {building: values[name]}
+    names = [record.name for record in spec.records]
+    chosen = Case(**{"record": names[0], **fields})
+    if chosen.record not in names:
+        raise InputError(unknown("record of this sweep", chosen.record, names))
+    variants, index = case_variants(spec.scene, [chosen])
+    scene, gap = variants.scene_of(index[0]), chosen.gap
+    if gap is not None:
+        scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
+    law = next((law for law in spec.own_laws if law.key == chosen.law), None) or find_law(chosen.law)
+    number, before = values.get("stiffness"), spec.law(scenario["law"])
+    if "stiffness" not in choice and number and before.exponent and law.exponent not in (None, before.exponent):
+        raise InputError(
+            f"the stiffness of this scenario, {number:g} {before.stiffness_unit}, is that of law {before.key!r}, and "
+            f"law {law.key!r} takes {law.stiffness_unit}; give a stiffness ({law.stiffness_unit}), or a stiffness "
+            "factor on the scene's reference"
+        )
+    stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
+    settings = ["method", "dt", "accuracy", "locate", "force_unstable", "restitution_basis", "precision"]
+    settings += SCHEMES[spec.method].parameters if spec.method else ()
+    one = simulate(
+        scene,
+        spec.record(chosen.record).scaled(spec.case_value(chosen, "scale")),
+        law=law,
+        stiffness=None if law.exponent is None else stiffness,
+        restitution=chosen.restitution,
+        output_step=output_step,
+        **{name: getattr(spec, name) for name in settings},
+    )
+    details = "; ".join(_details(spec, values, law, choice))
+    return one.assign_attrs({"scenario": details} if details else {})
+
+
+#: Share of every reported peak that histories show, and how often the step is halved for it at most.
+SHOWN, _HALVINGS = 0.99, 8
+
+
+def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
+    """Run one scenario as `simulate_one`, by default at steps so short that its histories show the peaks it reports."""
+    one = simulate_one(spec, output_step=output_step, **choice)
+    for _ in range(_HALVINGS if output_step is None else 0):
+        if peaks_shown(one) >= SHOWN:
+            break
+        one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
+    return one
+
+
+def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mapping[str, Any]) -> Iterator[str]:
+    """Say what tells a scenario from others of its sweep, and what was chosen in place of the sweep's."""
+    if "case" in values:
+        yield f"case {values['case']}"
+    values = {"restitution": spec.scene.contact.restitution, **values}
+    ignored = {"law", "record", "gap"} | (set() if law.takes_restitution else {"restitution"})
+    ignored |= {"stiffness", "stiffness_factor"} if law.exponent is None else set()
+    for name, (field, building) in selectors(spec).items():
+        listed = [_value(item, field, building) for item in spec.cases or ()]
+        differs = name in choice or len({*spec.axes.get(name, listed)}) > 1 or (building and spec.cases is not None)
+        if differs and name not in ignored and values.get(name) is not None:
+            what = name if building is None else f"{FACTOR_KINDS[field]} of {building}"
+            unit = f" {law.stiffness_unit}" if name == "stiffness" else ""
+            yield f"{what.replace('_', ' ')} {values[name]:g}{unit}"

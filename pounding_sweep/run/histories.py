@@ -1,0 +1,146 @@
+"""Histories of one scenario: what its states after each step tell."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import history_slots
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import variants_of
+from pounding_sweep.outputs.variables import DIMS, scatter
+from pounding_sweep.records import Record
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Histories in the order of the Dataset: what there is one of each for, unit, and what it is.
+HISTORIES = {
+    "displacement": ("floor", "m", "floor displacement relative to the ground"),
+    "velocity": ("floor", "m s-1", "floor velocity relative to the ground"),
+    "acceleration": ("floor", "m s-2", "total floor acceleration"),
+    "ground_acceleration": ("scenario", "m s-2", "ground acceleration"),
+    "input": ("building", "kN m", "input energy"),
+    "damping": ("building", "kN m", "energy dissipated by structural damping"),
+    "kinetic": ("building", "kN m", "kinetic energy"),
+    "strain": ("building", "kN m", "strain energy"),
+    "transfer": (
+        "building",
+        "kN m",
+        "transferred energy: input - kinetic - damping - strain - yielding - given to links since the start",
+    ),
+    "storey_drift": ("floor", "m", "interstorey displacement"),
+    "plastic_drift": ("floor", "m", "plastic part of the interstorey displacement"),
+    "storey_shear": ("floor", "kN", "storey shear, dampers not included"),
+    "hysteretic": ("building", "kN m", "energy lost in yielding"),
+    "link_force": ("link", "kN", "force of the link, positive where it draws the floors together"),
+    "given_to_links": ("building", "kN m", "energy given to links"),
+    "foundation_sway": ("base", "m", "displacement of the foundation relative to the ground"),
+    "foundation_rotation": ("base", "rad", "rotation of the foundation relative to the ground"),
+    "contact_force": ("contact", "kN", "contact force, pressing positive"),
+    "penetration": ("contact", "m", "penetration, zero while open"),
+    "work": ("pair", "kN m", "work of the contacts: what they took in"),
+}
+
+
+def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.ndarray) -> dict[str, xr.DataArray]:
+    """Return ``time`` and all histories that the row has, from its states at these times, shape (time, slots)."""
+    import xarray as xr
+
+    scene, slots = kernel.scene, history_slots(kernel.shape)
+    row, n = variants_of(scene), scene.n_dof
+    part = {name: states[:, first : first + slots.count[name]] for name, first in slots.first.items()}
+    moved, moving = part["u"], part["v"]  # of floors, then of foundations
+    u, v = moved[:, :n], moving[:, :n]
+    drifts, deformations = (_by_motion(scene, name) for name in ("drifts", "deformations"))
+    owner = np.repeat(np.arange(len(scene.buildings)), [b.n_storeys for b in scene.buildings])
+    owned = np.equal.outer([*owner, *np.repeat(scene.foundations, 2)], range(len(scene.buildings))).astype(float)
+    masses, base = np.hstack([row.masses, row.base_masses])[0], row.base_stiffnesses[0]
+    alpha, beta = (factor[0, owner] for factor in row.rayleigh_factors)
+
+    # storeys: the elastic part, and that which may yield
+    drift, plastic, soft = moved @ drifts.T, part.get("slip", 0.0), 1.0 - row.hardenings[0]
+    stiffnesses = row.stiffnesses[0]
+    spring = stiffnesses * (drift - soft * plastic)
+    strain = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
+    strengths = np.where(scene.yields, row.yield_strengths[0], 0.0)
+    hysteretic = ((1.0 - row.elastic_hardenings[0]) * strengths * part.get("travel", np.zeros_like(u))) @ owned[:n]
+    damper = (beta * part.get("kd", stiffnesses) + row.dashpots[0]) * (moving @ drifts.T)
+
+    # contacts and links: what each floor moves them by
+    shares, floors, contacts, links = np.zeros((len(scene.contacts), n)), np.eye(n), scene.contacts, scene.linked_floors
+    for j, contact in enumerate(contacts):
+        for floor, share in contact.ends:
+            shares[j, floor] = share
+    linked = np.array([floors[link.left] - floors[link.right] for link in links]).reshape(-1, n)
+    gaps = np.array([scene.gaps[contact.pair] for contact in contacts]) - scene.thicknesses(kernel.law.thickness)
+    force = part.get("force", np.zeros((len(time), len(contacts))))
+    pull = u @ linked.T * [link.stiffness for link in links] + v @ linked.T * [link.damping for link in links]
+    labels = np.equal.outer([contact.place for contact in contacts], range(len(scene.pair_labels)))
+
+    on_floors = -alpha * masses[:n] * (moving @ deformations.T) - (spring + damper) @ drifts[:, :n]
+    on_floors -= force @ shares + pull @ linked
+    kinetic = (0.5 * masses * moving**2) @ owned
+    strain = np.hstack([strain, 0.5 * base * moved[:, n:] ** 2]) @ owned
+    given = part.get("e_link", np.zeros_like(kinetic))
+    values = {
+        "displacement": u,
+        "velocity": v,
+        "acceleration": on_floors / masses[:n],
+        "ground_acceleration": np.interp(time, record.time, record.acceleration)[:, None],
+        "input": part["e_in"],
+        "damping": part["e_damp"],
+        "kinetic": kinetic,
+        "strain": strain,
+        "transfer": part["e_in"] - part["e_damp"] - strain - (kinetic - kinetic[0]) - hysteretic - given,
+    }
+    if any(scene.yields):
+        shear = spring + row.geometric_stiffnesses[0] * drift
+        values |= {"storey_drift": drift, "plastic_drift": plastic, "storey_shear": shear, "hysteretic": hysteretic}
+    if scene.links:
+        values |= {"link_force": pull, "given_to_links": given}
+    if scene.foundations:
+        values |= {"foundation_sway": moved[:, n::2], "foundation_rotation": moved[:, n + 1 :: 2]}
+    if scene.pair_names:
+        work = part.get("work", np.zeros_like(force)) @ labels.astype(float)
+        values |= {"contact_force": force, "penetration": np.maximum(u @ shares.T - gaps, 0.0), "work": work}
+    found = {"time": xr.DataArray(time, dims="time", attrs={"units": "s", "long_name": "time", "axis": "T"})}
+    for name, (per, units, long_name) in HISTORIES.items():
+        if name in values:
+            about = {"units": units, "long_name": long_name}
+            found[name] = xr.DataArray(scatter(values[name], scene, per), dims=("time", *DIMS[per]), attrs=about)
+    return found
+
+
+def _by_motion(scene: Scene, name: str) -> np.ndarray:
+    """Return a matrix that each building has, for the whole row, shape (floors, floors and bases)."""
+    n = scene.n_dof
+    result = np.zeros((n, n + 2 * len(scene.foundations)))
+    for b, building in enumerate(scene.buildings):
+        floors = np.arange(*scene.offsets[b : b + 2])
+        bases = 2 * scene.foundations.index(b) + np.array([n, n + 1]) if building.foundation else ()
+        result[np.ix_(floors, [*floors, *bases])] = getattr(building, name)
+    return result
+
+
+#: Peaks that a cube has, the histories in which they are seen, and on which side: 0 for either.
+_SEEN = {
+    "displacement_max": ("displacement", 1),
+    "displacement_min": ("displacement", -1),
+    "acceleration_max": ("acceleration", 0),
+    "impact_force_max": ("contact_force", 0),
+}
+
+
+def peaks_shown(one: xr.Dataset) -> float:
+    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces."""
+    # peaks are located between the instants of the histories; the share is that of the largest of all floors or
+    # contacts, 1 where every peak is shown
+    least = 1.0
+    for peak, (history, sign) in _SEEN.items():
+        if peak in one and history in one:
+            seen, reported = (float((abs(x) if sign == 0 else sign * x).max()) for x in (one[history], one[peak]))
+            least = min(least, seen / reported) if reported > 0.0 else least
+    return least
