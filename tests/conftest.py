@@ -103,7 +103,7 @@ def pytest_sessionstart(session):
     given = session.config.option
     whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
     if whole and getattr(given, "numprocesses", None):
-        compile.prepare([kernel for kernel in kernels() if not compile.is_cached(kernel)], workers=2)
+        compile.prepare([kernel for kernel in kernels() if not compile.is_cached(kernel.pieces)], workers=2)
 
 
 @pytest.fixture(scope="session")

@@ -17,9 +17,8 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import lru_cache, partial
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -33,9 +32,8 @@ from pounding_sweep.kernel.spec import FRAME, FUSED_DOF, KernelSpec, from_json, 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
-#: Kernels that this process has, and what is compiled by itself, by the names of the modules.
-_LOADED: set[KernelSpec] = set()
-_COMPILED: dict[str, Any] = {}
+#: What this process has: numba's functions of what is compiled by itself, kernels and flights.
+_COMPILED: dict[KernelSpec, Any] = {}
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
 SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/formula.py", "model/laws.py", "model/rebound.py")
@@ -109,38 +107,32 @@ def _surroundings() -> str:
     return f"{digest.hexdigest()} {numba.__version__} {llvmlite.__version__} {processor}"
 
 
-def module_text(shape: KernelSpec) -> str:
-    """Text of a kernel's module, or of its flight's."""
-    return MODULE.format(spec=json.dumps(to_json(shape), sort_keys=True))
+def module_text(piece: KernelSpec) -> str:
+    """Text of the module of a kernel, or of a flight."""
+    return MODULE.format(spec=json.dumps(to_json(piece), sort_keys=True))
 
 
-def source_digest(shape: KernelSpec) -> str:
-    """Name of a kernel's module, by a digest of all that decides its code."""
-    return "pounding_kernel_" + hashlib.sha256((_surroundings() + module_text(shape)).encode()).hexdigest()[:24]
+def source_digest(piece: KernelSpec) -> str:
+    """Name of that module, by a digest of all that decides its code."""
+    return "pounding_kernel_" + hashlib.sha256((_surroundings() + module_text(piece)).encode()).hexdigest()[:24]
 
 
-def is_loaded(shape: KernelSpec) -> bool:
-    """Whether this process has the kernel already."""
-    return shape in _LOADED
+def is_cached(pieces: Iterable[KernelSpec]) -> bool:
+    """Whether this process or the disk has all of these, each of which is compiled by itself."""
+    return all(
+        piece in _COMPILED or {path.suffix for path in _files(cache_folder(), source_digest(piece))} >= {".nbi", ".nbc"}
+        for piece in pieces
+    )
 
 
-def is_cached(shape: KernelSpec) -> bool:
-    """Whether a compiled form of this kernel, and of its flight, is on disk (for some CPU)."""
-    return all(map(is_piece_cached, shape.pieces))
-
-
-def is_piece_cached(piece: KernelSpec) -> bool:
-    """Whether what is compiled by itself is on disk."""
-    return {path.suffix for path in _compiled_files(cache_folder(), source_digest(piece))} >= {".nbi", ".nbc"}
-
-
-def _compiled_files(folder: Path, name: str) -> list[Path]:
+def _files(folder: Path, name: str) -> list[Path]:
     """Return the files that numba keeps of a module."""
     return list((folder / "__pycache__").glob(f"{name}.*"))
 
 
-def _load(folder: Path, name: str, text: str) -> Any:
-    """Return the function of a kernel's module, which is written where it is not there yet."""
+def _load(folder: Path, piece: KernelSpec) -> Any:
+    """Return the function of a module, which is written where it is not there yet; numba compiles or loads it."""
+    name, text = source_digest(piece), module_text(piece)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.py"
     if not path.exists() or path.read_bytes() != text.encode():
@@ -149,26 +141,21 @@ def _load(folder: Path, name: str, text: str) -> Any:
         # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
         os.utime(temporary, (1_000_000_000, 1_000_000_000))
         temporary.replace(path)
-    return runpy.run_path(str(path), run_name=name)["run"]
-
-
-def _load_or_compile(folder: Path, name: str, text: str) -> Any:
-    """Return it compiled anew if its files are cut or damaged so that numba can't read them."""
     try:
-        return _load(folder, name, text)
+        return runpy.run_path(str(path), run_name=name)["run"]
     except (OSError, MemoryError):
         raise
-    except Exception:  # whatever numba makes of such a file
-        files = _compiled_files(folder, name)
-        if not files:
+    except Exception:  # whatever numba makes of cut or damaged files
+        if not (files := _files(folder, name)):
             raise
-        for path in files:
-            path.unlink(missing_ok=True)
-        _warn_once(f"damaged kernels in {str(folder)!r} are compiled anew; if that comes again, check its disk")
-        return _load(folder, name, text)
+        for file in files:
+            file.unlink(missing_ok=True)
+        text = f"damaged kernels in {str(folder)!r} are compiled anew; if that comes again, check its disk"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+        return runpy.run_path(str(path), run_name=name)["run"]
 
 
-@lru_cache(maxsize=1)
+@cache
 def _own_folder() -> Path:
     """Return a folder of this process alone, removed at its end."""
     folder = tempfile.TemporaryDirectory(prefix="pounding_sweep_")
@@ -176,60 +163,36 @@ def _own_folder() -> Path:
     return Path(folder.name)
 
 
-@lru_cache(maxsize=64)
-def _warn_once(text: str) -> None:
-    warnings.warn(text, RuntimeWarning, stacklevel=2)
-
-
-@contextmanager
-def _seldom_collected() -> Iterator[None]:
-    """Have Python look for garbage less often: compiling makes millions of objects, and most of them stay."""
-    before = gc.get_threshold()
-    gc.set_threshold(50_000, 20, 100)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
-
-
 def compile_piece(piece: KernelSpec) -> Any:
     """Return what is compiled by itself, numba's function of the address of a frame: a kernel, or a flight."""
-    with _LOCK, _seldom_collected():
-        name, text = source_digest(piece), module_text(piece)
-        if name not in _COMPILED:
-            folder = cache_folder()
+    with _LOCK:
+        if piece not in _COMPILED:
+            folder, often = cache_folder(), gc.get_threshold()
+            gc.set_threshold(50_000, 20, 100)  # compiling makes millions of objects, and most of them stay
             try:
-                _COMPILED[name] = _load_or_compile(folder, name, text)
+                _COMPILED[piece] = _load(folder, piece)
             except OSError as error:
-                _warn_once(
+                warnings.warn(
                     f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
-                    f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}"
+                    f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
+                    RuntimeWarning,
+                    stacklevel=2,
                 )
-                _COMPILED[name] = _load(_own_folder(), name, text)
-        return _COMPILED[name]
+                _COMPILED[piece] = _load(_own_folder(), piece)
+            finally:
+                gc.set_threshold(*often)
+        return _COMPILED[piece]
 
 
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelSpec) -> Callable[..., None]:
     """Return the kernel as a function of all of `PARAMETERS` but what it adds itself: the last three."""
-    # it is compiled, or loaded from the disk cache where it is there; where numba's JIT is disabled, it is the twin
     from numba import config
 
-    found = twin_of(shape) if getattr(config, "DISABLE_JIT", False) else _compiled_kernel(shape)
-    _LOADED.add(shape)
-    return found
+    from pounding_sweep.engine.kernel import run_twin, state_size
 
-
-def twin_of(shape: KernelSpec) -> Callable[..., None]:
-    """Return what does the same as the kernel, slowly, in plain Python."""
-    from pounding_sweep.engine.kernel import run_twin
-
-    return partial(run_twin, shape)
-
-
-def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
-    from pounding_sweep.engine.kernel import state_size
-
+    if getattr(config, "DISABLE_JIT", False):
+        return partial(run_twin, shape)
     flight = 0 if shape.flight is None else compile_piece(shape.flight).address
     compiled, (size, passing) = compile_piece(shape).ctypes, state_size(shape)
 
@@ -248,74 +211,60 @@ def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
     return run
 
 
-def compiling_parts(shape: KernelSpec) -> dict[str, int]:
+def compiling_parts(piece: KernelSpec) -> dict[str, int]:
     """Count what adds to the time that one piece takes to compile, by the names of `COMPILING`."""
-    floors, touching = min(shape.n_dof, MOST_FLOORS), shape.law is not None
-    if shape.only_flight:
-        return {
-            "flight": 1,
-            "floor and reducer in flight": floors * len(shape.reducers),
-            "storey that yields in flight": min(len(shape.yielding), MOST_FLOORS),
-        }
+    floors, yielding, laws = min(piece.n_dof, MOST_FLOORS), min(len(piece.yielding), MOST_FLOORS), len(piece.laws)
+    kept = floors * len(piece.reducers)
+    if piece.only_flight:
+        return {"flight": 1, "floor and reducer in flight": kept, "storey that yields in flight": yielding}
     return {
         "any": 1,
-        "contacts": len(shape.laws),
-        "implicit contacts": len(shape.laws) * shape.implicit,
-        "floor in contacts": floors * touching,
-        "floor and reducer": floors * len(shape.reducers),
-        "yielding": int(bool(shape.yielding)),
-        "storey that yields": min(len(shape.yielding), MOST_FLOORS),
-        "floor and reducer by series": floors * len(shape.reducers) * bool(shape.series),
+        "contacts": laws,
+        "implicit contacts": laws * piece.implicit,
+        "floor in contacts": floors * (piece.law is not None),
+        "floor and reducer": kept,
+        "yielding": int(yielding > 0),
+        "storey that yields": yielding,
+        "floor and reducer by series": kept * bool(piece.series),
     }
 
 
-def compiling_seconds(shape: KernelSpec) -> float:
-    """Estimate the CPU seconds that a kernel takes to compile, with its flight."""
-    return sum(map(_piece_seconds, shape.pieces))
+def compiling_seconds(pieces: Iterable[KernelSpec]) -> float:
+    """Estimate the CPU seconds that pieces take to compile: a kernel's are itself and its flight."""
+    return sum(COMPILING[name] * n for piece in pieces for name, n in compiling_parts(piece).items())
 
 
-def _piece_seconds(piece: KernelSpec) -> float:
-    return sum(COMPILING[name] * n for name, n in compiling_parts(piece).items())
+def _missing(shapes: Iterable[KernelSpec]) -> tuple[list[KernelSpec], list[KernelSpec]]:
+    """Return the kernels that are not at hand, and what of them must be compiled; laws share their flight."""
+    missing = [shape for shape in dict.fromkeys(shapes) if not is_cached(shape.pieces)]
+    pieces = dict.fromkeys(piece for shape in missing for piece in shape.pieces)
+    return missing, [piece for piece in pieces if not is_cached([piece])]
 
 
-def _missing(shapes: Sequence[KernelSpec]) -> list[KernelSpec]:
-    return [shape for shape in shapes if not (is_loaded(shape) or is_cached(shape))]
-
-
-def still_to_compile(shapes: Sequence[KernelSpec]) -> tuple[int, float]:
+def still_to_compile(shapes: Iterable[KernelSpec]) -> tuple[int, float]:
     """Count the kernels that are not at hand yet, and estimate the CPU seconds that they take."""
-    missing = _missing(list(dict.fromkeys(shapes)))
-    return len(missing), sum(map(_piece_seconds, _missing_pieces(missing)))
-
-
-def _missing_pieces(missing: Sequence[KernelSpec]) -> list[KernelSpec]:
-    """Return what must be compiled for kernels that are not at hand; laws share their flight."""
-    return [
-        piece for piece in dict.fromkeys(p for shape in missing for p in shape.pieces) if not is_piece_cached(piece)
-    ]
+    missing, pieces = _missing(shapes)
+    return len(missing), compiling_seconds(pieces)
 
 
 def shares(pieces: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
     """Cut pieces into at most `n` shares that take about as long to compile, each worth a process of its own."""
-    takes = {piece: _piece_seconds(piece) for piece in pieces}
-    total = sum(takes.values())
-    found: list[list[KernelSpec]] = [[] for _ in range(max(1, min(n, int(total / BEGINNING))))]
-    done = 0.0
-    for piece, seconds in takes.items():
-        found[int((done + seconds / 2) * len(found) / total)].append(piece)
+    total, done = compiling_seconds(pieces), 0.0
+    parts: list[list[KernelSpec]] = [[] for _ in range(max(1, min(n, int(total / BEGINNING))))]
+    for piece in pieces:
+        seconds = compiling_seconds([piece])
+        parts[int((done + seconds / 2) * len(parts) / total)].append(piece)
         done += seconds
-    return [share for share in found if share]
+    return [part for part in parts if part]
 
 
 def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled."""
-    wanted = list(dict.fromkeys(shapes))
-    missing = _missing(wanted)
-    mine, *others = shares(_missing_pieces(missing), workers) or [[]]
-    theirs = {piece for share in others for piece in share}
+    missing, pieces = _missing(shapes)
+    first, *others = shares(pieces, workers) or [[]]
+    elsewhere = {piece for part in others for piece in part}
     children = []
-    for share in others:
-        text = json.dumps([to_json(piece) for piece in share])
+    for part in others:
         child = subprocess.Popen(
             [sys.executable, "-m", "pounding_sweep.engine.compile"],
             stdin=subprocess.PIPE,
@@ -324,13 +273,13 @@ def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[i
             text=True,
         )
         assert child.stdin is not None
-        child.stdin.write(text)
+        child.stdin.write(json.dumps([to_json(piece) for piece in part]))
         child.stdin.close()
         children.append(child)
     try:
-        for shape in sorted(wanted, key=lambda shape: not theirs.isdisjoint(shape.pieces)):
-            if not theirs.isdisjoint(shape.pieces):
-                for piece in mine:
+        for shape in sorted(dict.fromkeys(shapes), key=lambda shape: not elsewhere.isdisjoint(shape.pieces)):
+            if not elsewhere.isdisjoint(shape.pieces):
+                for piece in first:
                     compile_piece(piece)
                 for child in children:
                     child.wait()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +21,7 @@ from pounding_sweep.kernel.spec import (
     STAGED_CAP,
     KernelSpec,
     LawShape,
+    Slots,
     input_slots,
     property_slots,
 )
@@ -81,7 +82,7 @@ def kernel_shape(
     windows: bool = True,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
-    touching, yields = law.has_contact and bool(scene.contacts), scene.yields
+    touching, yields, buildings = law.has_contact and bool(scene.contacts), scene.yields, scene.buildings
     exists = {
         "": True,
         "touch": touching,
@@ -91,18 +92,17 @@ def kernel_shape(
         "founded": bool(scene.foundations),
     }
     wanted = frozenset(name for name in reducers if exists[REDUCERS[name].where])
-    falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
+    falls = any(b.p_delta and any(b.yields) for b in buildings)
     if falls:  # which its drift tells
         wanted |= {"drift"}
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
-    smooth = [building.bouc_wen for building in scene.buildings for _ in building.masses]
-    own = [_compiled(bumper.law) for bumper in scene.bumper_of if bumper] if touching else []
-    bumpers = tuple(dict.fromkeys(own))
+    contacts = scene.contacts if meets else ()
+    smooth = [building.bouc_wen for building in buildings for _ in building.masses]
+    own = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
+    bumpers = tuple(dict.fromkeys(filter(None, own)))
     return KernelSpec(
-        storeys=tuple(b.n_storeys for b in scene.buildings),
-        contacts=tuple((c.left, c.right, j if bumpers else c.pair) for j, c in enumerate(scene.contacts))
-        if meets
-        else (),
+        storeys=tuple(b.n_storeys for b in buildings),
+        contacts=tuple((c.left, c.right, j if bumpers else c.pair) for j, c in enumerate(contacts)),
         n_gaps=len(scene.contacts if bumpers else scene.pair_names),
         law=_compiled(law) if touching else None,
         scheme=numerics.method,
@@ -115,38 +115,24 @@ def kernel_shape(
         precision=numerics.precision,
         varied=varied,
         windows=windows and not history,
-        yielding=tuple(i for i, each in enumerate(yields) if each),
-        tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        yielding=tuple(np.flatnonzero(yields).tolist()),
+        tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in buildings),
         p_delta=falls and "shear" in wanted,
         smooth=tuple((i, law.n) for i, law in enumerate(smooth) if law is not None and yields[i]),
-        struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
-        dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
+        struck=tuple(c.struck for c in contacts) if any(c.struck >= 0 for c in contacts) else (),
+        dashpots=tuple(np.flatnonzero(scene.dashed).tolist()),
         links=tuple((link.left, link.right) for link in scene.linked_floors),
         foundations=scene.foundations,
         bumpers=bumpers,
-        bumped=tuple(1 + bumpers.index(_compiled(b.law)) if b else 0 for b in scene.bumper_of) if bumpers else (),
+        bumped=tuple(1 + bumpers.index(law) if law else 0 for law in own) if bumpers else (),
     )
 
 
 @lru_cache(maxsize=64)
 def _compiled(law: Law) -> LawShape:
     """Part of a law that is compiled."""
-    return LawShape(
-        law.elastic,
-        law.elastic_slope,
-        law.damper,
-        law.damper_slope,
-        law.exponent or 1.0,
-        law.approach_only,
-        law.tension,
-        law.damping == "elastic",
-        law.damper_exponent,
-        law.impulsive,
-        law.yields,
-        law.rebound_only,
-        law.is_power,
-        law.grows,
-    )
+    values: dict[str, Any] = {each.name: getattr(law, each.name, None) for each in fields(LawShape)}
+    return LawShape(**{**values, "exponent": law.exponent or 1.0, "per_speed": law.damping == "elastic"})
 
 
 def flight_refinement(accuracy: float) -> float:
@@ -154,10 +140,13 @@ def flight_refinement(accuracy: float) -> float:
     return float(FLIGHT_STEP[-1] / (SEPTIC * accuracy) ** 0.125)
 
 
-def _flight_rate(w: np.ndarray) -> Any:
-    """Least inverse (1/s) of an exact flight step, by natural frequencies of buildings, rising along the last axis."""
-    first = w[..., : len(FLIGHT_STEP)]
-    return np.maximum((first / FLIGHT_STEP[: first.shape[-1]]).max(axis=-1), w[..., -1] / FLIGHT_STEP[-1])
+def _packed(slots: Slots, values: Mapping[str, Any], n: int) -> np.ndarray:
+    """Put values of shape (slots, n), or one for all n, where their slots lie; 0 where there are none."""
+    rows = np.zeros((slots.size, n))
+    for name, value in values.items():
+        first = slots.first[name]
+        rows[first : first + slots.count[name]] = value
+    return rows
 
 
 @lru_cache(maxsize=64)
@@ -165,25 +154,16 @@ def _constants(
     shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None, rough: bool
 ) -> np.ndarray:
     """Scene constants in a kernel's layout: each chunk asks for them."""
-    slots = property_slots(shape)
-    values = np.zeros(slots.size, numerics.precision)
-
-    def put(name: str, numbers: Any) -> None:
-        numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
-        values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
-
-    for name, values_of in _PROPERTIES.items():
-        if slots.count.get(name):
-            put(name, values_of(variants_of(scene))[0])
+    slots, row = property_slots(shape), variants_of(scene)
+    cap = (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
+    values: dict[str, Any] = {name: read(row).T for name, read in PROPERTIES.items() if slots.count.get(name)}
+    values["cap"] = SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap
+    values |= {"newmark_beta": numerics.beta, "newmark_gamma": numerics.gamma}
     if initial_velocity is not None:
-        put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
-    cap = STAGED_CAP if shape.staged else CONTACT_CAP
-    put("cap", SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap / numerics.refinement)
+        values["v0"] = np.reshape([*initial_velocity, *[0.0] * (shape.n_moving - len(initial_velocity))], (-1, 1))
     if shape.staged:
-        put("longest", longest_substep(variants_of(scene), numerics.dt, rough, shape.reducers)[0])
-    put("newmark_beta", numerics.beta)
-    put("newmark_gamma", numerics.gamma)
-    return values
+        values["longest"] = longest_substep(row, numerics.dt, rough, shape.reducers)[0]
+    return _packed(slots, values, 1)[:, 0].astype(numerics.precision)
 
 
 @lru_cache(maxsize=64)
@@ -193,12 +173,6 @@ def _layout(shape: KernelSpec, scene: Scene) -> Layout:
     return Layout(make_group(shape, None, width(shape.precision), constants))
 
 
-def _fixed_tables(shape: KernelSpec, row: Variants, record: Record, flight_substeps: int) -> tuple[Fixed, np.ndarray]:
-    """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
-    n = flight_substeps
-    return fixed_tables(_layout(shape, row.scene), row, _ground(record, n), record.dt / n, shape.precision, n)
-
-
 def _ground(record: Record, steps: int) -> np.ndarray:
     """Accelerations of the ground at the ends of so many steps in each interval of the record."""
     motion = np.array(record.acceleration)
@@ -206,8 +180,12 @@ def _ground(record: Record, steps: int) -> np.ndarray:
     return np.append(inner.ravel(), motion[-1])
 
 
-#: Those of a scene as given: all its runs under a record share them, whatever their sub-steps in contact.
-_fixed_tables_of_scene = lru_cache(maxsize=8)(_fixed_tables)
+@lru_cache(maxsize=8)
+def _fixed_of_scene(shape: KernelSpec, scene: Scene, record: Record, n: int) -> tuple[Fixed, np.ndarray]:
+    """Return `fixed_tables` of a scene: all its runs under a record share them, whatever their sub-steps."""
+    return fixed_tables(
+        _layout(shape, scene), variants_of(scene), _ground(record, n), record.dt / n, shape.precision, n
+    )
 
 
 @dataclass(frozen=True)
@@ -258,10 +236,13 @@ class RowKernel:
         if self.shape.coupled:
             w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
             frequencies = [w[:, low:high] for low, high in pairwise(at)]
-        need = np.max([_flight_rate(w) for w in frequencies], axis=0)
-        need *= record.dt * min(self.numerics.refinement, FINEST_FLIGHT)
+        rates = np.zeros(len(row))  # least inverse (1/s) of an exact step
+        for w in frequencies:
+            first = w[:, : len(FLIGHT_STEP)] / FLIGHT_STEP[: w.shape[1]]
+            rates = np.maximum(rates, np.maximum(first.max(axis=1), w[:, -1] / FLIGHT_STEP[-1]))
+        rates *= record.dt * min(self.numerics.refinement, FINEST_FLIGHT)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
-        return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
+        return np.asarray(divisors[np.minimum(np.searchsorted(divisors, rates), len(divisors) - 1)])
 
     def run(
         self,
@@ -276,130 +257,119 @@ class RowKernel:
         twin: bool = False,
     ) -> dict[str, np.ndarray]:
         """Integrate scenarios over a record, by the compiled kernel or its twin in plain Python."""
-        from pounding_sweep.engine.compile import get_kernel, twin_of
+        from pounding_sweep.engine import compile
+        from pounding_sweep.engine.kernel import run_twin
 
-        n = len(scale)
-        groups = -(-n // LANES)
-        outputs = output_slots(self.shape)
-        row = variants_of(self.scene) if variants is None else variants
+        shape, n, groups = self.shape, len(scale), -(-len(scale) // LANES)
+        outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
         flight_substeps = int(self.flight_substeps(record, row).max())
         results = np.zeros((groups, outputs.size * LANES))
-        if history is None:
-            history = np.zeros((1, 1))
-        kernel = (twin_of if twin else get_kernel)(self.shape)
-        steps = flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record)
-        track = _ground(record, steps) if self.shape.flies_exactly else np.zeros(1)
-        track = track.astype(self.shape.precision)
-        given = {"scale": scale, "gaps": gaps, "stiffness": stiffness, "restitution": restitution}
-        given = {name: np.asarray(values, float) for name, values in given.items()}
+        history = np.zeros((1, 1)) if history is None else history
+        kernel = partial(run_twin, shape) if twin else compile.get_kernel(shape)
+        steps = flight_substeps if shape.series or shape.staged else self.numerics.steps(record)
+        track = _ground(record, steps) if shape.flies_exactly else np.zeros(1)
+        track = track.astype(shape.precision)
+        brought = [np.asarray(values, float) for values in (scale, gaps, stiffness, restitution)]
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, groups_done, shared = self._tables(record, flight_substeps, part, groups - first, twin)
-            mine = slice(first * LANES, (first + groups_done) * LANES)
-            inputs = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(buildings, row=row[mine], rough=record.is_rough, **inputs)
+            tables, buildings, count, shared = self._tables(record, flight_substeps, part, groups - first, twin)
+            mine = slice(first * LANES, (first + count) * LANES)
+            lanes = self._lanes(buildings, row[mine], record.is_rough, *(values[mine] for values in brought))
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
                 steps,
                 flight_substeps,
                 self.constants(record.is_rough),
-                lanes.reshape(len(lanes), -1),
-                results[first : first + groups_done],
+                lanes,
+                results[first : first + count],
                 history,
                 track,
                 *tables,
-                len(inputs["scale"]),
+                len(scale[mine]),
             )
             if shared is not None:
                 keep_filled(shared, tables[0])
-            first += groups_done
+            first += count
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
-        found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
+        raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
-        found["scale"] = given["scale"][:, None]
-        if self.shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
-            quickening = np.ones((n, len(self.shape.laws)))
-            quickening[:, 0] = self.law.quickening(given["restitution"], self.basis)
-            for which, bumper in zip(self.shape.bumped, self.scene.bumper_of, strict=False):
+        raw["scale"] = brought[0][:, None]
+        if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
+            raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
+            quickening[:, 0] = self.law.quickening(brought[-1], self.basis)
+            for which, bumper in zip(shape.bumped, self.scene.bumper_of, strict=False):
                 if bumper:
                     quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
-            found["quickening"] = quickening
-        return found
+        return raw
 
     def _tables(
         self, record: Record, flight_substeps: int, row: Variants, most_groups: int, twin: bool
     ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
-        """Tables of flight, which each scenario needs, how many groups (at most so many) they serve; their `Fixed`."""
-        if not self.numerics.scheme.flies_exactly:
-            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), most_groups, None
+        """Return tables of flight, their number for each scenario, how many groups they serve, and their `Fixed`.
+
+        The last is None where a thread's next call does not find them filled.
+        """
+        shape, precision = self.shape, self.numerics.precision
+        if not shape.flies_exactly:
+            return (np.zeros(1, precision), np.zeros(1), 0), np.zeros(1), most_groups, None
+        layout = _layout(shape, self.scene)
+        stops = stops_of(layout, (record.n_points - 1) * flight_substeps + 1, flight_substeps)
+        if not (self.varied or shape.blocks):
+            fixed, decays = _fixed_of_scene(shape, self.scene, record, flight_substeps)
+            if not twin and (filled := filled_tables(fixed)) is not None:
+                return (filled, decays, 0), np.zeros(1), most_groups, None
+            tables = flight_tables(layout, stops, fixed, stay=not twin)
+            return (tables, decays, 1), np.zeros(1), most_groups, None if twin else fixed
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
-        points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
-        layout = _layout(self.shape, self.scene)
-        stops = stops_of(layout, points, flight_substeps)
         most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
         groups = max(1, int(late[0]) // LANES) if len(late) else most_groups
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
-        rows: Any = needed if len(needed) < len(row) else slice(None)
-        if self.varied or self.shape.blocks:
-            fixed, decays = _fixed_tables(self.shape, row[rows], record, flight_substeps)
-            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
-        fixed, decays = _fixed_tables_of_scene(self.shape, variants_of(self.scene), record, flight_substeps)
-        if not twin and (filled := filled_tables(fixed)) is not None:
-            return (filled, decays, 0), which, groups, None
-        tables = flight_tables(layout, stops, fixed, stay=not twin)
-        return (tables, decays, len(needed)), which, groups, None if twin else fixed
+        some, n = row[needed] if len(needed) < len(row) else row, flight_substeps
+        fixed, decays = fixed_tables(layout, some, _ground(record, n), record.dt / n, precision, n)
+        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
 
     def _lanes(
         self,
         buildings: np.ndarray,
-        *,
+        row: Variants,
+        rough: bool,
         scale: np.ndarray,
         gaps: np.ndarray,
         stiffness: np.ndarray,
         restitution: np.ndarray,
-        row: Variants,
-        rough: bool,
     ) -> np.ndarray:
-        """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots, lanes)."""
-        slots, n = input_slots(self.shape), len(scale)
-        groups = -(-n // LANES)
-        rows = np.empty((slots.size, groups * LANES))
-
-        def put(name: str, values: np.ndarray) -> None:
-            """Put in values of shape (slots, n), or (slots, 1) where all lanes agree."""
-            first = slots.first[name]
-            rows[first : first + slots.count[name], :n] = values
-
-        put("scale", scale[None, :])
-        if "gap" in slots.first:
+        """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots times lanes)."""
+        shape, slots, n = self.shape, input_slots(self.shape), len(scale)
+        values: dict[str, Any] = {"scale": scale}
+        if shape.contacts:
             thickness: Any = self.law.thickness
-            if self.shape.bumped:
+            if shape.bumped:
                 gaps = gaps[:, [contact.pair for contact in self.scene.contacts]]
                 thickness = self.scene.thicknesses(thickness)
-            put("gap", (gaps - thickness).T)
-        if self.shape.law is not None:
-            k = row.contact_stiffnesses(stiffness).T if self.shape.own_stiffness else stiffness[None, :]
+            values["gap"] = (gaps - thickness).T
+        if shape.law is not None:
+            k = row.contact_stiffnesses(stiffness).T if shape.own_stiffness else stiffness[None, :]
             c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
-            for j, bumper in enumerate(self.scene.bumper_of if self.shape.bumped else ()):
+            for j, bumper in enumerate(self.scene.bumper_of if shape.bumped else ()):
                 if bumper:
                     k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_masses[:, j], self.basis)
-            put("k", k)
-            put("c", c)
+            values |= {"k": k, "c": c}
         if self.varied:
-            for name, values_of in _PROPERTIES.items():
-                if f"p_{name}" in slots.first:
-                    put(f"p_{name}", values_of(row).T)
-            if self.numerics.scheme.flies_exactly:
-                put("tables", buildings[None, :])
-                if "p_longest" in slots.first:
-                    about = row, self.numerics.dt, rough, self.shape.reducers
-                    put("p_longest", longest_substep(*about)[None, :] if self.shape.staged else np.zeros((1, 1)))
-        rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
-        return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
+            values |= {f"p_{name}": read(row).T for name, read in PROPERTIES.items() if f"p_{name}" in slots.first}
+            if shape.flies_exactly:
+                values["tables"] = buildings
+            if "p_longest" in slots.first:
+                longest = longest_substep(row, self.numerics.dt, rough, shape.reducers) if shape.staged else 0.0
+                values["p_longest"] = longest
+        groups = -(-n // LANES)
+        rows = np.pad(
+            _packed(slots, values, n), ((0, 0), (0, groups * LANES - n)), "edge"
+        )  # idle lanes repeat the last
+        return rows.reshape(-1, groups, LANES).transpose(1, 0, 2).reshape(groups, -1)
 
 
 #: Exact steps of a single row: each chunk asks for them.
@@ -417,7 +387,7 @@ def _of_storeys(read: Callable[[Building], float]) -> Callable[[Variants], np.nd
 
 
 #: Building properties by the name of their slots: what reads them, shape (n or 1, slots).
-_PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
+PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "m": _of_moving("masses"),
     "im": lambda row: 1.0 / _of_moving("masses")(row),
     "k": _of_moving("stiffnesses"),

@@ -101,24 +101,29 @@ class ClusterWorkers:
 
     def __init__(self, client: Client, run: Callable[..., np.ndarray | str], note: Callable[[str], None]) -> None:
         self.client, self._run, self._note = client, run, note
-        self._versions: dict[str, Any] = {}  # of each worker, the task that tells what it has installed
-        self._fit: dict[str, int] = {}  # threads of the workers that can take part
-        self._unfit: dict[str, str] = {}  # what the others have installed
-        self._polled, self._alone_since = -np.inf, np.inf
+        self._versions: dict[str, Any] = {}  # what each worker has installed, or why it can't tell
+        self._threads: dict[str, int] = {}  # of the workers that take part
+        self._looked, self._alone_since = -np.inf, np.inf
 
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled."""
-        self._check_scheduler()
-        while not self._fit or self._is_asking():
-            self._poll_workers()
+        try:
+            self.client.run_on_scheduler(fingerprint)  # it unpacks what goes to the workers
+        except (ImportError, AttributeError) as error:
+            raise ClusterError(
+                f"the dask scheduler at {self.client.scheduler.address!r} can't load the package ({error}); install "
+                f"{fingerprint()} in its environment, as here"
+            ) from None
+        while not self._threads:
+            self._look()
             time.sleep(GLANCE_SECONDS)
         hosts: dict[str, dict[str, int]] = {}
-        for address, threads in self._fit.items():
+        for address, threads in self._threads.items():
             hosts.setdefault(get_address_host(address), {})[address] = threads
 
         def submit(workers: dict[str, int]) -> Any:
-            there = [address for address in workers if address in self._fit]
-            return self._submit(there or list(self._fit), prepare, shapes, sum(workers.values()))
+            there = list(workers.keys() & self._threads.keys()) or list(self._threads)
+            return self.client.submit(prepare, shapes, sum(workers.values()), workers=there, pure=False)
 
         # where it fails, the first chunk that needs a kernel says what is wrong
         counts = [result for _, result in self._complete(hosts.values(), submit) if isinstance(result, int)]
@@ -130,7 +135,7 @@ class ClusterWorkers:
         """Run a task for each item; see `Dispatcher.run`."""
 
         def submit(item: Any) -> Any:
-            return self._submit(list(self._fit), self._run, *task_of(item))
+            return self.client.submit(self._run, *task_of(item), workers=list(self._threads), pure=False)
 
         failed = []
         for item, result in self._complete(items, submit):
@@ -148,33 +153,29 @@ class ClusterWorkers:
         in_flight: dict[Any, tuple[Any, int, set[str]]] = {}
         done = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         while waiting or in_flight:
-            self._poll_workers()
+            self._look()
             for future, (item, losses, workers) in list(in_flight.items()):
-                if workers.isdisjoint(self._fit):  # for which dask waits for ever
+                if workers.isdisjoint(self._threads):  # for which dask waits for ever
                     del in_flight[future]
                     future.cancel()
                     if losses + 1 < LOSSES:
                         waiting.append((item, losses + 1))
                     else:
                         yield item, RuntimeError("its workers died, or no longer answered")
-            while waiting and len(in_flight) < IN_FLIGHT * sum(self._fit.values()):
+            while waiting and len(in_flight) < IN_FLIGHT * sum(self._threads.values()):
                 item, losses = waiting.popleft()
                 future = submit(item)
-                in_flight[future] = item, losses, set(self._fit)
+                in_flight[future] = item, losses, set(self._threads)
                 done.add(future)
             if not done.has_ready():
                 time.sleep(GLANCE_SECONDS)
             for future, answer in done.next_batch(block=False):
-                if future not in in_flight:
-                    continue
-                item, *_ = in_flight.pop(future)
-                result = answer[1] if future.status != "finished" and isinstance(answer, tuple) else answer
-                if future.cancelled():
-                    raise self._gone(result)
-                yield item, result
-
-    def _submit(self, workers: Sequence[str], function: Callable[..., Any], *arguments: Any, priority: int = 0) -> Any:
-        return self.client.submit(function, *arguments, workers=workers, pure=False, priority=priority)
+                if future in in_flight:
+                    item, *_ = in_flight.pop(future)
+                    result = answer[1] if future.status != "finished" and isinstance(answer, tuple) else answer
+                    if future.cancelled():
+                        raise self._gone(result)
+                    yield item, result
 
     def _gone(self, error: object) -> ClusterError:
         return ClusterError(
@@ -182,53 +183,34 @@ class ClusterWorkers:
             "start it and its workers again, and run again, which goes on from the chunks that an output has"
         )
 
-    def _check_scheduler(self) -> None:
-        """Raise `ClusterError` where the scheduler has not the package: it unpacks what goes to the workers."""
-        try:
-            self.client.run_on_scheduler(fingerprint)
-        except (ImportError, AttributeError) as error:
-            raise ClusterError(
-                f"the dask scheduler at {self.client.scheduler.address!r} can't load the package ({error}); install "
-                f"{fingerprint()} in its environment, as here"
-            ) from None
-
-    def _is_asking(self) -> bool:
-        return len(self._versions) > len(self._fit) + len(self._unfit)
-
-    def _poll_workers(self) -> None:
+    def _look(self) -> None:
         """See now and then who is there, what newcomers have installed, and whether anybody can take part."""
-        now = time.monotonic()
-        if now - self._polled < POLL_SECONDS:
+        now, expected = time.monotonic(), fingerprint()
+        if now - self._looked < POLL_SECONDS:
             return
-        self._polled = now
+        self._looked = now
         try:
             there = self.client.nthreads()
+            if newcomers := there.keys() - self._versions.keys():
+                self._versions |= self.client.run(fingerprint, workers=list(newcomers), on_error="return")
         except Exception as error:  # whatever it is: the scheduler does not answer
             raise self._gone(error) from None
         for address in self._versions.keys() - there.keys():
             del self._versions[address]
-            self._unfit.pop(address, None)
-            if self._fit.pop(address, None):
-                self._note(f"worker {address}: has left; {len(self._fit)} are there, what it ran is run again")
-        for address, threads in there.items():
-            answer = self._versions.get(address)
-            if answer is None:
-                self._versions[address] = self._submit([address], fingerprint, priority=1)
-            elif answer.done() and address not in self._fit and address not in self._unfit:
-                versions = answer.result() if answer.status == "finished" else repr(answer.exception())
-                if versions == fingerprint():
-                    self._fit[address] = threads
-                    self._note(f"worker {address}: takes part, with {threads} threads; {len(self._fit)} do")
-                else:
-                    self._unfit[address] = versions
-                    self._note(f"worker {address}: takes no part, it has {versions}, here is {fingerprint()}")
-        self._alone_since = np.inf if self._fit else min(now, self._alone_since)
+            if self._threads.pop(address, None):
+                self._note(f"worker {address}: has left; {len(self._threads)} are there, what it ran is run again")
+        for address in newcomers:
+            if (versions := self._versions.get(address)) == expected:
+                self._threads[address] = there[address]
+                self._note(f"worker {address}: takes part, with {there[address]} threads; {len(self._threads)} do")
+            else:
+                self._note(f"worker {address}: takes no part, it has {versions}, here is {expected}")
+        self._alone_since = np.inf if self._threads else min(now, self._alone_since)
         if now - self._alone_since > ALONE_SECONDS:
-            if self._unfit and not self._is_asking():
-                address, versions = next(iter(self._unfit.items()))
+            for address, versions in self._versions.items():
                 raise ClusterError(
-                    f"none of the {len(self._unfit)} dask workers can take part: {address} has {versions}; it must be "
-                    f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
+                    f"none of the {len(self._versions)} dask workers can take part: {address} has {versions}; it must "
+                    f"be {expected}, as here. Install the same versions in the environment of the workers"
                 )
             msg = f"no workers at {self.client.scheduler.address}; waiting for some to join"
             warnings.warn(msg, RuntimeWarning, stacklevel=2)

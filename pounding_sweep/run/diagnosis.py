@@ -22,38 +22,69 @@ from pounding_sweep.base.files import expanded
 NAME = "pounding-sweep"
 #: Its extras that users install; the others are for its development.
 EXTRAS = ("records", "export")
-
 #: Register width (bits) by the processor feature that brings it, widest first.
 _WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
-
 #: Variables of the environment that limit the threads of the libraries below.
 THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def diagnose() -> dict[str, Any]:
     """Look at the installation; changes nothing."""
-    versions, memory, cpu = installed_versions(), free_memory(), processor()
+    from pounding_sweep.engine.compile import CACHE_VARIABLE, cache_folder, compiling_seconds
+    from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+    from pounding_sweep.model.laws import LAWS
+    from pounding_sweep.model.presets import get_preset
+    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
+    from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
+
+    versions, memory, cpu, folder = installed_versions(), free_memory(), processor(), Path.cwd()
     optional = {name: extra for name, extra in _required().items() if extra}
     problems = [
         f"{name} is not installed; install the package: pip install ."
         for name, installed in versions.items()
         if installed is None and name not in optional
     ]
-    folder = Path.cwd()
     writable = os.access(folder, os.W_OK)
     if not writable:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
-    limits = {name: os.environ[name] for name in THREAD_LIMITS if name in os.environ}
+    kernels = cache_folder()
+    parent = next((path for path in (kernels, *kernels.parents) if path.exists()), Path())
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        problems.append(
+            f"the kernel cache {str(kernels)!r} can't be written, so every run compiles its kernels anew; name another "
+            f"folder in {CACHE_VARIABLE}"
+        )
+    files = [path for path in kernels.rglob("pounding_kernel_*") if path.is_file()]
+    record_folders = []
+    for part in filter(str.strip, os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep)):
+        try:
+            records = expanded(part)
+            count = sum(path.suffix.lower() in RECORD_SUFFIXES for path in records.iterdir())
+            record_folders.append({"folder": str(records), "files": count})
+        except OSError as error:
+            problems.append(f"{part!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
+    row, law, numerics = get_preset("mate2015"), LAWS["linear"], Numerics("rk4", 1e-3)
     return {
         "versions": versions,
         "optional": optional,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": cpu,
-        "threads": {"workers": cpu["cores_usable"], "environment": limits},
+        "threads": {
+            "workers": cpu["cores_usable"],
+            "environment": {name: os.environ[name] for name in THREAD_LIMITS if name in os.environ},
+        },
         "memory": {"free_bytes": memory.bytes, "limit": memory.limit},
-        "kernel_cache": _cache(problems),
-        "compile_seconds": _compiling(),
-        "record_folders": _record_folders(problems),
+        "kernel_cache": {
+            "folder": str(kernels),
+            "kernels": len({path.name.partition(".")[0] for path in files if path.suffix == ".nbi"}),
+            "bytes": sum(path.stat().st_size for path in files),
+        },
+        # CPU time for a kernel of the paper's row, by what is asked for
+        "compile_seconds": {
+            name: compiling_seconds([kernel_shape(row, law, numerics, reducers_for(outputs))])
+            for name, outputs in (("default", DEFAULT_OUTPUTS), ("all", VARIABLES))
+        },
+        "record_folders": record_folders,
         "output": {"folder": str(folder), "writable": writable, "free_bytes": shutil.disk_usage(folder).free},
         "problems": problems,
     }
@@ -68,19 +99,17 @@ def installed_versions() -> dict[str, str | None]:
     needed = sorted({*LIBRARIES, *(name for name, extra in required.items() if not extra)}, key=str.lower)
     versions: dict[str, str | None] = {"python": platform.python_version()}
     for name in (NAME, *needed, *required):
-        try:
+        versions[name] = None
+        with suppress(PackageNotFoundError):
             versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = None
     return versions
 
 
 def _required() -> dict[str, str]:
-    """Return the distributions that the package, as it is installed, requires: name -> extra that does, or ""."""
-    try:
+    """Return the distributions that the installed package requires: name -> extra that does, or ""."""
+    lines: list[str] = []
+    with suppress(PackageNotFoundError):
         lines = sorted(requires(NAME) or [])
-    except PackageNotFoundError:
-        return {}
     found: dict[str, str] = {}
     for extra in ("", *EXTRAS):
         for line in lines:
@@ -97,63 +126,14 @@ def processor() -> dict[str, Any]:
     from pounding_sweep.kernel.spec import LANES
 
     features = sorted(name for name, present in binding.get_host_cpu_features().items() if present)
-    width = next((bits for name, bits in _WIDTHS.items() if name in features), None)
     return {
         "name": binding.get_host_cpu_name(),
-        "vector_bits": width,
+        "vector_bits": next((bits for name, bits in _WIDTHS.items() if name in features), None),
         "lanes_per_kernel": LANES,
         "cores_usable": len(os.sched_getaffinity(0)),
         "cores": os.cpu_count(),
         "features": features,
     }
-
-
-def _cache(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.engine.compile import CACHE_VARIABLE, cache_folder
-
-    folder, anew = cache_folder(), "so every run compiles its kernels anew; name"
-    parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
-    if not (parent.is_dir() and os.access(parent, os.W_OK)):
-        problems.append(f"the kernel cache {str(folder)!r} can't be written, {anew} another folder in {CACHE_VARIABLE}")
-    files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
-    kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
-    return {"folder": str(folder), "kernels": len(kernels), "bytes": sum(path.stat().st_size for path in files)}
-
-
-def _compiling() -> dict[str, float]:
-    """Estimate the CPU seconds that a kernel of the paper's row takes to compile, by what is asked for."""
-    from pounding_sweep.engine.compile import compiling_seconds
-    from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
-    from pounding_sweep.model.laws import LAWS
-    from pounding_sweep.model.presets import get_preset
-    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
-
-    row, law, numerics = get_preset("mate2015"), LAWS["linear"], Numerics("rk4", 1e-3)
-    return {
-        name: compiling_seconds(kernel_shape(row, law, numerics, reducers_for(outputs)))
-        for name, outputs in (("default", DEFAULT_OUTPUTS), ("all", tuple(VARIABLES)))
-    }
-
-
-def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
-    from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
-
-    folders = []
-    for part in filter(str.strip, os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep)):
-        try:
-            folder = expanded(part)
-            files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
-            folders.append({"folder": str(folder), "files": files})
-        except OSError as error:
-            problems.append(f"{part!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
-    return folders
-
-
-#: Limit and use of a control group, and what of its use is given back on demand; version 2, version 1.
-_GROUP_FILES = (
-    ("", "memory.max", "memory.current", "inactive_file"),
-    ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
-)
 
 
 class FreeMemory(NamedTuple):
@@ -183,13 +163,15 @@ def _control_groups(root: Path) -> Iterator[FreeMemory]:
         for line in (root / "proc/self/cgroup").read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             groups.update(dict.fromkeys(controllers.split(","), path))
-    for controller, limit, used, cached in _GROUP_FILES:
+    # limit and use of a group, and what of its use is given back on demand; version 2, version 1
+    for controller, limit, used, cached in (
+        ("", "memory.max", "memory.current", "inactive_file"),
+        ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    ):
         top = root / "sys/fs/cgroup" / controller
         group = top / groups.get(controller, "").lstrip("/")
-        for folder in (group, *group.parents):
+        for folder in [path for path in (group, *group.parents) if path.is_relative_to(top)]:
             with suppress(OSError, ValueError):  # there is none, it can't be seen from here, or its limit is "max"
                 free = int((folder / limit).read_text()) - int((folder / used).read_text())
                 stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
                 yield FreeMemory(max(0, free + int(stat.get(cached, 0))), f"limit of the control group {folder}")
-            if folder == top:
-                break
