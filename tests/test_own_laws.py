@@ -176,10 +176,6 @@ def test_a_law_that_is_none_says_why(given, said):
             "has the key of a law or group that is there already",
         ),
         (
-            "import dataclasses, pounding_sweep as ps\nmy_law = dataclasses.replace(ps.LAWS['gonthier'], key='g')\n",
-            "gives its damping number as a function; give it as text",
-        ),
-        (
             "import dataclasses, pounding_sweep as ps\nmy_law = dataclasses.replace(ps.LAWS['hysteretic'], key='g')\n",
             "a law of your own has a force",
         ),

@@ -7,9 +7,11 @@ import errno
 import os
 import secrets
 import shutil
+import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from filelock import BaseFileLock, FileLock, SoftFileLock
 
@@ -36,6 +38,11 @@ def expanded(path: str | os.PathLike[str]) -> Path:
 def absolute(path: str | os.PathLike[str]) -> Path:
     """Return an absolute path, ``~`` expanded and links followed, whether or not it exists."""
     return Path(os.path.realpath(expanded(path)))
+
+
+def data_tables(name: str) -> dict[str, Any]:
+    """Return the tables of a file of the package's data."""
+    return tomllib.loads((Path(__file__).parents[1] / "data" / f"{name}.toml").read_text("utf-8"))
 
 
 def near_file(path: Path) -> str:

@@ -90,7 +90,8 @@ def on_arrays(text: str, **given: Any) -> np.ndarray:
     """Value of a formula of NumPy arrays; of a force, `r` is the root of `d`."""
     if "d" in given:
         given["r"] = np.sqrt(np.maximum(given["d"], 0.0))
-    return np.asarray(value(read(text), {"pi": math.pi, **given}, ON_ARRAYS), float)
+    with np.errstate(all="ignore"):
+        return np.asarray(value(read(text), {"pi": math.pi, **given}, ON_ARRAYS), float)
 
 
 def slope(text: str) -> str:

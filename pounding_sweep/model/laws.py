@@ -1,22 +1,13 @@
-"""The registry of contact laws: formula beside metadata.
+"""Contact laws: what a law is, the registry in ``data/laws.toml``, laws of a user's own, and their damping.
 
-Every law here gives the contact force of one pair of floors while their
-penetration ``d`` (m) is positive, as an elastic part plus a damper,
+A law gives the contact force of one pair of floors while their penetration ``d`` (m) is positive, an elastic part plus
+a damper, ``v`` the rate of ``d`` (m/s):
 
     F = E(d) + B(d) v,                                   kN, pressing positive
 
-with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as text, in the variables
-
-    d   penetration (m)           r   sqrt(d)
-    k   contact stiffness         c   damping coefficient of this contact
-
-and are compiled inline into the time-stepping kernels; the slopes dE/dd and dB/dd stand beside them for the implicit
-scheme and for locating peaks. Adding a law is adding one `Law` to `LAWS`; kernels, planner, command line and
-documentation read the registry. A law of a user's own is a `Law` that is not in it: what it leaves out follows from its
-formulas.
-
-The damping coefficient follows from the coefficient of restitution ``e``
-through one dimensionless damping number per law, as published, and is
+Both are text, compiled into the kernels, in the penetration ``d`` (m), its root ``r``, the contact stiffness ``k`` and
+the damping coefficient ``c`` of the contact; the slopes dE/dd and dB/dd stand beside them. The damping coefficient
+follows from the coefficient of restitution ``e`` through one dimensionless damping number per law, as published:
 
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)
@@ -38,7 +29,6 @@ import json
 import math
 import runpy
 import traceback
-from collections.abc import Callable
 from dataclasses import field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -47,17 +37,14 @@ import numpy as np
 from pydantic import Field
 
 from pounding_sweep.base.errors import LawError, shown, unknown
-from pounding_sweep.base.files import expanded
+from pounding_sweep.base.files import data_tables, expanded
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.faults import Flag, Listed, NotNegative, Number, Positive, checked, checked_call, one_of
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, check_basis
 
-#: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
-#: contact, zero gap) is damped as if it came at this speed, so that it stays finite. Where
-#: velocities jump, floors that would rebound slower than this come to rest on each other.
+#: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting contact, zero gap) is damped as if it
+#: came at this speed, so that it stays finite. Where velocities jump, floors that would rebound slower come to rest.
 RESTING_SPEED = 1.0e-3
-
-Numbers = Callable[[np.ndarray], np.ndarray]
 #: Damping number of a law of a user's own that none was published for: the one of the realised restitution.
 SOLVED = "solved"
 
@@ -66,20 +53,23 @@ SOLVED = "solved"
 class Law:
     """One contact law: expressions, parameters, validity and source.
 
-    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too. What
-    else is left out follows from these.
+    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too. What else is left
+    out follows from these.
 
     Attributes
     ----------
     key : str
         Name in sweeps, cubes and on the command line.
     exponent : float or None
-        Power of the penetration in E, as it begins; the contact stiffness is in
-        kN/m**exponent. None: the law has no contact force.
+        Power of the penetration in E, as it begins; the contact stiffness is in kN/m**exponent. None: no force.
     title : str
         What the field calls it.
     model : str
         Number in Mate, Bakre & Jaiswal (2015), or ``"-"``.
+    formula : str
+        The whole law as text.
+    reference : str
+        Source.
     elastic, elastic_slope : str
         E(d) (kN) and dE/dd (kN/m) in the variables of this module; k d**exponent, and the derivative of E.
     damper, damper_slope : str
@@ -88,9 +78,9 @@ class Law:
         Power of the penetration in B, as it begins.
     damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
-    number : callable, str or None
-        Published damping number of e (dimensionless); of a law of one's own a formula such as ``"1.5*(1 - e)"``, or
-        ``"solved"``, as without any: the number with which two free masses rebound at exactly e.
+    number : str or None
+        Damping number (dimensionless), a formula of e such as ``"1.5*(1 - e)"``; or ``"solved"``, as without any: the
+        number with which two free masses rebound at exactly e.
     number_text : str
         The same as text, with its usual symbol.
     relation : str
@@ -105,10 +95,6 @@ class Law:
         e = 0 is valid.
     reference_stiffness : float, optional
         Contact stiffness (kN/m**exponent) that stiffness factors scale, where the scene has none for that exponent.
-    formula : str
-        The whole law as text.
-    reference : str
-        Source.
     thickness : float
         Thickness (m) of what stands in each gap, such as a bumper: floors meet at the gap less this.
     source : str
@@ -140,7 +126,7 @@ class Law:
     damper_slope: str = ""
     damper_exponent: Number = math.nan
     damping: Annotated[str, one_of("damping", ("none", "viscous", "elastic", "jump", "yield"))] = "none"
-    number: Numbers | str | None = None
+    number: str | None = None
     number_text: str = ""
     relation: Annotated[str, one_of("relation", ("", *RELATIONS))] | None = None
     relation_factor: Number = 1.0
@@ -160,7 +146,7 @@ class Law:
     @property
     def described(self) -> dict[str, Any]:
         """The law as JSON holds it; arguments of its own."""
-        return {each.name: getattr(self, each.name) for each in fields(self) if each.compare}
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.compare}
 
     @property
     def sha256(self) -> str:
@@ -180,7 +166,7 @@ class Law:
     @property
     def is_power(self) -> bool:
         """Whether E is a power of the penetration all along."""
-        if self.exponent is None or self.impulsive or self.yields:
+        if self.exponent is None or self.yields:
             return True
         return _is_constant(_tried(self.elastic, _DEPTHS) / _DEPTHS**self.exponent)
 
@@ -223,7 +209,7 @@ class Law:
         if not (0.0 <= e <= 1.0 and (e or self.zero_restitution)):
             raise LawError(f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}")
         if basis == "realised":
-            check_realisable(self, e)
+            _check_realisable(self, e)
 
     def damping_coefficient(self, e: Any, k: Any, m: Any, basis: str = "published") -> np.ndarray:
         """Coefficient ``c`` of the damper, times v0 where ``damping`` is "elastic".
@@ -237,8 +223,7 @@ class Law:
         m : array_like
             Effective mass of the pair (t).
         basis : {"published", "realised"}
-            Whether damping follows from `e` by the published formula, or so that two
-            free masses rebound at exactly `e`.
+            Whether damping follows from `e` by the published formula, or so that two free masses rebound at just `e`.
 
         Returns
         -------
@@ -272,9 +257,7 @@ class Law:
         # the touch stiffens it to 1 + D, and so does a contact that yields before it does
         if self.number is None or self.impulsive:
             return np.ones(np.shape(e))
-        number = damping_number(self, e, basis)
-        if self.yields:
-            number = 0.4 / YIELD_SHARE * number
+        number = damping_number(self, e, basis) * (0.4 / YIELD_SHARE if self.yields else 1.0)
         return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
 
 
@@ -312,10 +295,9 @@ def _completed(law: Law) -> dict[str, Any]:
     if n > 1.0 and not law.elastic_slope:
         elastic, slopes["elastic_slope"] = formulas.cut(elastic), formulas.cut(slopes["elastic_slope"])
     number = SOLVED if damper and law.number is None else law.number
-    if isinstance(number, str) and number != SOLVED:
+    if number not in (None, SOLVED):
         formulas.check(number, formulas.NUMBER_NAMES)
-        with np.errstate(all="ignore"):
-            numbers = formulas.on_arrays(number, e=_NOMINAL)
+        numbers = formulas.on_arrays(number, e=_NOMINAL)
         if (wrong := ~(np.isfinite(numbers) & (numbers >= 0.0))).any():
             e = _NOMINAL[wrong][0]
             raise LawError(f"damping number {number!r} at e = {e:.3g} must be a number >= 0 for every 0 < e <= 1")
@@ -348,15 +330,14 @@ def _completed(law: Law) -> dict[str, Any]:
         "relation_factor": factor,
         "formula": law.formula or f"F = {shape}" + (f" + {law.damper}*v{phase}" if damper else ""),
         "number": number,
-        "number_text": law.number_text or (number if isinstance(number, str) else ""),
+        "number_text": law.number_text or number or "",
         "zero_restitution": law.zero_restitution or (number == SOLVED and RELATIONS[relation or ""].smallest == 0.0),
     }
 
 
 def _tried(text: str, depths: np.ndarray, coefficient: float = 1.0) -> np.ndarray:
     """Values of the formula of a force at penetrations."""
-    with np.errstate(all="ignore"):
-        return formulas.on_arrays(text, d=depths, k=coefficient, c=coefficient) * np.ones(len(depths))
+    return formulas.on_arrays(text, d=depths, k=coefficient, c=coefficient) * np.ones(len(depths))
 
 
 def _is_constant(ratio: np.ndarray) -> bool:
@@ -404,190 +385,15 @@ def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[str, f
     return "", 1.0
 
 
-def _zeta(e: np.ndarray) -> np.ndarray:
-    """-ln e / sqrt(pi**2 + ln(e)**2), whose limit at e = 0 is 1."""
-    safe = np.where(e > 0, e, 0.5)
-    log = np.log(safe)
-    return np.where(e > 0, -log / np.sqrt(math.pi**2 + log**2), 1.0)
-
-
-_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d"}
-_DASHPOT: dict[str, Any] = {**_LINEAR, "damper": "c", "damping": "viscous"}
-_LINEAR_DAMPED: dict[str, Any] = {**_LINEAR, "damper": "c*max(d, 0.0)", "damper_slope": "c", "damping": "elastic"}
-_HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}
-_HERTZ_DAMPED: dict[str, Any] = {
-    **_HERTZ,
-    **{"damper": "c*d*r", "damper_slope": "1.5*c*r", "damping": "elastic"},
-    "formula": "F = max(0, k d^1.5 (1 + D v / v0))",
-}
-_ZETA: dict[str, Any] = {"number": _zeta, "number_text": "zeta = -ln e / sqrt(pi^2 + ln^2 e)", "zero_restitution": True}
-
 #: All laws by key, in the order in which they are listed.
-LAWS: dict[str, Law] = {
-    law.key: law
-    for law in (
-        Law(key="none", title="No pounding", model="VII", exponent=None, formula="F = 0"),
-        Law(
-            key="linear",
-            title="Linear spring",
-            model="I",
-            **_LINEAR,
-            formula="F = k d",
-            reference="Maison & Kasai (1992), Earthquake Eng. Struct. Dyn. 21(9), 771-786",
-        ),
-        Law(
-            key="kelvin_voigt",
-            title="Kelvin-Voigt without tension",
-            model="II",
-            **_DASHPOT,
-            **_ZETA,
-            formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
-            reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456; "
-            "tension removed as in Komodromos et al. (2007), Earthquake Eng. Struct. Dyn. 36(12), 1605-1622",
-        ),
-        Law(
-            key="kelvin_voigt_tension",
-            title="Kelvin-Voigt, original",
-            model="II (original)",
-            **_DASHPOT,
-            **_ZETA,
-            tension=True,
-            formula="F = k d + c v, c = 2 zeta sqrt(k m)",
-            reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456",
-        ),
-        Law(
-            key="modified_kelvin_voigt",
-            title="Modified Kelvin-Voigt",
-            model="III",
-            **_LINEAR_DAMPED,
-            number=lambda e: 3.0 * (1.0 - e * e) / (2.0 * e * e),
-            number_text="xi v0 / k = 3 (1 - e^2) / (2 e^2)",
-            approach_only=True,
-            formula="F = k d + xi d v on approach, k d on rebound",
-            reference="Pant & Wijeyewickrema (2010), 14th European Conference on Earthquake Engineering, Ohrid",
-        ),
-        Law(
-            key="hertz",
-            title="Hertz",
-            model="IV",
-            **_HERTZ,
-            formula="F = k d^1.5",
-            reference="Hertz (1882), J. reine angew. Math. 92, 156-171; "
-            "Davis (1992), Earthquake Eng. Struct. Dyn. 21(3), 253-274",
-        ),
-        Law(
-            key="hertz_damped",
-            title="Hertz with nonlinear damping",
-            model="V",
-            **_HERTZ_DAMPED,
-            number=lambda e: 0.75 * (1.0 - e * e),
-            number_text="D = 3 (1 - e^2) / 4",
-            zero_restitution=True,
-            reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828; "
-            "Lankarani & Nikravesh (1990), J. Mech. Des. 112(3), 369-376",
-        ),
-        Law(
-            key="nonlinear_viscoelastic",
-            title="Nonlinear viscoelastic",
-            model="VI",
-            **_HERTZ,
-            damper="c*sqrt(r)",
-            damper_slope="0.25*c*sqrt(r)/max(d, 1e-30)",
-            damping="viscous",
-            number=lambda e: 4.5 * math.sqrt(5.0) * (1.0 - e * e) / (e * (e * (9.0 * math.pi - 16.0) + 16.0)),
-            number_text="xi = 9 sqrt(5)/2 (1 - e^2) / (e (e (9 pi - 16) + 16))",
-            approach_only=True,
-            formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
-            reference="Jankowski (2005), Earthquake Eng. Struct. Dyn. 34(6), 595-611, and (2006) 35(4), 517-524",
-        ),
-        Law(
-            key="linear_viscoelastic",
-            title="Linear viscoelastic",
-            **_DASHPOT,
-            number=lambda e: (1.0 - e * e) / (e * (e * (math.pi - 2.0) + 2.0)),
-            number_text="xi = (1 - e^2) / (e (e (pi - 2) + 2))",
-            approach_only=True,
-            formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
-            reference="Mahmoud & Jankowski (2011), Iran. J. Sci. Technol. Trans. Civil Environ. Eng. 35(C1), 51-62",
-        ),
-        Law(
-            key="modified_kelvin",
-            title="Modified Kelvin",
-            **_LINEAR_DAMPED,
-            number=lambda e: 3.0 * (1.0 - e) / (2.0 * e),
-            number_text="xi v0 / k = 3 (1 - e) / (2 e)",
-            formula="F = max(0, k d + xi d v)",
-            reference="Ye, Li & Zhu (2009), Earthq. Eng. Eng. Vib. 8(3), 433-446",
-        ),
-        Law(
-            key="hunt_crossley",
-            title="Hunt-Crossley",
-            **_HERTZ_DAMPED,
-            number=lambda e: 1.5 * (1.0 - e),
-            number_text="D = 3 (1 - e) / 2",
-            zero_restitution=True,
-            reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2), 440-445",
-        ),
-        Law(
-            key="ye_hertz",
-            title="Hertz-damped of Ye et al.",
-            **_HERTZ_DAMPED,
-            number=lambda e: 8.0 * (1.0 - e) / (5.0 * e),
-            number_text="D = 8 (1 - e) / (5 e)",
-            reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38, 1135-1142; "
-            "Flores et al. (2011), Multibody Syst. Dyn. 25(3), 357-375",
-        ),
-        Law(
-            key="gonthier",
-            title="Gonthier",
-            **_HERTZ_DAMPED,
-            number=lambda e: (1.0 - e * e) / e,
-            number_text="D = (1 - e^2) / e",
-            reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11(3), 209-233",
-        ),
-        Law(
-            key="hysteretic",
-            title="Bilinear with yielding and hysteresis",
-            exponent=1.5,
-            elastic="k*d + c",
-            elastic_slope="k",
-            damping="yield",
-            number=lambda e: 1.0 - e * e,
-            number_text="L = 1 - e^2",
-            relation="yielding",
-            zero_restitution=True,
-            formula=(
-                "slope K1 up to the yield penetration dy, then K2; back along K1 to K2 d, and along it to 0; "
-                "K1 = Ke + W / (a dm^2), K2 = Ke - W / ((1 - a) dm^2), dy = a dm, a = 0.1, Ke = k sqrt(dm), "
-                "W = L k dm^2.5 / 2.5, dm = (5 m v0^2 / (4 k))^(2/5)"
-            ),
-            reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828",
-        ),
-        Law(
-            key="stereomechanical",
-            title="Stereomechanical impact (velocity jump)",
-            exponent=None,
-            damping="jump",
-            number=lambda e: e,
-            number_text="e itself",
-            zero_restitution=True,
-            formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force. Floors that "
-            "would rebound slower than 1 mm/s, and are pressed together, move as one until they would pull",
-            reference="Newton's impact law; Goldsmith (1960), Impact, Edward Arnold",
-        ),
-    )
-}
-
+LAWS: dict[str, Law] = {key: Law(**{"key": key, "exponent": None, **law}) for key, law in data_tables("laws").items()}
 #: The paper's Models I to VII in its order.
 MATE2015_MODELS = (
-    "linear",
-    "kelvin_voigt",
-    "modified_kelvin_voigt",
-    "hertz",
-    "hertz_damped",
-    "nonlinear_viscoelastic",
-    "none",
+    *("linear", "kelvin_voigt", "modified_kelvin_voigt", "hertz"),
+    *("hertz_damped", "nonlinear_viscoelastic", "none"),
 )
+#: Groups of laws that a sweep may name in place of each law.
+LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
 
 
 def get_law(key: str | Law) -> Law:
@@ -605,6 +411,51 @@ def get_law(key: str | Law) -> Law:
     except (KeyError, TypeError):
         text = f"{unknown('contact law', key, LAWS)}; a sweep may name a law of your own as FILE.py:NAME, or a group: "
         raise LawError(text + ", ".join(LAW_GROUPS)) from None
+
+
+def names_file(text: str) -> bool:
+    """Whether a law is named by a file and a name in it."""
+    return text.partition(":")[0].endswith(".py") or ".py:" in text
+
+
+def find_law(value: Any, base: Path | None = None) -> Law:
+    """Return a law by its key, one of a file (from the folder `base`) by FILE:NAME, or one of a user's own, checked."""
+    law = _load(value, base) if isinstance(value, str) and names_file(value) else get_law(value)
+    if LAWS.get(law.key) == law:
+        return LAWS[law.key]
+    where = f"law {law.key!r}"
+    if law.key in LAWS or law.key in LAW_GROUPS:
+        raise LawError(f"{where} has the key of a law or group that is there already; give it another key")
+    if law.damping in ("jump", "yield") or law.exponent is None:
+        raise LawError(
+            f"{where} has damping {law.damping!r} and exponent {law.exponent}; a law of your own has a force"
+        )
+    return law
+
+
+def _load(text: str, base: Path | None) -> Law:
+    """Run a law file and return the law of that name."""
+    path, _, name = text.rpartition(":")
+    if not path.endswith(".py") or not name.isidentifier():
+        raise LawError(f"{text!r} names no law of a file; give FILE.py:NAME, such as mylaws.py:my_law")
+    file = expanded(path) if base is None else Path(base) / expanded(path)
+    if not file.is_file():
+        raise LawError(
+            f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
+        )
+    try:
+        variables = runpy.run_path(str(file), run_name=file.stem)
+    except (Exception, SystemExit) as error:  # a user's file may raise anything
+        lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == str(file)]
+        line = getattr(error, "lineno", None) or (lines[-1] if lines else 1)
+        raise LawError(f"law file {file!s}:{line}: {type(error).__name__}: {error}") from None
+    law = variables.get(name)
+    if not isinstance(law, Law):
+        laws = ", ".join(key for key, value in variables.items() if isinstance(value, Law))
+        what = f"{name} is {shown(law)}, no Law" if name in variables else f"there is no {name!r}"
+        raise LawError(f"law file {file!s}: {what}; laws in it: {laws or 'none (see pounding_sweep.Law)'}")
+    object.__setattr__(law, "source", f"{file}:{name}")
+    return law
 
 
 #: Name of the law of `rubber_bumper`, which the thickness completes.
@@ -742,78 +593,23 @@ def hertz_stiffness(
     return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))
 
 
-#: Groups of laws that a sweep may name in place of each law.
-LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
-
-
-def names_file(given: str) -> bool:
-    """Whether a law is named by a file and a name in it."""
-    return given.partition(":")[0].endswith(".py") or ".py:" in given
-
-
-def find_law(given: Any, base: Path | None = None) -> Law:
-    """Return a law of the registry by its key, one of a file (from the folder `base`) by FILE:NAME, or one given."""
-    return _checked(_load(given, base) if isinstance(given, str) and names_file(given) else get_law(given))
-
-
-def _checked(law: Law) -> Law:
-    """Return a law of a user's own, if it can be one."""
-    if LAWS.get(law.key) == law:
-        return LAWS[law.key]
-    where = f"law {law.key!r}"
-    if law.key in LAWS or law.key in LAW_GROUPS:
-        raise LawError(f"{where} has the key of a law or group that is there already; give it another key")
-    if law.damping not in ("none", "viscous", "elastic") or law.exponent is None:
-        raise LawError(
-            f"{where} has damping {law.damping!r} and exponent {law.exponent}; a law of your own has a force"
-        )
-    if law.number is not None and not isinstance(law.number, str):
-        raise LawError(
-            f"{where} gives its damping number as a function; give it as text, a formula of e such as "
-            "number='1.5*(1 - e)': it then belongs to the sweep, and goes to every worker"
-        )
-    return law
-
-
-def _load(given: str, base: Path | None) -> Law:
-    """Run a law file and return the law of that name."""
-    path, _, name = given.rpartition(":")
-    if not path.endswith(".py") or not name.isidentifier():
-        raise LawError(f"{given!r} names no law of a file; give FILE.py:NAME, such as mylaws.py:my_law")
-    file = expanded(path) if base is None else Path(base) / expanded(path)
-    if not file.is_file():
-        raise LawError(
-            f"law file {str(file)!r} does not exist; give a path relative to the sweep file, or an absolute one"
-        )
-    try:
-        found = runpy.run_path(str(file), run_name=file.stem)
-    except (Exception, SystemExit) as error:  # a user's file may raise anything
-        lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == str(file)]
-        line = getattr(error, "lineno", None) or (lines[-1] if lines else 1)
-        raise LawError(f"law file {file!s}:{line}: {type(error).__name__}: {error}") from None
-    law = found.get(name)
-    if not isinstance(law, Law):
-        there = [key for key, each in found.items() if isinstance(each, Law)]
-        what = f"{name} is {shown(law)}, no Law" if name in found else f"there is no {name!r}"
-        raise LawError(f"law file {file!s}: {what}; laws in it: {', '.join(there) or 'none (see pounding_sweep.Law)'}")
-    object.__setattr__(law, "source", f"{file}:{name}")
-    return law
+# --- restitution ---
 
 
 def realised_validity(law: Law) -> str:
     """Coefficients of restitution that a law can realise exactly, as text."""
     if not law.takes_restitution or law.impulsive:
         return law.validity
-    if law.relation not in RELATIONS:
+    if not law.relation:
         return "none: its damping has no known relation to the realised restitution"
     return f"{RELATIONS[law.relation].smallest:g} <= e <= 1"
 
 
-def check_realisable(law: Law, e: float) -> None:
+def _check_realisable(law: Law, e: float) -> None:
     """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`."""
     if not law.takes_restitution or law.impulsive:
         return
-    smallest = RELATIONS[law.relation].smallest if law.relation in RELATIONS else math.inf
+    smallest = RELATIONS[law.relation].smallest if law.relation else math.inf
     if not smallest <= e <= 1.0:
         hint = ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical" if smallest < 1.0 else ""
         valid = f"{realised_validity(law)}{hint}, or restitution_basis='published'"
@@ -833,9 +629,8 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     Returns
     -------
     ndarray
-        The law's damping number (dimensionless; what `Law.number` gives as published),
-        shape of `e`; exactly 0 at e = 1. Relative error below 1e-12. Zero for laws
-        without damping; `e` itself for a velocity jump, which is exact as it is.
+        The law's damping number (dimensionless; what `Law.number` gives as published), shape of `e`; exactly 0 at
+        e = 1. Relative error below 1e-12. Zero for laws without damping; `e` itself for a velocity jump.
 
     Raises
     ------
@@ -848,13 +643,11 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     0.974872
     """
     values = np.asarray(e, dtype=float)
-    if law.number is None:
-        return np.zeros(values.shape)
-    if law.impulsive:
+    if law.number is None or law.impulsive:
         return damping_number(law, values)
     distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
     for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
-        check_realisable(law, float(value))
+        _check_realisable(law, float(value))
     relation = RELATIONS[law.relation or ""]
     inside = (distinct > 0.0) & (distinct < 1.0)
     solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
@@ -863,18 +656,14 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
 
 
 def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
-    """Damping number of a law that takes restitution, on either basis."""
+    """Damping number of a law that takes restitution, on either basis; 0 for others."""
     check_basis(basis)
-    if basis == "realised":
-        return realised_number(law, e)
     values = np.asarray(e, dtype=float)
     if law.number is None:
         return np.zeros(values.shape)
-    if law.number == SOLVED:
+    if law.number == SOLVED or (basis == "realised" and not law.impulsive):
         return realised_number(law, values)
-    if isinstance(law.number, str):
-        return formulas.on_arrays(law.number, e=values) * np.ones(values.shape)
-    return np.asarray(law.number(values), dtype=float)
+    return formulas.on_arrays(law.number, e=values) * np.ones(values.shape)
 
 
 def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:
@@ -892,8 +681,8 @@ def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarr
     Returns
     -------
     ndarray
-        Shape of `e`; 1 for laws without damping, NaN where floors don't touch
-        and for a damped law whose relation is not known.
+        Shape of `e`; 1 for laws without damping, NaN where floors don't touch and for a damped law whose relation is
+        not known.
 
     Raises
     ------
@@ -913,9 +702,9 @@ def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarr
         law.check_restitution(float(value), basis)
     if basis == "realised" or law.impulsive:
         return values.copy()
-    if law.relation not in RELATIONS:
+    if not law.relation:
         return np.full(values.shape, np.nan)
     number = damping_number(law, values) * law.relation_factor
     damped = number > 0.0
-    found = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
-    return np.asarray(np.where(damped, found, 1.0))
+    rebound = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
+    return np.asarray(np.where(damped, rebound, 1.0))

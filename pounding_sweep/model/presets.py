@@ -1,7 +1,4 @@
-"""Named scenes that a sweep can start from, and buildings made of a few numbers.
-
-Adding a scene is adding one entry to `PRESETS`; sweep files, the Python interface and the documentation read it.
-"""
+"""Named scenes that a sweep can start from, of ``data/presets.toml``, and buildings made of a few numbers."""
 
 from __future__ import annotations
 
@@ -11,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, unknown
+from pounding_sweep.base.files import data_tables
 from pounding_sweep.model.faults import NotNegative, Positive, checked_call
-from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.model.scene import Building, Scene
 
 
 @dataclass(frozen=True)
@@ -25,35 +23,11 @@ class Preset:
     scene: Scene
 
 
-# Printed with transposed subscripts; read so that the columns' 12 E I / h^3 gives the stiffnesses.
-_LEFT = Building("left", [173.331, 173.331, 133.956], [555.55e3] * 3, 0.05, [3.0] * 3)
-_MIDDLE = Building("middle", [175.661, 175.661, 136.286], [355.55e3] * 3, 0.05, [3.0] * 3)
-_RIGHT = Building("right", [182.041, 182.041, 140.641], [333.472e3] * 3, 0.05, [3.0] * 3)
-_CONTACT = ContactProperties(linear_stiffness=2e6, hertz_stiffness=1.88e7, restitution=0.6)
-# Values that the paper's tables fit, each with the slip that would explain it: a right building of twice the printed
-# stiffness; a gap stiffness of a tenth, 2e5 tonne-force per metre entered as kN/m; Hertz stiffness by Eqs 9 to 11 as
-# printed (square root, 1 - nu) with E = 25 000, as IS 456 gives it in N/mm2, entered as kN/m2.
-_STIFFER = replace(_RIGHT, stiffnesses=[2.0 * k for k in _RIGHT.stiffnesses])
-_AS_RUN = replace(_CONTACT, linear_stiffness=2e5, hertz_stiffness=2.79e4)
-
+#: All presets by key.
 PRESETS: dict[str, Preset] = {
-    preset.key: preset
-    for preset in (
-        Preset(
-            key="mate2015",
-            title="three 3-storey shear buildings, gaps of 0.01 m (as printed)",
-            reference="Mate, Bakre & Jaiswal (2015), Asian Journal of Civil Engineering 16(3)",
-            scene=Scene([_LEFT, _MIDDLE, _RIGHT], gaps=[0.01, 0.01], contact=_CONTACT),
-        ),
-        Preset(
-            key="mate2015_as_run",
-            title="the same row with the values that the paper's tables fit (as probably run)",
-            reference="inferred from Tables 3 to 5 of Mate, Bakre & Jaiswal (2015); stated nowhere in it",
-            scene=Scene([_LEFT, _MIDDLE, _STIFFER], gaps=[0.01, 0.01], contact=_AS_RUN),
-        ),
-    )
+    key: Preset(key, table["title"], table["reference"], Scene(**table["scene"]))
+    for key, table in data_tables("presets").items()
 }
-"""All presets by key."""
 
 
 def get_preset(name: str) -> Scene:
