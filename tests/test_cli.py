@@ -160,8 +160,7 @@ HEAVY = ("numba", "llvmlite", "dask", "distributed", "matplotlib", "xarray", "ne
 @pytest.mark.parametrize(
     "statement",
     [
-        *(pytest.param(f"import pounding_sweep{part}", marks=pytest.mark.slow) for part in ("", ".cli")),
-        pytest.param("sys.argv[1:] = ['--help']; from pounding_sweep.cli import main; main()", marks=pytest.mark.slow),
+        pytest.param("import pounding_sweep, pounding_sweep.cli", marks=pytest.mark.slow),
         "sys.argv[1:] = ['--version']; from pounding_sweep.cli import main; main()",
     ],
 )
@@ -185,20 +184,14 @@ def test_version():
 @pytest.mark.parametrize("width", [40, 100])
 def test_laws_lists_the_registry_in_full(width):
     """What is too wide for a table is told law by law, nothing of it cut off."""
-    lines = cli("laws", env={"COLUMNS": str(width)}).stdout.splitlines()
-    assert max(map(len, lines[: lines.index("d: penetration (m), v: its rate (m/s), v0: v at the touch, m: "
-        "effective mass of the pair (t).")])) <= width  # fmt: skip
-    text = " ".join(" ".join(lines).split())
-    for law in LAWS.values():
+    lines, _, _ = cli("laws", env={"COLUMNS": str(width)}).stdout.partition("\nd: penetration (m)")
+    assert max(map(len, lines.splitlines())) <= width
+    text = " ".join(lines.split())
+    rows = json.loads(cli("laws", "--json").stdout)
+    for law, row in zip(LAWS.values(), rows, strict=True):
+        assert (row["key"], row["source"]) == (law.key, law.reference)
         for part in (law.key, law.formula, law.stiffness_unit, law.validity, law.number_text, law.reference):
             assert part in text
-
-
-def test_laws_as_json():
-    found = json.loads(cli("laws", "--json").stdout)
-    assert [row["key"] for row in found] == list(LAWS)
-    assert found[1]["stiffness_unit"] == "kN m-1"
-    assert {row["source"] for row in found} == {law.reference for law in LAWS.values()}
 
 
 def at2(points, said=None):
@@ -217,16 +210,14 @@ def test_records_lists_what_is_there_and_what_is_missing(tmp_path):
     assert re.search(r"^el_centro +Imperial Valley .*; unit g: ", done.stdout, re.MULTILINE)
     assert re.search(r"^arleta +0\.1000 .* 0\.98 +0\.02 +50$", done.stdout, re.MULTILINE)
     assert "short" not in done.stdout
-    assert done.stderr.startswith("pounding-sweep: warning: ")
-    assert "short" in done.stderr
+    assert re.match("pounding-sweep: warning: .*short", done.stderr)
     missing = done.stdout.partition("not at hand")[2]
     assert "RSN 1077" in missing
-    assert "ngawest2" in missing
     assert "arleta" not in missing
-    found = json.loads(cli("records", "--json", env={"POUNDING_SWEEP_RECORDS": str(tmp_path)}).stdout)
-    assert [row["name"] for row in found["records"]] == ["el_centro", "arleta"]
-    assert [row["name"] for row in found["unreadable"]] == ["short"]
-    assert {row["name"] for row in found["missing"]} == set(KNOWN_RECORDS) - {"el_centro", "arleta"}
+    report = json.loads(cli("records", "--json", env={"POUNDING_SWEEP_RECORDS": str(tmp_path)}).stdout)
+    names = {part: [row["name"] for row in report[part]] for part in ("records", "unreadable", "missing")}
+    missing = [name for name in KNOWN_RECORDS if name not in ("el_centro", "arleta")]
+    assert names == {"records": ["el_centro", "arleta"], "unreadable": ["short"], "missing": missing}
 
 
 def test_examples_are_written_with_the_laws_they_need(tmp_path):
@@ -237,12 +228,15 @@ def test_examples_are_written_with_the_laws_they_need(tmp_path):
     assert done.stdout == "mine.toml\nbumpers.py\n"
     assert "pounding-sweep run mine.toml -o" in (tmp_path / "mine.toml").read_text()
     assert json.loads(cli("plan", "mine.toml", "--json", cwd=tmp_path).stdout)["asked"] > 0
-    assert "exists" in bad("init", "mine.toml", cwd=tmp_path)
     cli("init", "mine.toml", "--overwrite", cwd=tmp_path)  # the quickstart, where no example is named
     assert (tmp_path / "mine.toml").read_text().count("mate2015") > 0
-    assert "did you mean 'yielding'?" in bad("init", "--from", "yeilding", cwd=tmp_path)
-    assert "`pounding-sweep init quickstart.toml --from quickstart` writes it" in bad("run", "quickstart", cwd=tmp_path)
-    assert "did you mean 'mine.toml'?" in bad("plan", "Mine.TOML", cwd=tmp_path)
+    for args, message in (
+        (("init", "mine.toml"), "exists"),
+        (("init", "--from", "yeilding"), "did you mean 'yielding'?"),
+        (("run", "quickstart"), "`pounding-sweep init quickstart.toml --from quickstart` writes it"),
+        (("plan", "Mine.TOML"), "did you mean 'mine.toml'?"),
+    ):
+        assert message in bad(*args, cwd=tmp_path)
 
 
 def test_names_on_a_terminal_of_ascii(monkeypatch):
@@ -260,18 +254,20 @@ def test_names_on_a_terminal_of_ascii(monkeypatch):
 def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     cache = tmp_path / "kernels"
     done = cli("plan", QUICKSTART, env={"POUNDING_SWEEP_CACHE": str(cache)}, cwd=tmp_path)
-    assert "1008 asked, at most 649 to run" in done.stdout
-    assert "never touch" in done.stdout
-    assert "\nkernels    5, 5 to compile\n" in done.stdout
+    for part in (
+        "1008 asked, at most 649 to run",
+        "never touch",
+        "\nkernels    5, 5 to compile\n",
+        "31180 (el_centro)",
+    ):
+        assert part in done.stdout
     assert re.search(r"^time +about .* to compile, then about .* to run, with \d+ workers?$", done.stdout, re.MULTILINE)
-    assert "31180 (el_centro)" in done.stdout
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []
-    found = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
-    row = [each["name"] for each in found["row"]]
-    assert row == ["left", "middle", "right", "left-middle", "middle-right"]
-    assert found["row"][-1]["about"] == "floors meet at 3, 6, 9 m"
-    assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
+    report = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
+    assert [part["name"] for part in report["row"]] == ["left", "middle", "right", "left-middle", "middle-right"]
+    assert report["row"][-1]["about"] == "floors meet at 3, 6, 9 m"
+    assert [report[name] for name in ("asked", "at_most", "refused", "workers")] == [1008, 649, 0, 3]
 
 
 def test_plan_says_what_an_accuracy_takes(tmp_path):
@@ -281,11 +277,14 @@ def test_plan_says_what_an_accuracy_takes(tmp_path):
     assert re.match(r"accuracy +0\.0001: (rk4|exact) float(32|64), [\d to]+ steps? per record interval, ", said)
     assert len(said) < 250
     assert re.search(r"^steps +\d+( to \d+)? \(sine\) per scenario", text, re.MULTILINE)
-    found = json.loads(cli("plan", sweep, "--json").stdout)
-    assert found["steps_least"]["sine"] <= found["steps"]["sine"]
-    assert found["accuracy_choice"] in text
-    numbers = found["accuracy_numbers"]
+    report = json.loads(cli("plan", sweep, "--json").stdout)
+    assert report["steps_least"]["sine"] <= report["steps"]["sine"]
+    assert report["accuracy_choice"] in said
+    numbers = report["accuracy_numbers"]
     assert (numbers["accuracy"], numbers["method"] in said, "kelvin_voigt" in str(numbers)) == (1e-4, True, True)
+    write(tmp_path, TINY)
+    assert re.search("^accuracy +0.001: rk4 float", cli("plan", sweep, "--accuracy", "1e-3").stdout, re.MULTILINE)
+    assert "accuracy is 1.0; it must be in [1e-06, 0.01]" in bad("plan", sweep, "--accuracy", "1")
 
 
 def test_plan_says_what_is_refused(tmp_path):
@@ -305,54 +304,37 @@ def test_run_prints_a_summary_and_the_path(tiny):
     )
     lines = "".join(lines).splitlines()
     assert lines[0].split() == ["law", "pair", "peak", "force", "kN", "impacts", "median", "touching"]
-    assert lines[1].startswith("kelvin_voigt")
-    assert lines[1].endswith("4/6")
+    assert re.match("kelvin_voigt.*4/6$", lines[1])
     assert lines[2].split() == ["none", "high-low", "0", "0", "-", "0/6"]
     # two gaps and two restitutions run, and once without pounding; the two at 1 m never touch; none counts once
     assert "scenarios  12 asked, 5 run" in lines
     assert "not run    2 never touch, 5 equal another scenario" in lines
     # the audit: half of the four that touch
-    assert any(
-        re.fullmatch(r"audit      2 of 4 touching scenarios run again at half the step .*", line) for line in lines
-    )
+    audit = "audit      2 of 4 touching scenarios run again at half the step "
+    assert any(line.startswith(audit) for line in lines)
     errors = next(line for line in lines if line.startswith("errors "))
     assert 0.0 < float(re.search(r"impact_force_max (\S+?)(,|$)", errors)[1]) < 1e-3
     assert lines[-1] == "out.nc"
     assert done.stderr == "compiling kernels, once for sweeps of this kind\n"  # no terminal, no other progress
     assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log", "sweep.toml"]
-    with xr.open_dataset(folder / "out.nc") as cube:
-        assert dict(cube.sizes)["gap"] == 3
-        assert float(cube.impact_force_max.max()) > 0
-
-
-def test_info_describes_the_cube(tiny):
-    folder, _ = tiny
     text = cli("info", folder / "out.nc").stdout
     assert text.startswith("Tiny\n")
-    for part in (
-        "12 scenarios asked, 5 run",
-        "2 of 4 touching scenarios run again",
-        "impact_force_max",
-        "restitution",
-        "sine",
-        "numba",
-    ):
+    for part in ("12 scenarios asked, 5 run", "2 of 4 touching scenarios", "impact_force_max", "sine", "numba"):
         assert part in text
 
 
 def test_run_as_json_equals_the_table(tiny, tmp_path):
     folder, printed = tiny
     done = cli("run", folder / "sweep.toml", "-o", tmp_path / "again.nc", "--json", "--scheduler", "synchronous")
-    found = json.loads(done.stdout)
-    assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
-    assert found["cube"] == str(tmp_path / "again.nc")
-    assert [each["name"] for each in found["row"]] == ["high", "low", "high-low"]
-    assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
-    assert found["accuracy_choice"] == ""
-    assert {item["output"] for item in found["audit"]} >= {"impact_force_max", "displacement_max"}
-    assert all(item["scenarios"] + item["sensitive"] == 2 for item in found["audit"])
-    assert [item["label"] for item in found["statuses"]] == ["ok"]
-    row = found["summary"][0]
+    report = json.loads(done.stdout)
+    assert report["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
+    assert report["cube"] == str(tmp_path / "again.nc")
+    assert [part["name"] for part in report["row"]] == ["high", "low", "high-low"]
+    assert (report["failures"], report["warnings"], report["accuracy_choice"], done.stderr) == ([], [], "", "")
+    assert {item["output"] for item in report["audit"]} >= {"impact_force_max", "displacement_max"}
+    assert all(item["scenarios"] + item["sensitive"] == 2 for item in report["audit"])
+    assert [item["label"] for item in report["statuses"]] == ["ok"]
+    row = report["summary"][0]
     assert (row["law"], row["pair"], row["touching"], row["scenarios"]) == ("kelvin_voigt", "high-low", 4, 6)
     assert f"{row['peak_force']:.0f}" in printed.stdout
     same_data(folder / "out.nc", tmp_path / "again.nc")
@@ -363,15 +345,18 @@ def same_data(first, second):
         xr.testing.assert_identical(a.load().drop_attrs(deep=False), b.load().drop_attrs(deep=False))
 
 
-def test_run_overwrites_only_when_told(tiny, tmp_path):
+def test_a_run_replaces_nothing_unasked(tiny, tmp_path):
     folder, _ = tiny
     out = write(tmp_path, "mine", "out.nc")
-    text = bad("run", folder / "sweep.toml", "-o", out)
-    assert "exists" in text
-    assert "--overwrite" in text
+    assert re.search("exists.*--overwrite", bad("run", folder / "sweep.toml", "-o", out))
     assert out.read_text() == "mine"
     cli("run", folder / "sweep.toml", "-o", out, "--overwrite", "--quiet")
     same_data(folder / "out.nc", out)
+    write(tmp_path, TINY, "row.toml")  # without an output file it is written here
+    done = cli("run", "row.toml", cwd=tmp_path)
+    assert "the cube is written to row.nc" in done.stderr
+    assert done.stdout.endswith("\nrow.nc\n")
+    assert "'row.nc' exists" in bad("run", "row.toml", cwd=tmp_path)
 
 
 def written_files(command=None, name=""):
@@ -390,15 +375,6 @@ def test_data_are_never_replaced_unasked_and_figures_say_that_they_are(name, tol
     pictures = {"plot -o", "animate -o", "records plot -o", "tradeoff --plot", "extremes --plot"}
     assert told.endswith("replaced if it exists.") == (name in pictures)
     assert name in pictures or "--overwrite" in options
-
-
-def test_a_run_without_an_output_file_is_written_here(tmp_path):
-    write(tmp_path, TINY, "row.toml")
-    done = cli("run", "row.toml", cwd=tmp_path)
-    assert "the cube is written to row.nc" in done.stderr
-    assert done.stdout.endswith("\nrow.nc\n")
-    assert "'row.nc' exists" in bad("run", "row.toml", cwd=tmp_path)
-    cli("run", "row.toml", "--overwrite", cwd=tmp_path)
 
 
 def test_run_says_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
@@ -445,54 +421,53 @@ def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
     assert head == f"sweep.toml: {len(lines)} problems"
     assert len(lines) > 25
     assert all(re.match(r"  sweep\.toml:\d+: [\w.\[\]]+: ", line) for line in lines)
-    write(tmp_path, edited('"kelvin_voigt"', '"kelvin_void"'))
-    said = "unknown contact law 'kelvin_void'; did you mean 'kelvin_voigt'?"
-    assert bad("plan", "sweep.toml", cwd=tmp_path).startswith(f"sweep.toml:19: sweep.laws[0]: {said}")
 
 
-@pytest.mark.parametrize("path", [r"C:\Users\me\new.AT2", r"D:\Records\x.AT2"])
-def test_paths_of_windows(tmp_path, path):
-    record = TINY.splitlines()[TINY[: TINY.index("records")].count("\n")]
-    said = bad("plan", write(tmp_path, edited(record, f'records = ["{path}"]')))
-    assert "in double quotes \\ begins an escape: write / in its place, or the text in single quotes" in said
-
-
-def test_a_record_in_another_case(tmp_path):
-    (tmp_path / "G02.AT2").touch()
-    record = TINY.splitlines()[TINY[: TINY.index("records")].count("\n")]
-    for path in ("g02.at2", "./g02.at2"):
-        said = bad("plan", write(tmp_path, edited(record, f'records = ["{path}"]')))
-        assert "did you mean 'G02.AT2'?" in said
-
-
-def test_bad_paths_and_options(tiny, tmp_path):
-    sweep = tiny[0] / "sweep.toml"
-    file = write(tmp_path, "", "file")
-    assert "no_such.toml: the sweep file can't be read" in bad("run", "no_such.toml", "-o", "out.nc", cwd=tmp_path)
-    assert "is not a folder" in bad("run", sweep, "-o", file / "out.nc")
-    assert "is not a folder" in bad("run", sweep, "-o", tmp_path / "gone" / "out.nc")
-    assert "is a folder" in bad("run", sweep, "-o", tmp_path)
-    assert "did you mean 'threads'?" in bad("run", sweep, "-o", tmp_path / "out.nc", "--scheduler", "thread")
-    assert "at least 1" in bad("run", sweep, "-o", tmp_path / "out.nc", "--workers", 0)
-    assert "does not exist" in bad("info", tmp_path / "gone.nc")
-    assert "can't be read as netCDF" in bad("info", sweep)
-    assert "did you mean 'force-gap'?" in bad("plot", tiny[0] / "out.nc", "force-gab", "-o", tmp_path / "x.png")
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+WINDOWS = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
 
 
 @pytest.mark.parametrize(
-    "args",
+    ("old", "new", "message"),
     [
-        [],
-        pytest.param(["rum"], marks=pytest.mark.slow),
-        ["run"],
-        ["run", "x.toml", "-o", "x.nc", "--fast"],
-        ["plan", "x", "--workers", "a"],
+        (
+            '"kelvin_voigt"',
+            '"kelvin_void"',
+            "sweep.toml:19: sweep.laws[0]: unknown contact law 'kelvin_void'; did you ",
+        ),
+        (None, r'records = ["C:\Users\me\new.AT2"]', WINDOWS),
+        (None, r'records = ["D:\Records\x.AT2"]', WINDOWS),
+        (None, 'records = ["g02.at2"]', "did you mean 'G02.AT2'?"),
+        (None, 'records = ["./g02.at2"]', "did you mean 'G02.AT2'?"),
     ],
-    ids=" ".join,
 )
+def test_messages_tell_line_and_remedy(tmp_path, old, new, message):
+    (tmp_path / "G02.AT2").touch()
+    records = next(line for line in TINY.splitlines() if line.startswith("records"))
+    write(tmp_path, edited(old or records, new))
+    assert message in bad("plan", "sweep.toml", cwd=tmp_path)
+
+
+def test_bad_paths_and_options(tiny, tmp_path):
+    sweep, out = tiny[0] / "sweep.toml", tmp_path / "out.nc"
+    file = write(tmp_path, "", "file")
+    for args, message in (
+        (("run", "no_such.toml", "-o", "out.nc"), "no_such.toml: the sweep file can't be read"),
+        (("run", sweep, "-o", file / "out.nc"), "is not a folder"),
+        (("run", sweep, "-o", tmp_path / "gone" / "out.nc"), "is not a folder"),
+        (("run", sweep, "-o", tmp_path), "is a folder"),
+        (("run", sweep, "-o", out, "--scheduler", "thread"), "did you mean 'threads'?"),
+        (("run", sweep, "-o", out, "--workers", 0), "at least 1"),
+        (("info", tmp_path / "gone.nc"), "does not exist"),
+        (("info", sweep), "can't be read as netCDF"),
+        (("plot", tiny[0] / "out.nc", "force-gab", "-o", tmp_path / "x.png"), "did you mean 'force-gap'?"),
+    ):
+        assert message in bad(*args, cwd=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("args", ["", "rum", "run", "run x.toml -o x.nc --fast", "plan x --workers a"])
 def test_wrong_usage(args):
-    done = cli(*args, code=2)
+    done = cli(*args.split(), code=2)
     assert "Traceback" not in done.stderr
     assert "Usage: pounding-sweep" in done.stdout + done.stderr
 
@@ -500,7 +475,7 @@ def test_wrong_usage(args):
 # -- the summary -------------------------------------------------------------------------------------------------------
 
 
-def cube(**more):
+def cube():
     """Two laws, three gaps, two pairs, two storeys; the second storey of the second pair meets nothing."""
     force = np.zeros((2, 3, 2, 2))
     force[0, 0] = [[10.0, 40.0], [5.0, np.nan]]
@@ -512,14 +487,7 @@ def cube(**more):
     status[0, 2] = Status.UNDER_RESOLVED_CONTACT
     dims = ("law", "gap", "pair", "storey")
     data = {"impact_force_max": (dims, force), "impact_count": (dims, count), "status": (("law", "gap"), status)}
-    return xr.Dataset(data, coords={"law": ["linear", "none"], "pair": ["a-b", "b-c"], "storey": [1, 2], **more})
-
-
-FIRST = {"law": "linear", "pair": "a-b", "scenarios": 2, "touching": 2, "peak_force": 40.0, "impacts_max": 4}
-
-
-def part(row, keys):
-    return {key: row[key] for key in keys}
+    return xr.Dataset(data, coords={"law": ["linear", "none"], "pair": ["a-b", "b-c"], "storey": [1, 2]})
 
 
 @pytest.fixture
@@ -528,24 +496,24 @@ def summary(tmp_path):
     return lambda cube, part="summary": summarize(write_cube(cube, tmp_path / "cube.nc", overwrite=True))[part]
 
 
-def test_summary_of_a_product(summary):
-    rows = summary(cube())
-    assert [(row["law"], row["pair"]) for row in rows] == [
-        (law, p) for law in ("linear", "none") for p in ("a-b", "b-c")
-    ]
-    assert part(rows[0], FIRST) == FIRST
-    assert rows[0]["impacts_median"] == 3.5  # of 4 and 3
-    names = ("touching", "peak_force", "impacts_max", "impacts_median", "scenarios")
-    assert [tuple(part(rows[i], names).values()) for i in (1, 3)] == [(1, 5.0, 1, 1.0, 2), (0, 0.0, 0, None, 3)]
-    json.dumps(rows, allow_nan=False)
+COLUMNS = ("law", "pair", "touching", "peak_force", "impacts_max", "impacts_median", "scenarios")
 
 
-@pytest.mark.parametrize("size", [8, 100, 10**6])
-def test_summary_of_listed_cases_and_in_parts(summary, monkeypatch, size):
-    rows = summary(cube())
+@pytest.mark.parametrize("size", [8, 10**6])
+def test_summary_of_a_product_of_listed_cases_and_in_parts(summary, monkeypatch, size):
     monkeypatch.setattr("pounding_sweep.output.describe.SLAB_BYTES", size)
+    rows = summary(cube())
+    assert [tuple(row[name] for name in COLUMNS) for row in rows] == [
+        ("linear", "a-b", 2, 40.0, 4, 3.5, 2),
+        ("linear", "b-c", 1, 5.0, 1, 1.0, 2),
+        ("none", "a-b", 0, 0.0, 0, None, 3),
+        ("none", "b-c", 0, 0.0, 0, None, 3),
+    ]
     cases = cube().stack(case=("law", "gap"), create_index=False).transpose("case", "pair", "storey")
-    assert summary(cube()) == summary(cases) == rows
+    assert summary(cases) == rows
+    statuses = summary(cube(), "statuses")
+    assert [(item["label"], item["count"]) for item in statuses] == [("ok", 5), ("under_resolved_contact", 1)]
+    assert statuses[1]["remedy"] == Status.UNDER_RESOLVED_CONTACT.remedy
 
 
 def test_summary_of_what_is_not_there(summary):
@@ -555,14 +523,8 @@ def test_summary_of_what_is_not_there(summary):
     assert summary(cube().drop_dims("pair").drop_vars("pair", errors="ignore")) == []
     nothing = cube()
     nothing["status"][:] = int(Status.DIVERGED)
-    empty = {"scenarios": 0, "peak_force": None, "impacts_max": None}
-    assert part(summary(nothing)[0], empty) == empty
-
-
-def test_statuses_are_counted_with_their_remedies(summary):
-    found = summary(cube(), "statuses")
-    assert [(item["label"], item["count"]) for item in found] == [("ok", 5), ("under_resolved_contact", 1)]
-    assert found[1]["remedy"] == Status.UNDER_RESOLVED_CONTACT.remedy
+    row = summary(nothing)[0]
+    assert [row[name] for name in ("scenarios", "peak_force", "impacts_max")] == [0, None, None]
 
 
 # -- the README --------------------------------------------------------------------------------------------------------
@@ -582,11 +544,3 @@ def test_the_readme_example_runs(tmp_path):
 def test_the_readme_names_existing_files():
     for name in re.findall(r"\]\(([^)#:]+)\)|`((?:docs|sweeps)/[\w.]+)`", README):
         assert (ROOT / "".join(name)).is_file(), name
-
-
-def test_an_accuracy_on_the_command_line_takes_the_place_of_the_step(tmp_path):
-    sweep = write(tmp_path, TINY)
-    done = cli("plan", sweep, "--accuracy", "1e-3")
-    assert "accuracy 0.001: rk4 float" in re.sub(r"\s+", " ", done.stdout)
-    done = cli("plan", sweep, "--accuracy", "1", code=2)
-    assert "accuracy is 1.0; it must be in [1e-06, 0.01]" in done.stderr
