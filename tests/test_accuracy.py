@@ -85,40 +85,29 @@ def converged():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-2, pytest.param(1e-3, marks=pytest.mark.release), 1e-4, 1e-6])
-def test_what_is_asked_for_is_reached(converged, accuracy):
-    exact, known = converged
-    sweep = make(accuracy=accuracy, audit=0)
-    found = values_of(sweep)
-    assert (found["status"] == Status.OK).all()
-    errors = relative_errors(OUTPUTS, found, exact)
-    assert (np.isfinite(found["steps_per_contact"]) & known).sum() > 60
-    for name, error in errors.items():
-        # a number of impacts is one off where floors graze each other by less than the error that is allowed
-        assert (error[known] <= accuracy).mean() >= (0.99 if name == "impact_count" else 1.0), (
-            name,
-            np.sort(error)[-9:],
-        )
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "asked",
+    ("asked", "least"),
     [
-        {"method": "newmark", "accuracy": 1e-2},
-        pytest.param({"method": "newmark", "accuracy": 1e-3}, marks=pytest.mark.release),
-        {"precision": "float32", "accuracy": 1e-2},
-        {"precision": "float32", "accuracy": 1e-3},
+        ({"accuracy": 1e-2}, 0.99),
+        pytest.param({"accuracy": 1e-3}, 0.99, marks=pytest.mark.release),
+        ({"accuracy": 1e-4}, 0.99),
+        ({"accuracy": 1e-6}, 0.99),
+        ({"accuracy": 1e-2, "method": "newmark"}, 0.98),
+        pytest.param({"accuracy": 1e-3, "method": "newmark"}, 0.98, marks=pytest.mark.release),
+        ({"accuracy": 1e-2, "precision": "float32"}, 0.98),
+        ({"accuracy": 1e-3, "precision": "float32"}, 0.98),
     ],
-    ids=lambda asked: " ".join(map(str, asked.values())),
+    ids=str,
 )
-def test_other_schemes_reach_it_too(converged, asked):
+def test_what_is_asked_for_is_reached(converged, asked, least):
+    """But for a number of impacts, one off where floors graze each other by less than the error that is allowed."""
     exact, known = converged
-    found = values_of(make(**asked, audit=0))
-    assert (found["status"] == Status.OK).all()
-    for name, error in relative_errors(OUTPUTS, found, exact).items():
-        least = 0.98 if name == "impact_count" else 1.0
-        assert (error[known] <= asked["accuracy"]).mean() >= least, (name, np.sort(error)[-9:])
+    values = values_of(make(**asked, audit=0))
+    assert (values["status"] == Status.OK).all()
+    assert (np.isfinite(values["steps_per_contact"]) & known).sum() > 60
+    for name, error in relative_errors(OUTPUTS, values, exact).items():
+        share = least if name == "impact_count" else 1.0
+        assert (error[known] <= asked["accuracy"]).mean() >= share, (name, np.sort(error)[-9:])
 
 
 @pytest.mark.slow
@@ -181,13 +170,7 @@ def test_the_cube_says_what_was_chosen(tmp_path):
     assert cube.attrs["method"] in ("rk4", "exact")
     assert "time_step" not in cube.attrs
     said = cube.attrs["accuracy_choice"]
-    for part in (
-        "0.001",
-        cube.attrs["method"],
-        cube.attrs["precision"],
-        "steps per record interval",
-        "times the cost",
-    ):
+    for part in ("0.001", cube.attrs["method"], cube.attrs["precision"], "steps per record interval", "times the cost"):
         assert part in said
     numbers = json.loads(cube.attrs["accuracy_numbers"])
     assert numbers["refinement"]["linear"] > 0.0
@@ -220,13 +203,14 @@ def test_a_method_that_is_named_is_kept():
     assert plan.numerics.method == "newmark"
     assert "newmark float" in plan.choice
     assert plan.steps.mean() > 2 * make(accuracy=1e-3).plan().steps.mean()
+    plan = make(dt=0.005).plan()  # without accuracy nothing is chosen
+    assert (plan.choice, plan.outputs, set(plan.steps.tolist())) == ("", plan.spec.outputs, {4, 2})
 
 
-def test_without_accuracy_nothing_is_chosen():
-    plan = make(dt=0.005).plan()
-    assert plan.choice == ""
-    assert plan.outputs == plan.spec.outputs
-    assert set(plan.steps.tolist()) == {4, 2}
+def largest_error(one, exact):
+    """Largest relative error of an output of one scenario."""
+    errors = relative_errors(OUTPUTS, *({name: run[name].values[None] for name in OUTPUTS} for run in (one, exact)))
+    return max(float(error[0]) for error in errors.values())
 
 
 @pytest.mark.slow
@@ -235,8 +219,7 @@ def test_simulate_reaches_it_too():
     exact = ps.simulate(pair(), record, law="linear", method="rk4", dt=2.5e-5)
     one = ps.simulate(pair(), record, law="linear", accuracy=1e-4)
     assert int(exact.impact_count.sum()) > 10
-    errors = relative_errors(OUTPUTS, *({name: found[name].values[None] for name in OUTPUTS} for found in (one, exact)))
-    assert max(float(e[0]) for e in errors.values()) < 1e-4
+    assert largest_error(one, exact) < 1e-4
     assert "rk4" in one.attrs["accuracy_choice"]
     assert one.attrs["time_step"] < 0.01
     assert one.sizes["time"] == round(record.duration / one.attrs["time_step"]) + 1
@@ -244,16 +227,12 @@ def test_simulate_reaches_it_too():
 
 def test_simulate_needs_the_wide_format_for_its_energies():
     """The format that is asked for stays, as far as it reaches the accuracy."""
-    spec = build_spec(scene=pair(), records=motions()[1], laws="linear", accuracy=1e-2)
-    assert make_plan(spec).numerics.precision == "float32"
-    wide = ps.simulate(pair(), motions()[1], law="linear", accuracy=1e-2)
-    assert wide.attrs["precision"] == "float64"
-    named = ps.simulate(pair(), motions()[1], law="linear", accuracy=1e-2, precision="float32")
-    assert named.attrs["precision"] == "float32"
-    errors = relative_errors(
-        OUTPUTS, *({name: found[name].values[None] for name in OUTPUTS} for found in (named, wide))
+    assert make(scene=pair(), laws="linear", accuracy=1e-2).plan().numerics.precision == "float32"
+    wide, named = (
+        ps.simulate(pair(), motions()[1], law="linear", accuracy=1e-2, precision=asked) for asked in (None, "float32")
     )
-    assert max(float(e[0]) for e in errors.values()) < 2e-2
+    assert (wide.attrs["precision"], named.attrs["precision"]) == ("float64", "float32")
+    assert largest_error(named, wide) < 2e-2
 
 
 def test_simulate_allows_for_the_speed_at_the_start():
@@ -301,68 +280,33 @@ def advised(monkeypatch, known, **changes):
     return make(**changes).plan()
 
 
-def test_the_cheaper_scheme_is_chosen(monkeypatch):
+def test_the_cheaper_scheme_that_reaches_it_is_chosen(monkeypatch):
     assert advised(monkeypatch, measured(), accuracy=1e-3).numerics.method == "rk4"
-    slow = Curve((1.0, 100.0, 1e6), (1e-1, 1e-2, 1e-7))
-    known = measured(rk4_linear=slow, rk4_hertz=slow, rk4_kelvin_voigt=slow, rk4_hertz_damped=slow, rk4_none=slow)
-    plan = advised(monkeypatch, known, accuracy=1e-3)
+    slow, poor = Curve((1.0, 100.0, 1e6), (1e-1, 1e-2, 1e-7)), Curve((1.0, 10.0), (1e-1, 1e-3))
+    plan = advised(monkeypatch, measured(**{f"rk4_{law}": slow for law in AXES["laws"]}), accuracy=1e-3)
     assert plan.numerics.method == "newmark"
     assert "rk4 float64: " in plan.choice
-
-
-def test_a_scheme_that_does_not_reach_it_is_not_chosen(monkeypatch):
-    poor = Curve((1.0, 10.0), (1e-1, 1e-3))
-    plan = advised(monkeypatch, measured(rk4_linear=poor), accuracy=1e-4)
-    assert plan.numerics.method == "newmark"
-    with pytest.raises(
-        SweepError,
-        match=r"0\.0001 was not reached.*rk4 float64 reaches 0\.001 with law linear, newmark float64 reaches 0\.001",
-    ):
-        advised(monkeypatch, measured(rk4_linear=poor, newmark_linear=poor), accuracy=1e-4)
-
-
-def test_a_law_that_was_not_measured(monkeypatch):
-    known = measured()
+    assert advised(monkeypatch, measured(rk4_linear=poor), accuracy=1e-4).numerics.method == "newmark"
+    known = measured(rk4_linear=poor, newmark_linear=poor)
+    reached = r"rk4 float64 reaches 0\.001 with law linear, newmark float64 reaches 0\.001"
+    with pytest.raises(SweepError, match=rf"0\.0001 was not reached.*{reached}"):
+        advised(monkeypatch, known, accuracy=1e-4)
     known.curves.pop(("rk4", "float64", "hertz", "contacts"))
     with pytest.raises(SweepError, match=r"no errors of law 'hertz' with rk4.*benchmarks\.calibrate"):
         advised(monkeypatch, known, accuracy=1e-4)
 
 
-def test_scenarios_begin_finer_than_is_allowed_as_far_as_errors_are_known(monkeypatch):
-    def begins(accuracy):
-        sweep = Sweep(pair(), motions()[0], ["hunt_crossley"], gaps=[0.001], accuracy=accuracy, method="rk4")
-        return sweep.plan().choice_numbers["steps_in_shortest_time"]["hunt_crossley"]
-
-    known = measured(rk4_hunt_crossley=Curve((1.0, 10.0, 100.0), (1e-1, 1e-2, 1e-3)))
-    monkeypatch.setattr(advice, "load_measured", lambda: known)
-    assert begins(1e-2) == pytest.approx(10.0 / advice.EARLY, rel=5e-3)
-    assert begins(5e-3) == pytest.approx(20.0 / advice.EARLY, rel=5e-3)
-    known = measured(rk4_hunt_crossley=Curve((1.0, 10.0, 100.0), (1e-1, 1e-2, 4.9e-3)))
-    assert 10.0 < begins(5e-3) <= 100.0  # what it reaches is enough, and less is not known
-    with pytest.raises(SweepError, match="was not reached when errors were measured"):
-        begins(4.8e-3)
-
-
 def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
-    slow, slower = (Curve((1.0, steps, 1e6), (1e-1, 1e-2, 1e-7)) for steps in (10.0, 30.0))
-    known = measured(rk4_hunt_crossley=slow, rk4_gonthier=slower)
-    monkeypatch.setattr(advice, "load_measured", lambda: known)
-    monkeypatch.setattr(advice, "EARLY", 1.0)
-    own = Law(key="mine", exponent=2.0, reference_stiffness=1e7)
-    given = {"scene": pair(), "records": motions()[0], "gaps": [0.001], "accuracy": 1e-2, "method": "rk4"}
-    plan = Sweep(laws=["linear", own, "none"], **given).plan()
+    known = measured(rk4_gonthier=Curve((1.0, 30.0, 1e6), (1e-1, 1e-2, 1e-7)))
+    law = Law(key="mine", exponent=2.0, reference_stiffness=1e7)
+    settings = {"scene": pair(), "records": motions()[0], "stiffness_factors": None, "method": "rk4"}
+    plan = advised(monkeypatch, known, **settings, accuracy=1e-3, laws=["linear", "gonthier", law, "none"])
     needed = plan.choice_numbers["steps_in_shortest_time"]
-    assert needed == pytest.approx({"linear": 3.16, "mine": 30.0, "none": 3.16}, rel=1e-3)
-    finer = Sweep(laws=["linear", own, "none"], **{**given, "accuracy": 1e-3}).plan()
-    # errors five times as large, for the run that is kept has half the step
-    linear, slowest = (curve.needed(5e-3) for curve in (known.curves["rk4", "float64", "linear", "contacts"], slower))
-    needed = {"linear": linear, "mine": slowest, "none": linear}
-    assert finer.choice_numbers["steps_in_shortest_time"] == pytest.approx(needed)
+    assert needed["mine"] == needed["gonthier"] > needed["linear"]
     assert plan.choice_numbers["laws_not_measured"] == ["mine"]
-    poor = measured(rk4_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)), newmark_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)))
-    monkeypatch.setattr(advice, "load_measured", lambda: poor)
+    poor = Curve((1.0, 10.0), (1e-1, 2e-2))
     with pytest.raises(SweepError, match=r"rk4 float64 reaches 0\.02 with law mine"):
-        Sweep(laws=[own], **given).plan()
+        advised(monkeypatch, measured(rk4_gonthier=poor), **settings, accuracy=1e-2, laws=[law])
 
 
 # -- what was measured -------------------------------------------------------------------------------------------------
@@ -407,13 +351,9 @@ def test_a_lucky_coarse_step_is_not_used():
 
 @given(st.lists(st.floats(1e-3, 1e6), min_size=1, max_size=20))
 def test_whole_steps_are_enough_and_not_far_more(wanted):
-    found = whole_steps(np.array(wanted))
-    assert (found >= np.array(wanted) * (1 - 1e-6)).all()
-    assert (found <= np.maximum(1.0, np.array(wanted) * 1.5 + 1)).all()
-
-
-def test_there_are_few_numbers_of_steps():
-    assert len(set(whole_steps(np.linspace(1.0, 1000.0, 5000)).tolist())) <= 31
+    steps = whole_steps(np.array(wanted))
+    assert (steps >= np.array(wanted) * (1 - 1e-6)).all()
+    assert (steps <= np.maximum(1.0, np.array(wanted) * 1.5 + 1)).all()
 
 
 @pytest.mark.parametrize(("law", "k"), [("linear", 2e5), ("hertz", 1e6)])
