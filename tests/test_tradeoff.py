@@ -153,11 +153,11 @@ def test_located_schemes_keep_their_order(trade, scheme, least, most):
 
 @pytest.mark.slow
 def test_the_converged_solution_is_better_than_all_it_judges(trade):
-    own = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
+    reference = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
     # of the linear law, `exact` is without error but for rounding
     errors = chosen(trade, precision="float64", output="impact_force_max").error.drop_sel(scheme="exact")
-    assert 0.0 < own < 1e-7
-    assert own < float(errors.where(errors > 0).min())
+    assert 0.0 < reference < 1e-7
+    assert reference < float(errors.where(errors > 0).min())
     assert trade.attrs["reference_step"] <= STEPS[-1] / 4
 
 
@@ -314,11 +314,6 @@ def test_lane_groups_are_whole_in_large_sweeps():
     assert {plan.unique.law[rows[0]] for rows in groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
 
 
-def test_without_touching_scenarios_there_is_nothing_to_measure():
-    with pytest.raises(InputError, match="no scenario of this sweep can touch"):
-        tradeoff(make_sweep(gaps=[5.0]))
-
-
 # -- Statistics and the front ----------------------------------------------------------------
 
 NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
@@ -338,24 +333,17 @@ def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points
     assert front.any() == bool(usable)
 
 
-def statistics_of(errors):
-    return statistics(xr.DataArray(errors, dims=("scenario", "output"))).transpose("statistic", "output").values
-
-
 @given(st.lists(st.floats(0, 1) | st.just(np.inf), min_size=1, max_size=40))
 def test_statistics_are_errors_of_scenarios(errors):
-    median, p90, worst = statistics_of(np.array(errors)[:, None])[:, 0]
+    """Those that have one."""
+    table = xr.DataArray([[np.nan, np.nan], *([error, 1.0] for error in errors)], dims=("scenario", "output"))
+    median, p90, worst = statistics(table).isel(output=0).values
     assert worst == max(errors)
     assert sum(e <= median for e in errors) >= 0.5 * len(errors)
     assert sum(e < median for e in errors) < 0.5 * len(errors)
     assert sum(e <= p90 for e in errors) >= 0.9 * len(errors)
     assert {median, p90, worst} <= set(errors)
-
-
-def test_scenarios_without_an_error_do_not_count():
-    errors = np.array([[0.1, 0.2], [np.nan, np.nan], [0.3, 0.1]])
-    np.testing.assert_array_equal(statistics_of(errors)[2], [0.3, 0.2])
-    assert np.isnan(statistics_of(errors[1:2])).all()
+    assert statistics(table[:1]).isnull().all()
 
 
 # -- File, table, figure, command ----------------------------------------------------------------
@@ -393,66 +381,47 @@ def test_the_sweeps_own_numerics_do_not_matter(measured):
         xr.testing.assert_equal(measured_of(make_sweep(**settings)).scenario_error, measured.scenario_error)
 
 
-def test_orders_of_convergence_are_fitted(trade):
-    headings, rows = order_table(trade)
-    assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
-    assert {row[0] for row in rows} == {str(law) for law in trade["law"].values}
-    forces = [row for row in rows if row[1] == "force"]
-    assert forces
-    for row in forces:
-        assert 3.0 < float(row[2]) < 5.5, row
-        assert 1.6 < float(row[3]) < 2.5, row
-
-
-def test_the_table_has_a_row_per_configuration(trade):
+def test_the_tables_have_a_row_per_configuration_and_orders(trade):
     headings, rows = table_of(trade)
     assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS)  # exact flight is always located
     refused = next(row for row in rows if row[0] == "rk4" and row[3] == "0.02")
     assert refused[headings.index("s per 1000")] == "-"
     assert "6 beyond stability limit" in refused[headings.index("not ok")]
-    marked = {row[0] for row in rows if row[headings.index("force worst")].endswith("*")}
-    assert marked
-
-
-LABELS = ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core")
+    assert any(row[headings.index("force worst")].endswith("*") for row in rows)
+    headings, rows = order_table(trade)
+    assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
+    assert {row[0] for row in rows} == set(LAWS)
+    forces = [row for row in rows if row[1] == "force"]
+    assert all(3.0 < float(row[2]) < 5.5 and 1.6 < float(row[3]) < 2.5 for row in forces), forces
 
 
 def test_the_figure_tells_schemes_and_cores(trade):
-    figure = FIGURES["work-precision"].draw(trade)
-    words = " ".join(text.get_text() for text in figure.findobj(Text))
-    for label in LABELS:
+    words = " ".join(text.get_text() for text in FIGURES["work-precision"].draw(trade).findobj(Text))
+    for label in ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core"):
         assert label in words
-
-
-def test_the_figure_needs_a_trade():
-    cube = run_without_pounding()
     with pytest.raises(InputError, match="pounding-sweep tradeoff"):
-        plot(cube, "work-precision", "never.png")
+        plot(run_without_pounding(), "work-precision", "never.png")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    ("settings", "arguments", "text"),
     [
-        ({"steps": []}, "no steps"),
-        ({"steps": [1e-3, -1.0]}, "-1.0"),
-        ({"steps": [float("nan")]}, "nan"),
-        ({"methods": ["rk5"]}, "did you mean 'rk4'"),
-        ({"precisions": ["float16"]}, "float16"),
-        ({"methods": []}, "no method"),
-        ({"scenarios": 0}, "scenarios = 0"),
-        ({"repeats": 0}, "repeats = 0"),
-        ({"located": []}, "located"),
+        ({}, {"steps": []}, "no steps"),
+        ({}, {"steps": [1e-3, -1.0]}, "-1.0"),
+        ({}, {"steps": [float("nan")]}, "nan"),
+        ({}, {"methods": ["rk5"]}, "did you mean 'rk4'"),
+        ({}, {"precisions": ["float16"]}, "float16"),
+        ({}, {"methods": []}, "no method"),
+        ({}, {"scenarios": 0}, "scenarios = 0"),
+        ({}, {"repeats": 0}, "repeats = 0"),
+        ({}, {"located": []}, "located"),
+        ({"gaps": [5.0]}, {}, "no scenario of this sweep can touch"),
+        ({"outputs": ["status"]}, {}, "impact_force_max"),
     ],
 )
-def test_wrong_arguments_are_named(sweep, arguments, text):
+def test_what_can_not_be_measured_is_refused(settings, arguments, text):
     with pytest.raises(InputError, match=text):
-        tradeoff(sweep, **arguments)
-
-
-def test_outputs_without_an_error_are_refused():
-    sweep = ps.Sweep(SCENE, SHORT, LAWS, gaps=[0.003], outputs=["status"])
-    with pytest.raises(InputError, match="impact_force_max"):
-        tradeoff(sweep)
+        tradeoff(make_sweep(**settings), **arguments)
 
 
 def command(*arguments):
@@ -487,8 +456,7 @@ def test_the_command_prints_json(tiny):
     done = command(tiny, "--steps", "2e-3", "--scenarios", "2", "--json", "--quiet")
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
-    assert report["sample_scenarios"] == 2
-    assert len(report["configurations"]) == 10
+    assert (report["sample_scenarios"], len(report["configurations"])) == (2, 10)
     first = report["configurations"][0]
     assert first["scheme"] == "rk4"
     assert first["cost"] > 0.0
