@@ -20,8 +20,6 @@ from pounding_sweep.run.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
-# -- bars --------------------------------------------------------------------------------------------------------------
-
 
 def test_bars_are_shown_on_the_terminal_of_stderr(monkeypatch):
     shown = io.StringIO()
@@ -30,10 +28,9 @@ def test_bars_are_shown_on_the_terminal_of_stderr(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     progress = ProgressDisplay()
     progress.advance(1)  # before any stage: nothing to count
-    progress.stage("kernels", 0)
-    progress.advance(2)
-    progress.stage("scenarios", 2000)
-    progress.advance(2000)
+    for stage, total in (("kernels", 0), ("scenarios", 2000)):
+        progress.stage(stage, total)
+        progress.advance(2000)
     progress.close()
     progress.close()
     assert "scenarios" in shown.getvalue()
@@ -112,9 +109,6 @@ def test_a_run_outlives_its_terminal(tmp_path):
     assert out.splitlines()[-1] == b"out.nc"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "sweep.toml"]
     assert re.search(r" ended after \d+\.\d s$", (tmp_path / "out.nc.log").read_text())
-
-
-# -- lines -------------------------------------------------------------------------------------------------------------
 
 
 def lines_of(*events):

@@ -33,12 +33,11 @@ class _LenientStream:
         """Write the text, if that is possible."""
         with suppress(OSError):
             self._stream.write(text)
+            self._stream.flush()
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream, if that is possible."""
-        with suppress(OSError):
-            self._stream.flush()
+        """Do nothing: each text is flushed."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -54,11 +53,9 @@ class ProgressDisplay(Progress):
     def __init__(self, console: Console | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         console = console or Console(stderr=True, force_terminal=sys.stderr.isatty())
         console.file = cast("IO[str]", _LenientStream(console.file))  # a thread of the bars writes too
+        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
         self._bars = Bars(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
+            *columns,
             TextColumn("left"),
             TimeRemainingColumn(),
             console=console,
@@ -66,19 +63,19 @@ class ProgressDisplay(Progress):
             get_time=clock,
             speed_estimate_period=2.0 * BETWEEN_LINES,
         )
-        self._console, self._clock = console, clock
+        self._stream, self._is_terminal, self._clock = console.file, console.is_terminal, clock
         self._begun = self._line = clock()
 
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
-        if self._console.is_terminal:
-            self._bars.start()
         for task in self._bars.task_ids:
             self._bars.remove_task(task)
         self._bars.add_task(STAGES.get(name, name), total=total or None)
         self._begun = self._clock()
-        if name == "compiling" and not self._console.is_terminal:  # longer than many a run
-            self._print("compiling kernels, once for sweeps of this kind")
+        if self._is_terminal:
+            self._bars.start()
+        elif name == "compiling":  # longer than many a run
+            print("compiling kernels, once for sweeps of this kind", file=self._stream)
 
     def advance(self, count: int) -> None:
         """Count steps of the stage as done."""
@@ -89,17 +86,13 @@ class ProgressDisplay(Progress):
             task.completed += count  # without a rate
         else:
             self._bars.advance(task.id, count)
-        if now - self._line >= BETWEEN_LINES and not self._console.is_terminal:
+        if now - self._line >= BETWEEN_LINES and not self._is_terminal:
             self._line = now
             share = f" of {task.total:,.0f} ({task.percentage:.0f}%)" if task.total else ""
-            left = task.time_remaining
-            end = f", about {seconds_text(left)} left" if left else ""
-            self._print(f"{task.description} {task.completed:,.0f}{share}{end}")
+            end = f", about {seconds_text(left)} left" if (left := task.time_remaining) else ""
+            print(f"{task.description} {task.completed:,.0f}{share}{end}", file=self._stream)
 
     def close(self) -> None:
         """Remove the display; may be called more than once."""
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._bars.stop()
-
-    def _print(self, text: str) -> None:
-        print(text, file=self._console.file, flush=True)
