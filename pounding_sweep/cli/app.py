@@ -7,12 +7,11 @@ import inspect
 import os
 import signal
 import sys
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +53,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
     from pounding_sweep.base.errors import ClusterError, PoundingSweepError, RunError, WriteError
 
     WARNINGS.clear()
-    before = _written_at(out) if out else None
+    before = _written_at(out)
     with warnings.catch_warnings(), _ended_by_interrupts():
         warnings.showwarning = _show_warning
         try:
@@ -69,29 +68,26 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             text, code = f"error: {error}", BAD_INPUT
         except KeyboardInterrupt:
             text, code = "interrupted", INTERRUPTED
+        except OSError as error:
+            text, code = f"failed: {error}", FAILED
+            if error.filename is None and _stdout_fails():
+                text = f"failed: stdout can't be written ({error.strerror}), give it another place"
         except Exception as error:
-            text, code = f"failed: {type(error).__name__}: {error}", FAILED
-            # values of a cube are read where they are used, so that damage may show late
-            if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):
+            if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):  # damage that shows late
                 text = f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again"
                 code = BAD_INPUT
-            elif isinstance(error, OSError):
-                text = f"failed: {error}"
-                if error.filename is None and _stdout_fails():
-                    text = f"failed: stdout can't be written ({error.strerror}), give it another place"
             else:  # a fault of the package, or of the machine: the traceback is for the report
+                text, code = f"failed: {type(error).__name__}: {error}", FAILED
                 _print("".join(traceback.format_exception(error)).rstrip("\n"))
-        say(text if out is None or code == BAD_INPUT else f"{text}{_left_by(out, before)}")
+        say(text if out is None or code == BAD_INPUT else text + _left_by(out, before))
         raise typer.Exit(code) from None
 
 
 @contextmanager
 def _ended_by_interrupts() -> Iterator[None]:
     """Have Ctrl-C, SIGTERM and SIGHUP end the block in order, and one more of them the process at once."""
-    # what the process was started to ignore (by `nohup`, or in the background of a script) stays so, as does what has a
-    # handler already. Only a main thread can be interrupted.
-    in_main = threading.current_thread() is threading.main_thread()
-    numbers = [number for number, default in INTERRUPTS.items() if in_main and signal.getsignal(number) == default]
+    # what the process was started to ignore (by `nohup`, or in the background of a script) stays so
+    numbers = [number for number, default in INTERRUPTS.items() if signal.getsignal(number) == default]
 
     def end_in_order(*_: object) -> None:
         for number in numbers:
@@ -110,7 +106,7 @@ def _ended_by_interrupts() -> Iterator[None]:
 
 def _end_at_once(*_: object) -> None:
     """End the process without a wait for chunks under way, or for workers."""
-    if os.isatty(2) and os.environ.get("TERM", "dumb") != "dumb":
+    if os.isatty(2):
         with suppress(OSError):
             os.write(2, b"\x1b[?25h\n")  # the display hides the cursor
     os._exit(INTERRUPTED)
@@ -157,16 +153,16 @@ def _left_by(out: Path, before: int | None) -> str:
     """Say what a run that ends early leaves behind; `before` is when the cube was last written before it."""
     from pounding_sweep.resume import parts_folder
 
-    if _written_at(out) not in (None, before):
-        return f"; the cube {out} is complete"
     with suppress(OSError):  # the working folder may be gone
+        if _written_at(out) not in (None, before):
+            return f"; the cube {out} is complete"
         if (parts := parts_folder(out)).is_dir():
             return f"; what is finished is kept in {parts}: running the same command again continues from there"
     return ""
 
 
-def _written_at(path: Path) -> int | None:
-    return path.stat().st_mtime_ns if path.is_file() else None
+def _written_at(path: Path | None) -> int | None:
+    return path.stat().st_mtime_ns if path and path.is_file() else None
 
 
 app = typer.Typer(
@@ -278,16 +274,15 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
     def register(function: Callable[..., None]) -> Callable[..., None]:
         parameters, sets = [], dict[str, Any]()
         for parameter in inspect.signature(function, eval_str=True).parameters.values():
-            inner: Iterable[inspect.Parameter] = (parameter,)
             if is_dataclass(kind := parameter.annotation):
-                sets[parameter.name] = kind
-                inner = inspect.signature(kind, eval_str=True).parameters.values()  # type: ignore[arg-type]
-            parameters += [one.replace(kind=one.KEYWORD_ONLY) for one in inner]
+                sets[parameter.name] = inspect.signature(kind, eval_str=True).parameters, kind  # type: ignore[arg-type]
+            fields = sets[parameter.name][0].values() if parameter.name in sets else [parameter]
+            parameters += [field.replace(kind=field.KEYWORD_ONLY) for field in fields]
 
         @functools.wraps(function)
         def call(**values: Any) -> None:
-            for key, kind in sets.items():
-                values[key] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+            for key, (fields, kind) in sets.items():
+                values[key] = kind(**{name: values.pop(name) for name in fields})
             with reporting():
                 function(**values)
 
