@@ -1,4 +1,4 @@
-"""The restitution certificate: what rebound the kernels give, law by law, beside the closed form.
+"""What rebound the kernels give, law by law, beside the closed form.
 
 Two equal free masses meet head on with opposite velocities, so that their momentum is zero and the ratio of their
 kinetic energies after and before is e^2. They are the floors of two one-storey buildings whose own stiffness is
@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -43,14 +42,13 @@ def contact_stiffness(law: Law) -> float:
     return (of_one / DURATION) ** (n + 1.0)
 
 
-def _closed_form(law: Law, nominal: np.ndarray, basis: str) -> np.ndarray:
-    """Closed-form restitution and damping number, shape (2, n); missing where the law is not valid."""
-    result = np.full((2, nominal.size), np.nan)
-    for column, e in zip(result.T, nominal.tolist(), strict=True):
-        with suppress(LawError):
-            law.check_restitution(e, basis)
-            column[:] = realised_restitution(law, np.array([e]), basis)[0], damping_number(law, np.array([e]), basis)[0]
-    return result
+def _closed_form(law: Law, basis: str, e: float) -> tuple[float, float]:
+    """Closed-form restitution and damping number; missing where the law is not valid."""
+    try:
+        law.check_restitution(e, basis)
+    except LawError:
+        return np.nan, np.nan
+    return float(realised_restitution(law, e, basis)), float(damping_number(law, e, basis))
 
 
 def certify(
@@ -106,45 +104,41 @@ def certify(
         if not law.has_contact:
             raise LawError(f"law {law.key!r} has no contact, so nothing rebounds; leave it out")
     pairs = list(product(chosen, RESTITUTION_BASES))
-    forms = np.array([_closed_form(law, nominal, basis) for law, basis in pairs])
-    slowest = float(np.min(forms[:, 0], where=forms[:, 0] > 0.0, initial=1.0))
+    forms = np.array([[_closed_form(*pair, e) for e in nominal.tolist()] for pair in pairs])
+    analytic, number = forms[..., 0], forms[..., 1]
+    slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
     record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
     floors = [Building(name, [MASS], [NO_STIFFNESS], damping_ratio=0.0) for name in ("left", "right")]
     scene = Scene(floors, gaps=[APPROACH * DURATION / 7.0])  # the touch falls inside a step
-    about: dict[str, Any] = {"initial_velocity": (APPROACH / 2.0, -APPROACH / 2.0)}
-    kernels = [RowKernel(scene, law, numerics, frozenset({"energy"}), basis=basis, **about) for law, basis in pairs]
+    closing = APPROACH / 2.0, -APPROACH / 2.0
+    one = RowKernel(scene, chosen[0], numerics, frozenset({"energy"}), initial_velocity=closing)
+    kernels = [replace(one, law=law, basis=basis) for law, basis in pairs]
     measured = np.full((len(pairs), nominal.size), np.nan)
     progress = progress or Progress()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
     progress.stage("kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
-    for kernel, row, number in zip(kernels, measured, forms[:, 1], strict=True):
-        valid = np.isfinite(number)
+    for kernel, row, valid in zip(kernels, measured, np.isfinite(number), strict=True):
         if valid.any():
-            one, law = np.ones(valid.sum()), kernel.law
-            gaps, stiffness = (scene.gaps[0] + law.thickness) * one[:, None], contact_stiffness(law) * one
-            raw = kernel.run(record, scale=one, gaps=gaps, stiffness=stiffness, restitution=nominal[valid])
+            ones, law = np.ones(valid.sum()), kernel.law
+            gaps, stiffness = (scene.gaps[0] + law.thickness) * ones[:, None], contact_stiffness(law) * ones
+            raw = kernel.run(record, scale=ones, gaps=gaps, stiffness=stiffness, restitution=nominal[valid])
             row[valid] = np.sqrt(raw["e_kin"].sum(axis=1) / (MASS * (APPROACH / 2.0) ** 2))
-    shape = (len(chosen), len(RESTITUTION_BASES), nominal.size)
-    data = {
-        "measured": (measured, "restitution measured through the kernels"),
-        "analytic": (forms[:, 0], "restitution by the closed form"),
-        "damping_number": (forms[:, 1], "damping number of the law"),
-    }
     axes = {
-        "law": ([law.key for law in chosen], {"long_name": "contact law"}),
-        "basis": (list(RESTITUTION_BASES), {"long_name": "what the nominal restitution means"}),
-        "restitution": (nominal, {"units": "1", "long_name": "nominal restitution"}),
+        "law": ("law", [law.key for law in chosen], {"long_name": "contact law"}),
+        "basis": ("basis", list(RESTITUTION_BASES), {"long_name": "what the nominal restitution means"}),
+        "restitution": ("restitution", nominal, {"units": "1", "long_name": "nominal restitution"}),
     }
-    return xr.Dataset(
-        {
-            name: (tuple(axes), values.reshape(shape), {"units": "1", "long_name": text})
-            for name, (values, text) in data.items()
-        },
-        {name: (name, *axis) for name, axis in axes.items()},
-        {"method": method, "steps_per_contact": steps, "time_step": numerics.dt},
-    )
+    data = {
+        name: (tuple(axes), values.reshape(len(chosen), -1, nominal.size), {"units": "1", "long_name": text})
+        for name, values, text in (
+            ("measured", measured, "restitution measured through the kernels"),
+            ("analytic", analytic, "restitution by the closed form"),
+            ("damping_number", number, "damping number of the law"),
+        )
+    }
+    return xr.Dataset(data, axes, {"method": method, "steps_per_contact": steps, "time_step": numerics.dt})
 
 
 def deviation(certificate: xr.Dataset) -> xr.DataArray:
