@@ -6,7 +6,7 @@ Kernels, planner, cube, command line and documentation read it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property, lru_cache, partial
@@ -112,12 +112,11 @@ class Variable:
     name: str  # name in cubes and in ``outputs``
     units: str  # in UDUNITS spelling
     long_name: str  # for axes and tables
-    definition: str  # what exactly is reported, in one sentence
     #: slot of the kernel that holds its values, or what makes them of what a kernel returned; None: they are worked out
     #: after the run, zeros until then (of scenarios only)
     source: str | Callable[[KernelResults], np.ndarray] | None = None
     per: str = "scenario"  # what there is a value for, a key of `DIMS`
-    needs: frozenset[str] = frozenset()  # reducers of the compiled loop that it is made from, beside that of its slot
+    needs: Collection[str] = ()  # reducers of the compiled loop that it is made from, beside that of its slot
     #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
     error: str = ""
     #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
@@ -133,6 +132,7 @@ class Variable:
     always: bool = False  # it is in every cube, asked for or not
     flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
     flag_meanings: str = ""
+    definition: str = ""  # what exactly is reported, out of `DEFINITIONS`
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -406,148 +406,122 @@ _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
 _contact = partial(Variable, per="contact", error="contacts")
 _energy = partial(Variable, per="building", error="energies")
+#: What each output is exactly, in one sentence or two.
+DEFINITIONS = {
+    "displacement_max": "Largest signed displacement of the floor relative to the ground, positive to the right.",
+    "displacement_min": "Smallest signed displacement of the floor relative to the ground, negative to the left.",
+    "drift_max": "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on "
+    "a foundation relative to it, and less what its rotation gives.",
+    "storey_shear_max": "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its"
+    " hysteresis; dampers not included; with P-Delta what the columns bear, the push of the weights included.",
+    "acceleration_max": "Largest absolute total acceleration of the floor (relative + ground); where the contact "
+    "force jumps at a touch, the limit just after it counts; where velocities jump, the jump itself does not.",
+    "ductility_max": "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); "
+    "missing where a storey has no yield strength.",
+    "residual_drift": "Signed interstorey displacement at which the building comes to rest after the end of the "
+    "record (RID, times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where "
+    "it falls under the weight above it, and of storeys of Bouc and Wen.",
+    "impact_force_max": "Largest contact force, pressing positive, 0 where the floors never touched; where the force "
+    "jumps at a touch, the limit just after it counts. Missing where floors touched under a law without a force "
+    "(velocities jump).",
+    "impact_count": "Number of onsets of contact, the penetration d = u_left - u_right - gap going from <= 0 to > 0.",
+    "penetration_max": "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. "
+    "Missing where floors touched under a law without a force (velocities jump).",
+    "impulse": "Time integral of the contact force over the whole record.",
+    "first_impact_time": "Time of the first onset of contact after the first point of the record; missing where there"
+    " was none.",
+    "approach_speed_max": "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
+    "contact_time": "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched;"
+    " impulse over it is the mean contact force. Where velocities jump, the time that floors rest on each other, "
+    "which is rough where they are hardly pressed.",
+    "column_shear_bottom_max": "Largest shear that the contact force F brings into the struck columns between their "
+    "lower end and the struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. "
+    "Missing where floors meet.",
+    "column_shear_top_max": "Largest shear that the contact force F brings into the struck columns between the struck"
+    " point and their upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing "
+    "where floors meet.",
+    "link_force_max": "Largest absolute force in the link of the left building's storey to its neighbour, spring and "
+    "dashpot together; missing where there is none.",
+    "foundation_sway_max": "Largest absolute displacement of the building's foundation relative to the ground; "
+    "missing where it has none. The sway spring's largest force is K_h times it.",
+    "foundation_rotation_max": "Largest absolute rotation of the building's foundation in its rocking; missing where "
+    "it has none. The rocking spring's largest moment is K_theta times it.",
+    "energy_input": "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the "
+    "ground; its foundation included.",
+    "energy_damping": "Energy lost in the building's own damping, dashpots and its foundation included, until the end"
+    " of the record, int v'Cv dt.",
+    "energy_kinetic": "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record; "
+    "foundation included.",
+    "energy_strain": "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2"
+    " + (1 - hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 "
+    "h); springs of its foundation included.",
+    "hysteretic_energy": "Energy lost in yielding of the building's storeys until the end of the record, (1 - "
+    "hardening) int k z dp, z the drift less its plastic part p.",
+    "energy_links": "Energy that the building has given to its links until the end of the record, negative where it "
+    "has taken it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
+    "energy_transfer_max": "Largest value over time of the transfer, what the building has given to its contacts: the"
+    " integral of their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost"
+    " in yielding - given to links.",
+    "energy_transfer_min": "Smallest value over time of the transfer, what the building has given to its contacts: "
+    "the integral of their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - "
+    "lost in yielding - given to links; negative where the building has taken energy through its contacts.",
+    "contact_work": "Work the contacts of the pair took in until the end of the record, int F d' dt.",
+    "closing_max": "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
+    "time_step": "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by "
+    "scenario.",
+    "error_estimate": "Largest relative difference of an output to a run at half the time step. Where an accuracy "
+    "chose the step it is in every cube: three times what the order of the scheme makes of the difference to a run at"
+    " twice the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
+    "amplification": "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by"
+    " a change of 1e-6 of each; the scenario is ill-conditioned where it is large.",
+    "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
+    "energy_residual": "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over"
+    " the largest absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, "
+    "contact work); what links hold and lose counts as work.",
+    "steps_per_contact": "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness,"
+    " effective mass and approach velocity; missing where nothing touched.",
+}
 #: Every output, in the order in which cubes and tables list them.
 _VARIABLES = (
     _floor(
-        "displacement_max",
-        "m",
-        "largest floor displacement",
-        "Largest signed displacement of the floor relative to the ground, positive to the right.",
-        "umax",
-        relative_to=("displacement_min",),
-        default=True,
+        "displacement_max", "m", "largest floor displacement", "umax", relative_to=("displacement_min",), default=True
     ),
     _floor(
-        "displacement_min",
-        "m",
-        "smallest floor displacement",
-        "Smallest signed displacement of the floor relative to the ground, negative to the left.",
-        "umin",
-        relative_to=("displacement_max",),
-        default=True,
+        "displacement_min", "m", "smallest floor displacement", "umin", relative_to=("displacement_max",), default=True
     ),
-    _floor(
-        "drift_max",
-        "m",
-        "largest interstorey drift",
-        "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on a "
-        "foundation relative to it, and less what its rotation gives.",
-        "drift",
-        default=True,
-    ),
-    _floor(
-        "storey_shear_max",
-        "kN",
-        "largest storey shear",
-        "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its hysteresis; "
-        "dampers not included; with P-Delta what the columns bear, the push of the weights included.",
-        _shear,
-        needs=frozenset({"drift", "shear"}),
-        default=True,
-    ),
-    _floor(
-        "acceleration_max",
-        "m s-2",
-        "largest total floor acceleration",
-        "Largest absolute total acceleration of the floor (relative + ground); where the contact force jumps at a "
-        "touch, the limit just after it counts; where velocities jump, the jump itself does not.",
-        "acc",
-        error="contacts",
-    ),
-    _yielding(
-        "ductility_max",
-        "1",
-        "largest storey ductility",
-        "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); missing "
-        "where a storey has no yield strength.",
-        _ductility,
-        needs=frozenset({"drift"}),
-    ),
+    _floor("drift_max", "m", "largest interstorey drift", "drift", default=True),
+    _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
+    _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
+    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),
     _yielding(
         "residual_drift",
         "m",
         "residual interstorey drift",
-        "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, "
-        "times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it "
-        "falls under the weight above it, and of storeys of Bouc and Wen.",
         _residual,
-        needs=frozenset({"residual"}),
+        needs=["residual"],
         relative_to=("drift_max",),
     ),
-    _contact(
-        "impact_force_max",
-        "kN",
-        "largest contact force",
-        "Largest contact force, pressing positive, 0 where the floors never touched; where the force jumps at a "
-        "touch, the limit just after it counts. Missing where floors touched under a law without a force "
-        "(velocities jump).",
-        "fmax",
-        of_force=True,
-        default=True,
-    ),
-    _contact(
-        "impact_count",
-        "1",
-        "number of impacts",
-        "Number of onsets of contact, the penetration d = u_left - u_right - gap going from <= 0 to > 0.",
-        "count",
-        dtype="i4",
-        default=True,
-    ),
-    _contact(
-        "penetration_max",
-        "m",
-        "largest penetration",
-        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where "
-        "floors touched under a law without a force (velocities jump).",
-        "dmax",
-        of_force=True,
-        default=True,
-    ),
-    _contact(
-        "impulse",
-        "kN s",
-        "impulse of the contact force",
-        "Time integral of the contact force over the whole record.",
-        "impulse",
-    ),
+    _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
+    _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
+    _contact("penetration_max", "m", "largest penetration", "dmax", of_force=True, default=True),
+    _contact("impulse", "kN s", "impulse of the contact force", "impulse"),
     _contact(
         "first_impact_time",
         "s",
         "time of the first impact",
-        "Time of the first onset of contact after the first point of the record; missing where there was none.",
         _first_time,
-        needs=frozenset({"first_time"}),
+        needs=["first_time"],
         least=0.01,
         default=True,
     ),
-    _contact(
-        "approach_speed_max",
-        "m s-1",
-        "largest approach speed",
-        "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
-        "vmax",
-        least=0.0001,
-    ),
-    _contact(
-        "contact_time",
-        "s",
-        "time in contact",
-        "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched; impulse "
-        "over it is the mean contact force. Where velocities jump, the time that floors rest on each other, which "
-        "is rough where they are hardly pressed.",
-        "tclosed",
-        error=UNMEASURED,
-    ),
+    _contact("approach_speed_max", "m s-1", "largest approach speed", "vmax", least=0.0001),
+    _contact("contact_time", "s", "time in contact", "tclosed", error=UNMEASURED),
     _contact(
         "column_shear_bottom_max",
         "kN",
         "largest shear of struck columns, below",
-        "Largest shear that the contact force F brings into the struck columns between their lower end and the "
-        "struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. Missing where "
-        "floors meet.",
         partial(_column_shear, end=0),
-        needs=frozenset({"force"}),
+        needs=["force"],
         error=UNMEASURED,
         only="columns",
     ),
@@ -555,81 +529,24 @@ _VARIABLES = (
         "column_shear_top_max",
         "kN",
         "largest shear of struck columns, above",
-        "Largest shear that the contact force F brings into the struck columns between the struck point and their "
-        "upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing where floors "
-        "meet.",
         partial(_column_shear, end=1),
-        needs=frozenset({"force"}),
+        needs=["force"],
         error=UNMEASURED,
         only="columns",
     ),
-    Variable(
-        "link_force_max",
-        "kN",
-        "largest link force",
-        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
-        "together; missing where there is none.",
-        "link_force",
-        error=UNMEASURED,
-        only="links",
-        per="link",
-    ),
-    _base(
-        "foundation_sway_max",
-        "m",
-        "largest sway of the foundation",
-        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has "
-        "none. The sway spring's largest force is K_h times it.",
-        "sway",
-    ),
-    _base(
-        "foundation_rotation_max",
-        "rad",
-        "largest rotation of the foundation",
-        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The "
-        "rocking spring's largest moment is K_theta times it.",
-        "rotation",
-    ),
-    _energy(
-        "energy_input",
-        "kN m",
-        "energy input",
-        "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the ground; "
-        "its foundation included.",
-        "e_in",
-    ),
-    _energy(
-        "energy_damping",
-        "kN m",
-        "energy lost in damping",
-        "Energy lost in the building's own damping, dashpots and its foundation included, until the end of the "
-        "record, int v'Cv dt.",
-        "e_damp",
-    ),
-    _energy(
-        "energy_kinetic",
-        "kN m",
-        "kinetic energy at the end",
-        "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record; foundation included.",
-        "e_kin",
-    ),
-    _energy(
-        "energy_strain",
-        "kN m",
-        "strain energy at the end",
-        "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
-        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 "
-        "h); springs of its foundation included.",
-        "e_strain",
-    ),
+    Variable("link_force_max", "kN", "largest link force", "link_force", error=UNMEASURED, only="links", per="link"),
+    _base("foundation_sway_max", "m", "largest sway of the foundation", "sway"),
+    _base("foundation_rotation_max", "rad", "largest rotation of the foundation", "rotation"),
+    _energy("energy_input", "kN m", "energy input", "e_in"),
+    _energy("energy_damping", "kN m", "energy lost in damping", "e_damp"),
+    _energy("energy_kinetic", "kN m", "kinetic energy at the end", "e_kin"),
+    _energy("energy_strain", "kN m", "strain energy at the end", "e_strain"),
     _energy(
         "hysteretic_energy",
         "kN m",
         "energy lost in yielding",
-        "Energy lost in yielding of the building's storeys until the end of the record, (1 - hardening) int k z "
-        "dp, z the drift less its plastic part p.",
         hysteretic,
-        needs=frozenset({"hysteretic"}),
+        needs=["hysteretic"],
         error=UNMEASURED,
         of_yielding=True,
     ),
@@ -637,79 +554,30 @@ _VARIABLES = (
         "energy_links",
         "kN m",
         "energy given to links",
-        "Energy that the building has given to its links until the end of the record, negative where it has taken "
-        "it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
         "e_link",
         error=UNMEASURED,
         relative_to=("energy_input",),
         only="links",
     ),
-    _energy(
-        "energy_transfer_max",
-        "kN m",
-        "largest energy transfer",
-        "Largest value over time of the transfer, what the building has given to its contacts: the integral of "
-        "their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in "
-        "yielding - given to links.",
-        "tmax",
-        relative_to=_EXCHANGED,
-    ),
-    _energy(
-        "energy_transfer_min",
-        "kN m",
-        "smallest energy transfer",
-        "Smallest value over time of the transfer, what the building has given to its contacts: the integral of "
-        "their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost in "
-        "yielding - given to links; negative where the building has taken energy through its contacts.",
-        "tmin",
-        relative_to=_EXCHANGED,
-    ),
+    _energy("energy_transfer_max", "kN m", "largest energy transfer", "tmax", relative_to=_EXCHANGED),
+    _energy("energy_transfer_min", "kN m", "smallest energy transfer", "tmin", relative_to=_EXCHANGED),
     _energy(
         "contact_work",
         "kN m",
         "work taken by contacts",
-        "Work the contacts of the pair took in until the end of the record, int F d' dt.",
         _work,
-        needs=frozenset({"work"}),
+        needs=["work"],
         relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
         per="pair",
     ),
-    Variable(
-        "closing_max",
-        "m",
-        "largest closing displacement",
-        "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
-        "closing",
-        error="motions",
-        per="contact",
-    ),
-    Variable(
-        "time_step",
-        "s",
-        "time step",
-        "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
-        lambda results: np.full(len(results), results.step),
-    ),
-    Variable(
-        "error_estimate",
-        "1",
-        "estimated relative error",
-        "Largest relative difference of an output to a run at half the time step. Where an accuracy chose the step "
-        "it is in every cube: three times what the order of the scheme makes of the difference to a run at twice "
-        "the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
-    ),
-    Variable(
-        "amplification",
-        "1",
-        "amplification of small changes",
-        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change "
-        "of 1e-6 of each; the scenario is ill-conditioned where it is large.",
-    ),
+    Variable("closing_max", "m", "largest closing displacement", "closing", error="motions", per="contact"),
+    Variable("time_step", "s", "time step", lambda results: np.full(len(results), results.step)),
+    Variable("error_estimate", "1", "estimated relative error"),
+    Variable("amplification", "1", "amplification of small changes"),
     Variable(
         "status",
         "1",
         "status of the scenario",
-        "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
         dtype="i1",
         always=True,
         flag_values=tuple(map(int, Status)),
@@ -719,18 +587,13 @@ _VARIABLES = (
         "energy_residual",
         "1",
         "relative residual of the energy balance",
-        "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
-        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact "
-        "work); what links hold and lose counts as work.",
         _energy_residual,
-        needs=frozenset({"energy", "hysteretic", "links", "work"}),
+        needs=["energy", "hysteretic", "links", "work"],
     ),
     Variable(
         "steps_per_contact",
         "1",
         "time steps in the shortest contact",
-        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective "
-        "mass and approach velocity; missing where nothing touched.",
         lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
         always=True,
     ),
@@ -826,10 +689,10 @@ REDUCERS: dict[str, Reducer] = {
 }
 _REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
 #: Every output by name, with the reducer of its slot among its needs.
-VARIABLES: dict[str, Variable] = {
-    variable.name: replace(variable, needs=variable.needs | {*filter(None, [_REDUCER_OF.get(str(variable.source))])})
-    for variable in _VARIABLES
-}
+VARIABLES: dict[str, Variable] = {}
+for _each in _VARIABLES:
+    _needs = frozenset(filter(None, [*_each.needs, _REDUCER_OF.get(str(_each.source))]))
+    VARIABLES[_each.name] = replace(_each, needs=_needs, definition=DEFINITIONS[_each.name])
 
 #: What a sweep reports where its ``outputs`` are not given.
 DEFAULT_OUTPUTS: tuple[str, ...] = tuple(name for name, variable in VARIABLES.items() if variable.default)
