@@ -365,10 +365,8 @@ class RowKernel:
             if "p_longest" in slots.first:
                 longest = longest_substep(row, self.numerics.dt, rough, shape.reducers) if shape.staged else 0.0
                 values["p_longest"] = longest
-        groups = -(-n // LANES)
-        rows = np.pad(
-            _packed(slots, values, n), ((0, 0), (0, groups * LANES - n)), "edge"
-        )  # idle lanes repeat the last
+        groups, packed = -(-n // LANES), _packed(slots, values, n)
+        rows = np.pad(packed, ((0, 0), (0, groups * LANES - n)), "edge")  # idle lanes repeat the last scenario
         return rows.reshape(-1, groups, LANES).transpose(1, 0, 2).reshape(groups, -1)
 
 

@@ -1,20 +1,13 @@
 """Scenarios run at ever finer steps until a finer one changes nothing that was asked for.
 
-An accuracy is a promise about every scenario, and no rule that is known beforehand
-keeps it: a touch that only just happens, or a row of impacts that each magnify the
-last, multiplies the error of a step by whatever it likes. So each scenario is run at
-the step that was chosen for it and at half of it, and the latter is kept. Its error is
-taken for three times what the order of the scheme makes of their difference, for twice
-all of it where that is one of rounding, and for all of it in a number of impacts. What
-errs by more than was asked is run at half the step again, in double precision, and so on.
-The last estimate is reported with the scenario.
+No rule that is known beforehand keeps an accuracy for every scenario: a touch that only just happens, or a row of
+impacts, magnifies the error of a step by whatever it likes. So each scenario is run at the step that was chosen for it
+and at half of it, and the latter is kept. Its error is three times what the order of the scheme makes of their
+difference, twice all of it where that is one of rounding, and all of it in a number of impacts. What errs by more than
+was asked is run at half the step again, in double precision, and so on.
 
-Two runs in single precision round the same inputs alike, and where steps are exact all else
-too. So one of them is run with its inputs, and its floors' distance, changed by as much as
-that: what is magnified until it tells shows in their difference.
-
-What is done with a scenario follows from its own results alone, so it does not depend
-on the chunk that it is in.
+Two runs in single precision round the same inputs alike. So one of them has its inputs, and its floors' distance,
+changed by as much as that: what is magnified until it tells shows in their difference.
 """
 
 from __future__ import annotations
@@ -75,14 +68,13 @@ def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarra
     return np.where(rounds, ROUNDS, kernel.numerics.scheme.leeway if ordered else 1.0)
 
 
-def apart(kernel: RowKernel, table: Scenarios, found: Values) -> Scenarios:
-    """Return scenarios as the run has them by which what was `found` is judged."""
+def apart(kernel: RowKernel, table: Scenarios, result: Values) -> Scenarios:
+    """Return scenarios as the run has them by which a `result` is judged."""
     if kernel.numerics.precision != "float32":
         return table
     far = np.zeros(len(table))
-    for name in ("displacement_max", "displacement_min"):
-        if name in found:
-            far = np.fmax(far, np.fmax.reduce(np.abs(found[name]).reshape(len(table), -1), axis=1, initial=0.0))
+    for name in {"displacement_max", "displacement_min"} & result.keys():
+        far = np.fmax(far, np.fmax.reduce(np.abs(result[name]).reshape(len(table), -1), axis=1, initial=0.0))
     moved = changed(table, APART)
     return replace(moved, gaps=moved.gaps + APART * np.where(np.isfinite(far), far, 0.0)[:, None])
 
@@ -93,72 +85,57 @@ def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Vari
     Returns variables of shape (n, *inner), and where the kernel has a history the `STATES` of the one scenario.
     """
     if kernel.numerics.scheme.flies_exactly and kernel.varied:
-        flight_substeps = kernel.flight_substeps(record, variants)
-        if len(kinds := np.unique(flight_substeps)) > 1:
-            parts = [np.flatnonzero(flight_substeps == kind) for kind in kinds]
-            found = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
+        kinds = kernel.flight_substeps(record, variants)
+        parts = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+        if len(parts) > 1:
+            results = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
             order = np.argsort(np.concatenate(parts), kind="stable")
-            return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
+            return {name: np.concatenate([part[name] for part in results])[order] for name in results[0]}
     states = None
     if kernel.history:
         instants = (record.n_points - 1) * kernel.numerics.steps(record) + 1
         states = np.zeros((instants, max(1, history_slots(kernel.shape).size)))
-    raw = kernel.run(
-        record,
-        scale=table.scale,
-        gaps=table.gaps,
-        stiffness=table.stiffness,
-        restitution=table.restitution,
-        variants=variants,
-        history=states,
-    )
+    lanes = {name: getattr(table, name) for name in ("scale", "gaps", "stiffness", "restitution")}
+    raw = kernel.run(record, **lanes, variants=variants, history=states)
     result = variables_of(kernel, raw, outputs, record, variants)
     return result if states is None else {**result, STATES: states[None]}
 
 
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
     """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values."""
-    # That of what varies smoothly is divided by `leeway`.
-    found = relative_errors(outputs, coarse, fine)
-    found = {name: each / leeway if get_variable(name).dtype == "f8" else each for name, each in found.items()}
-    worst = np.max(list(found.values()), axis=0, initial=0.0) if found else np.zeros(len(fine["status"]))
+    worst = np.zeros(len(fine["status"]))
+    for name, error in relative_errors(outputs, coarse, fine).items():  # of what varies smoothly a part by `leeway`
+        worst = np.maximum(worst, error / leeway if get_variable(name).dtype == "f8" else error)
     lost = (coarse["status"] == Status.DIVERGED) | (fine["status"] == Status.DIVERGED)
     return np.where(lost, np.inf, worst)
 
 
-def amplification(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str], found: Values
-) -> np.ndarray:
-    """How much more an output of what was `found` changes, relatively, than all inputs together, shape (n,)."""
-    moved = run_once(kernel, record, changed(table), variants, outputs)
-    return differences(comparable(outputs), moved, found) / CHANGE
+def _run(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
+    """Run scenarios once, and where it is asked for again with all inputs changed: how much more an output does."""
+    result = run_once(kernel, record, table, variants, outputs)
+    if "amplification" in outputs:
+        moved = run_once(kernel, record, changed(table), variants, outputs)
+        result["amplification"] = differences(comparable(outputs), moved, result) / CHANGE
+    return result
 
 
-def run_refined(
-    kernel: RowKernel,
-    record: Record,
-    table: Scenarios,
-    variants: Variants,
-    outputs: Sequence[str],
-    accuracy: float,
+def _run_refined(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str], accuracy: float
 ) -> Values:
     """Run scenarios until half the step changes no output by more than `accuracy`."""
-    judged = comparable(outputs)
-    rows = np.arange(len(table))
-    result: Values = {}
-    estimate, halvings = np.full(len(table), np.inf), 0
+    rows, result, halvings = np.arange(len(table)), Values(), 0
+    estimate = np.full(len(table), np.inf)
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
         begun, kernel, halvings = kernel, halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = kernel.in_double
-        mine, own = (table, variants) if halvings == 1 else (table[rows], variants[rows])
-        fine = run_once(kernel, record, mine, own, outputs)
+        some = (table, variants) if halvings == 1 else (table[rows], variants[rows])
+        fine = _run(kernel, record, *some, outputs)
         if halvings == 1:
             coarse = run_once(begun, record, apart(begun, table, fine), variants, outputs)
-        if "amplification" in outputs:
-            fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
-        allowed = accuracy / strictness(fine)
-        estimate[rows] = differences(judged, coarse, fine, leeway(kernel, accuracy, allowed))
+        impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
+        allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
+        estimate[rows] = differences(comparable(outputs), coarse, fine, leeway(kernel, accuracy, allowed))
         rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
         if len(rows) == len(table):
             result = fine
@@ -169,16 +146,7 @@ def run_refined(
     if not halvings:  # half the step is more of them than can be run
         result = run_once(kernel, record, table, variants, outputs)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
-    result["error_estimate"] = estimate
-    return result
-
-
-def strictness(found: Values) -> np.ndarray:
-    """By how much scenarios whose impacts are counted are held to less than what was asked, shape (n,)."""
-    if "impact_count" not in found:
-        return np.ones(len(found["status"]))
-    most = found["impact_count"].reshape(len(found["status"]), -1).max(axis=1, initial=0)
-    return np.maximum(1.0, most / GRAZES)
+    return {**result, "error_estimate": estimate}
 
 
 def run_scenarios(
@@ -186,14 +154,10 @@ def run_scenarios(
 ) -> Values:
     """Run scenarios to the kernel's accuracy, or at its step, and what else their outputs ask for; see `run_once`."""
     if kernel.accuracy is not None:
-        return run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
-    result = run_once(kernel, record, table, variants, outputs)
-    if "amplification" in outputs:
-        result["amplification"] = amplification(kernel, record, table, variants, outputs, result)
-    if "error_estimate" not in outputs:
-        return result
-    fine = run_once(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
-    estimate = differences(comparable(outputs), result, fine)
-    result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
-    result["error_estimate"] = estimate
+        return _run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
+    result = _run(kernel, record, table, variants, outputs)
+    if "error_estimate" in outputs:
+        fine = run_once(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
+        result["error_estimate"] = estimate = differences(comparable(outputs), result, fine)
+        result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     return result
