@@ -38,6 +38,10 @@ LONGEST = (
     *("test_distributed", "test_faults", "test_properties", "test_limits", "test_kernels"),
     *("test_yielding", "test_kernel_forms", "test_tradeoff", "test_stub_engine", "test_spectra"),  # at the end by name
 )
+#: Modules whose tests compile kernels of their own, each in a fraction of a second.
+SMALL = ("test_cache", "test_kernel_forms")
+#: The test that runs, where it is one of the default run.
+NOW: list[str] = []
 
 
 def pytest_configure(config):
@@ -57,12 +61,6 @@ def pytest_configure(config):
         compile.get_kernel = get_kernel
 
 
-#: Modules whose tests compile kernels of their own, each in a fraction of a second.
-SMALL = ("test_cache", "test_kernel_forms")
-#: The test that runs, where it is one of the default run.
-NOW: list[str] = []
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     """Tell `get_kernel` what runs."""
@@ -79,8 +77,7 @@ def pytest_collection_modifyitems(items):
     turns = {name: turn for turn, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turns.get(item.path.stem, len(LONGEST)))
     for item in items:
-        given = getattr(item, "callspec", None)
-        if given and "pair_kernels" in item.fixturenames and _is_slow(given.params):
+        if "pair_kernels" in item.fixturenames and hasattr(item, "callspec") and _is_slow(item.callspec.params):
             item.add_marker(pytest.mark.slow)
 
 
@@ -100,9 +97,9 @@ def _is_slow(parameters):
 
 def pytest_sessionstart(session):
     """Compile the kernels of the default run before it, by two processes; not for a part of the tests."""
-    given = session.config.option
-    whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
-    if whole and getattr(given, "numprocesses", None):
+    option = session.config.option
+    whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in option.markexpr
+    if whole and getattr(option, "numprocesses", None):
         compile.prepare([kernel for kernel in kernels() if not compile.is_cached(kernel.pieces)], workers=2)
 
 

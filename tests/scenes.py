@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,10 +40,7 @@ def row(gaps=(0.01, 0.02)):
 def pair(gap=0.006):
     """Two buildings of two storeys with periods 0.27 and 0.22 s."""
     return Scene(
-        [
-            Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
-            Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
-        ],
+        [Building("a", [120.0, 90.0], [1.5e5, 1.2e5]), Building("b", [80.0, 110.0], [2.4e5, 2.0e5])],
         gaps=[gap],
         contact=ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
     )
@@ -89,8 +86,7 @@ def scene_of_case(scene, case):
     return variants.scene_of(index[0])
 
 
-@dataclass
-class CubeAxis:
+class CubeAxis(NamedTuple):
     """One dimension of a cube that is made by hand."""
 
     name: str

@@ -81,9 +81,6 @@ def converged():
     return exact, known
 
 
-# -- the promise -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("asked", "least"),
@@ -244,9 +241,6 @@ def test_simulate_allows_for_the_speed_at_the_start():
     assert steps[1] > 2 * steps[0]  # 1000 ** 0.2 = 4 times as short a contact
 
 
-# -- what is refused ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -309,9 +303,6 @@ def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
         advised(monkeypatch, measured(rk4_gonthier=poor), **settings, accuracy=1e-2, laws=[law])
 
 
-# -- what was measured -------------------------------------------------------------------------------------------------
-
-
 def test_every_law_was_measured():
     known = load_measured()
     for law in LAWS.values():
@@ -337,9 +328,6 @@ def test_every_output_has_a_class():
     assert "closing_max" in CLASSES["motions"]
     assert classes_of(["impact_force_max", "drift_max", "status"]) == ("motions", "contacts")
     assert classes_of(["status"]) == ("motions",)
-
-
-# -- the pieces --------------------------------------------------------------------------------------------------------
 
 
 def test_a_lucky_coarse_step_is_not_used():

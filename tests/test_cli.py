@@ -143,9 +143,6 @@ def tiny(tmp_path_factory, stub_module):
     return folder, cli("run", "sweep.toml", "-o", "out.nc", cwd=folder)
 
 
-# -- without a sweep ---------------------------------------------------------------------------------------------------
-
-
 def test_every_command_has_help():
     text = cli("--help").stdout
     assert "--install-completion" not in text
@@ -248,9 +245,6 @@ def test_names_on_a_terminal_of_ascii(monkeypatch):
     assert stdout.buffer.getvalue() == b"Geb\\xe4ude\n"
 
 
-# -- planning ----------------------------------------------------------------------------------------------------------
-
-
 def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     cache = tmp_path / "kernels"
     done = cli("plan", QUICKSTART, env={"POUNDING_SWEEP_CACHE": str(cache)}, cwd=tmp_path)
@@ -290,9 +284,6 @@ def test_plan_says_what_an_accuracy_takes(tmp_path):
 def test_plan_says_what_is_refused(tmp_path):
     text = cli("plan", write(tmp_path, edited("[solver]", "stiffness_factors = [1.0, 1e5]\n[solver]"))).stdout
     assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", text, re.MULTILINE)
-
-
-# -- running -----------------------------------------------------------------------------------------------------------
 
 
 def test_run_prints_a_summary_and_the_path(tiny):
@@ -411,9 +402,6 @@ def test_an_unforeseen_error_exits_with_1(tiny, tmp_path, monkeypatch):
     assert done.stdout == ""
 
 
-# -- bad input ---------------------------------------------------------------------------------------------------------
-
-
 def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
     """What they say of each fault is in golden/bad_sweeps.txt."""
     write(tmp_path, BAD)
@@ -472,9 +460,6 @@ def test_wrong_usage(args):
     assert "Usage: pounding-sweep" in done.stdout + done.stderr
 
 
-# -- the summary -------------------------------------------------------------------------------------------------------
-
-
 def cube():
     """Two laws, three gaps, two pairs, two storeys; the second storey of the second pair meets nothing."""
     force = np.zeros((2, 3, 2, 2))
@@ -526,8 +511,6 @@ def test_summary_of_what_is_not_there(summary):
     row = summary(nothing)[0]
     assert [row[name] for name in ("scenarios", "peak_force", "impacts_max")] == [0, None, None]
 
-
-# -- the README --------------------------------------------------------------------------------------------------------
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

@@ -44,24 +44,22 @@ def pages(tmp_path_factory):
     return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
-def test_every_public_name_is_documented(pages):
+def test_every_name_is_documented(pages):
     text = (DOCS / "api.rst").read_text(encoding="utf-8") + pages["analysis_api.txt"] + pages["figures_api.txt"]
     for name in (*ps.__all__, *(n for n in dir(analysis) if not n.isupper())):
         if not name.startswith("__"):
             assert re.search(rf"[.:\s,]{name}\b", text), name
     for kind in FIGURES.values():
         assert f"{kind.draw.__module__}.{kind.draw.__name__}" in text
-
-
-def test_registries_are_listed(pages):
-    for law in LAWS:
-        assert f"## `{law}`" in pages["laws.md"]
-    for variable in VARIABLES:
-        assert f"| `{variable}`" in pages["variables.md"]
-    for preset, found in PRESETS.items():
+    assert all(f"## `{law}`" in pages["laws.md"] for law in LAWS)
+    assert all(f"| `{variable}`" in pages["variables.md"] for variable in VARIABLES)
+    for preset, content in PRESETS.items():
         assert f"**`{preset}`**" in pages["presets.txt"]
-        for building in found.scene.buildings:
+        for building in content.scene.buildings:
             assert f"{building.periods[0]:.4f}" in pages["presets.txt"]
+    for name in ("run", "plot", "simulate", "animate", "laws", "records", "records plot"):
+        assert f"## {name}\n" in pages["commands.md"]
+        assert f"Usage: pounding-sweep {name} [OPTIONS]" in pages["commands.md"]
 
 
 def test_every_key_of_a_sweep_file_is_explained(pages):
@@ -86,12 +84,6 @@ def test_a_key_that_nothing_explains_is_an_error(monkeypatch):
     monkeypatch.setitem(sweep_keys._TABLES, "[solver]", (sweep_keys._arguments("solver"), None))
     with pytest.raises(KeyError, match="nothing explains 'method'"):
         sweep_keys.key_tables()
-
-
-def test_every_command_has_its_help(pages):
-    for name in ("run", "plot", "simulate", "animate", "laws", "records", "records plot"):
-        assert f"## {name}\n" in pages["commands.md"]
-        assert f"Usage: pounding-sweep {name} [OPTIONS]" in pages["commands.md"]
 
 
 def test_the_gallery_has_every_figure(pages):
@@ -121,9 +113,6 @@ def test_links_between_pages_lead_somewhere(pages):
             assert any(target + suffix in known for suffix in ("", ".md", ".rst")), (name, link)
 
 
-# -- pages that are run ------------------------------------------------------------------------------------------------
-
-
 def write(folder, name, text):
     path = folder / name
     path.write_text(text, encoding="utf-8")
@@ -133,22 +122,15 @@ def write(folder, name, text):
 def test_blocks_run_in_order_in_one_folder(tmp_path):
     from notebook import run_pages
 
-    first = write(
-        tmp_path,
-        "one.md",
-        "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n\n"
-        "```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n\n```console\nexit 1\n```\n\nEnd\n",
-    )
-    second = write(tmp_path, "two.md", "```sh\nls made.png\n```\n")
+    one = "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n"
+    two = "\n```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n"
+    end = "\n```console\nexit 1\n```\n\nEnd\n"
+    pages = [write(tmp_path, "one.md", one + two + end), write(tmp_path, "two.md", "```sh\nls made.png\n```\n")]
     out = tmp_path / "out"
     out.mkdir()
-    run_pages([first, second], out)
-    assert (out / "one.md").read_text() == (
-        "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n\n"
-        "```text\n4\n```\n\n"
-        "```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n\n"
-        "```text\n# name.toml\ntitle = 'a'\n```\n\n```console\nexit 1\n```\n\nEnd\n"
-    )
+    run_pages(pages, out)
+    printed = "\n```text\n4\n```\n", "\n```text\n# name.toml\ntitle = 'a'\n```\n"
+    assert (out / "one.md").read_text() == one + printed[0] + two + printed[1] + end
     assert "```text\nmade.png\n```" in (out / "two.md").read_text()
     assert (out / "made.png").exists()
 
@@ -242,15 +224,11 @@ def test_formulas_are_typeset():
         assert typeset(law.formula).startswith("$") or law.yields, law.key
 
 
-def test_a_bar_does_not_break_a_table(pages):
-    assert r"\|u_i - u_(i-1)\|" in pages["variables.md"]
+def test_tables_are_whole(pages):
+    assert r"\|u_i - u_(i-1)\|" in pages["variables.md"]  # a bar does not break them
     for name, text in pages.items():
         for table in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
             columns = {len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}
             assert len(columns) == 1, (name, table.splitlines()[0])
-
-
-def test_laws_outside_the_paper_are_not_said_to_be_of_it(pages):
-    page = pages["laws.md"]
-    assert "model - of" not in page
-    assert page.count("of Mate, Bakre & Jaiswal 2015)") == 8
+    assert "model - of" not in pages["laws.md"]  # laws outside the paper are not said to be of it
+    assert pages["laws.md"].count("of Mate, Bakre & Jaiswal 2015)") == 8

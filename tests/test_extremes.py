@@ -72,9 +72,6 @@ def reference_of(batch, shortest=1e-2, wanted=True):
     return make_reference(batch, np.full(len(batch), wanted), np.broadcast_to(shortest, len(batch)))
 
 
-# --- the suite ----------------------------------------------------------------------------------------------------
-
-
 def violations(report):
     return [violation for result in report["results"] for violation in result["violations"]]
 
@@ -197,9 +194,6 @@ def test_laws_share_the_slow_kernels_of_their_exponent():
 def test_wrong_arguments_are_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
-
-
-# --- the judge can fail -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -338,9 +332,6 @@ def test_the_displacement_limit_is_reached_by_a_swing():
     assert float(got.displacement_max[0, 0]) == pytest.approx(limit[0, 0], rel=1e-8)
 
 
-# --- stability ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
 def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
     scene = replace(pair(), contact=ps.ContactProperties(1e9, 1e9, 0.6))
@@ -398,9 +389,6 @@ def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
         outer = np.abs(found["displacement_max"][fine, 0]).max()
         assert np.abs(found["displacement_max"][fine, 1]).max() < 1e-6 * outer
     assert ok.sum() >= 4
-
-
-# --- the rules of the status --------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -514,9 +502,6 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
     assert variables_of(kernel, raw, OUTPUTS, batch.record)["status"].tolist() == [Status.OK, Status.DIVERGED]
 
 
-# --- one batch, all the way -----------------------------------------------------------------------------------------
-
-
 def test_a_batch_is_judged_at_each_of_its_steps():
     batch = make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
     verdicts = run_judged(batch)
@@ -526,9 +511,6 @@ def test_a_batch_is_judged_at_each_of_its_steps():
         better = (np.nan_to_num(coarse.error, nan=1.0) > finest.error).all()
         # of a force that is a polynomial, the error of `exact` is one of rounding at any step
         assert better or (coarse.method[0] == "exact" and (finest.error < 1e-5).all())
-
-
-# --- the map ------------------------------------------------------------------------------------------------------
 
 
 def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
@@ -547,9 +529,6 @@ def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
         xr.testing.assert_allclose(read, made)
         assert plot(read, "stability-map", tmp_path / "map.png").exists()
     assert len(not_rendered) == 1
-
-
-# --- the command --------------------------------------------------------------------------------------------------
 
 
 def call(*arguments):

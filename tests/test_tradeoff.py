@@ -92,9 +92,6 @@ def chosen(trade, **labels):
     return trade.sel({"population": "all", "statistic": "worst", **labels})
 
 
-# -- Errors ----------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def oracle(trade):
     """Peak contact force and displacement of every scenario of the sample, by the independent integrator."""
@@ -173,9 +170,6 @@ def test_every_output_has_an_error():
     assert found.output.values.tolist() == [name for name in VARIABLES if name in EVERY]
     finest = chosen(found).squeeze().isel(step=-1)
     assert finest.error.sel(output="impact_count").item() == 0.0
-
-
-# -- Marks ----------------------------------------------------------------
 
 
 def test_a_refused_configuration_is_marked(trade):
@@ -287,9 +281,6 @@ def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
     assert (trade.cost_median >= trade.cost).where(trade.cost.notnull(), True).all()
 
 
-# -- The sample ----------------------------------------------------------------
-
-
 def test_only_touching_scenarios_are_drawn_and_always_the_same(sweep):
     plan = sweep.plan()
     sample = draw(plan, 6, seed=3)
@@ -313,8 +304,6 @@ def test_lane_groups_are_whole_in_large_sweeps():
         assert np.diff(np.sort(plan.unique.gaps[rows, 0])).max() < 1.5 * 0.004 / 39
     assert {plan.unique.law[rows[0]] for rows in groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
 
-
-# -- Statistics and the front ----------------------------------------------------------------
 
 NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
 
@@ -344,9 +333,6 @@ def test_statistics_are_errors_of_scenarios(errors):
     assert sum(e <= p90 for e in errors) >= 0.9 * len(errors)
     assert {median, p90, worst} <= set(errors)
     assert statistics(table[:1]).isnull().all()
-
-
-# -- File, table, figure, command ----------------------------------------------------------------
 
 
 def test_the_file_holds_everything(trade, sweep, tmp_path):
