@@ -127,12 +127,11 @@ def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | Non
 
 
 def _check(cls: Any, given: Any, read: Callable[[Any], Any]) -> Any:
-    """Validate a table, or the arguments of a class, whose `of_table` may read keys that only files have."""
+    """Validate a table, or the arguments of a class; `FILE_KEYS` are keys that a file's reader replaces."""
     keys = {name: each.description for name, each in cls.__pydantic_fields__.items() if each.init is not False}
     with Faults() as faults:
         if isinstance(given, dict):
             keys |= dict.fromkeys(getattr(cls, "FILE_KEYS", ()))
-            given = cls.of_table(dict(given), faults) if hasattr(cls, "of_table") else given
         elif not isinstance(given, (cls, ArgsKwargs)):
             name = cls.__name__.removesuffix("Table")
             raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(given)}")

@@ -6,16 +6,16 @@ Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import Fault, InputError, SceneError, shown, unknown
+from pounding_sweep.base.errors import InputError, Place, SceneError, shown, unknown
 from pounding_sweep.base.text import html_table, label_fault
 from pounding_sweep.model.faults import (
     Faults,
@@ -26,13 +26,12 @@ from pounding_sweep.model.faults import (
     Number,
     Positive,
     Whole,
-    called,
     checked,
     one_of,
     one_or_several,
     optional,
 )
-from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, hertz_stiffness, names_file, rubber_bumper
+from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, names_file, rubber_bumper
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -171,20 +170,10 @@ class Foundation:
         factors = {each.name: mass / period ** powers.get(each.name.split("_")[-1], 0) for each in fields(self)}
         return Foundation(**{name: factor * getattr(self, name) for name, factor in factors.items()})
 
-    @property
-    def masses(self) -> tuple[float, float]:
-        """Of sway and of rocking."""
-        return self.mass, self.inertia
-
-    @property
-    def stiffnesses(self) -> tuple[float, float]:
-        """Of sway and of rocking."""
-        return self.sway_stiffness, self.rocking_stiffness
-
-    @property
-    def dashpots(self) -> tuple[float, float]:
-        """Of sway and of rocking."""
-        return self.sway_damping, self.rocking_damping
+    #: Of sway and of rocking.
+    masses = property(lambda self: np.array([self.mass, self.inertia]))
+    stiffnesses = property(lambda self: np.array([self.sway_stiffness, self.rocking_stiffness]))
+    dashpots = property(lambda self: np.array([self.sway_damping, self.rocking_damping]))
 
 
 @checked
@@ -262,51 +251,48 @@ class Building:
         if self.storey_heights is None:
             object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
         with Faults() as faults:
-            faults.entries += [*self._faults_of_parts()] or self._faults()
+            self._check_parts(faults.add)
+            if not faults.entries:
+                self._check_whole(faults.add)
 
-    def _faults_of_parts(self) -> Iterator[Fault]:
+    def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
         n = self.n_storeys
         for name in _LISTS:
             if isinstance(values := getattr(self, name), tuple) and len(values) != n:
-                yield (name,), f"{len(values)} values for {n} masses; give one per storey"
+                fault((name,), f"{len(values)} values for {n} masses; give one per storey")
         if self.yield_strengths is None:
             for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
                 if getattr(self, name) != default:
-                    yield (name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out"
+                    fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
         if self.damping_stiffness == "tangent" and self.bouc_wen:
-            remedy = 'give damping_stiffness = "initial"'
-            yield ("bouc_wen",), f"bouc_wen has no tangent stiffness that is one number while a storey yields; {remedy}"
+            why = "bouc_wen has no tangent stiffness that is one number while a storey yields"
+            fault(("bouc_wen",), f'{why}; give damping_stiffness = "initial"')
         if self.damping_stiffness == "tangent" and self.p_delta:
-            yield (
+            fault(
                 ("p_delta",),
                 "with p_delta the tangent stiffness of a storey that yields may be negative, and damping that follows "
                 'it would put energy in; give damping_stiffness = "initial", or leave out p_delta',
             )
         if self.p_delta and self.foundation:
-            yield (
-                ("foundation",),
-                "p_delta and a foundation do not go together, as weights would act on its rocking too; leave one of "
-                "them out",
-            )
+            why = "p_delta and a foundation do not go together, as weights would act on its rocking too"
+            fault(("foundation",), f"{why}; leave one of them out")
 
-    def _faults(self) -> Iterator[Fault]:
+    def _check_whole(self, fault: Callable[[Place, str], None]) -> None:
         """Tell what only the building shows, its parts being valid."""
-        assert self.storey_heights is not None
-        for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights, strict=False)):
+        for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights or (), strict=False)):
             if depth >= height:
-                yield ("slab_depths", i), f"is {depth:g} m; it must be less than the storey's height of {height:g} m"
-        pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
-        for storey, (theta, least) in enumerate(pairs, start=1):
+                fault(("slab_depths", i), f"is {depth:g} m; it must be less than the storey's height of {height:g} m")
+        for storey, theta in enumerate(self.stability_coefficients):
             if not theta < 1.0:
-                yield (
+                fault(
                     ("p_delta",),
-                    f"storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under the "
+                    f"storey {storey + 1} of stiffness {self.stiffnesses[storey]:g} kN/m does not stand under the "
                     f"weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; give "
-                    f"it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta",
+                    f"it a stiffness above P / h = {self.geometric_stiffnesses[storey]:.4g} kN/m, or leave out p_delta",
                 )
         if not min(self.rayleigh) >= 0.0:
-            yield (
+            fault(
                 ("damping_ratio",),
                 f"{shown(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
                 "which would feed energy in; bring the ratios of the first two modes closer together",
@@ -320,8 +306,7 @@ class Building:
     @property
     def yields(self) -> tuple[bool, ...]:
         """Whether each storey may yield."""
-        given = self.yield_strengths
-        return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
+        return tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * self.n_storeys))
 
     @property
     def hardenings(self) -> tuple[float, ...]:
@@ -336,40 +321,28 @@ class Building:
     @cached_property
     def geometric_stiffnesses(self) -> tuple[float, ...]:
         """What the weights above take of each storey's lateral stiffness (kN/m), P / h; zeros without `p_delta`."""
-        if not self.p_delta:
-            return (0.0,) * self.n_storeys
-        assert self.storey_heights is not None
-        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY))[::-1]
-        return tuple(map(float, weights / self.storey_heights))
+        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
+        return tuple((weights / self.storey_heights).tolist())
 
     @cached_property
     def lateral_stiffnesses(self) -> tuple[float, ...]:
         """Storey stiffnesses less what the weights above take of them (kN/m)."""
-        pairs = zip(self.stiffnesses, self.geometric_stiffnesses, strict=True)
-        return tuple(stiffness - taken for stiffness, taken in pairs)
+        return tuple(np.subtract(self.stiffnesses, self.geometric_stiffnesses).tolist())
 
     @property
     def stability_coefficients(self) -> tuple[float, ...]:
         """P / (k h) of each storey; zeros without `p_delta`."""
-        return tuple(p / k for p, k in zip(self.geometric_stiffnesses, self.stiffnesses, strict=True))
+        return tuple(np.divide(self.geometric_stiffnesses, self.stiffnesses).tolist())
 
     @property
     def dashed(self) -> tuple[bool, ...]:
         """Whether each storey has a dashpot."""
-        return (False,) * self.n_storeys if self.dashpots is None else tuple(c > 0.0 for c in self.dashpots)
+        return tuple(c > 0.0 for c in self.dashpots or (0.0,) * self.n_storeys)
 
     @cached_property
     def elevations(self) -> np.ndarray:
         """Floor elevations above the common base (m), shape (n_storeys,)."""
-        assert self.storey_heights is not None
-        return np.cumsum(self.storey_heights)
-
-    @cached_property
-    def stiffness_matrix(self) -> np.ndarray:
-        """K (kN/m), of the lateral stiffnesses, shape (n_storeys, n_storeys)."""
-        k = np.asarray(self.lateral_stiffnesses, dtype=float)
-        above = np.append(k[1:], 0.0)
-        return np.diag(k + above) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+        return np.cumsum(self.storey_heights or ())
 
     @property
     def inertias(self) -> np.ndarray:
@@ -377,30 +350,32 @@ class Building:
         return np.array([*self.masses, *(self.foundation.masses if self.foundation else ())], dtype=float)
 
     @cached_property
-    def drifts(self) -> np.ndarray:
-        """Storey drifts by displacements of floors, of the base and its rotation, shape (n_storeys, n)."""
-        found = np.eye(self.n_storeys) - np.eye(self.n_storeys, k=-1)
+    def deformations(self) -> np.ndarray:
+        """Displacements of floors relative to the base, by those of floors, of the base and its rotation."""
+        floors = np.eye(self.n_storeys)  # shape (n_storeys, n)
         if self.foundation is None:
-            return found
-        return np.column_stack([found, -np.eye(self.n_storeys)[0], -np.diff(self.elevations, prepend=0.0)])
+            return floors
+        return np.column_stack([floors, -np.ones(self.n_storeys), -self.elevations])
 
     @cached_property
-    def deformations(self) -> np.ndarray:
-        """Displacements of floors relative to the base, of the same, shape (n_storeys, n)."""
-        found = np.eye(self.n_storeys)
-        if self.foundation is None:
-            return found
-        return np.column_stack([found, -np.ones(self.n_storeys), -self.elevations])
+    def drifts(self) -> np.ndarray:
+        """Storey drifts by the same, shape (n_storeys, n)."""
+        return np.diff(self.deformations, axis=0, prepend=0.0)
+
+    @cached_property
+    def stiffness_matrix(self) -> np.ndarray:
+        """K (kN/m), of the lateral stiffnesses, with a foundation by the base's displacement and rotation too."""
+        stiff = (self.drifts.T * self.lateral_stiffnesses) @ self.drifts
+        if self.foundation is not None:
+            stiff[[-2, -1], [-2, -1]] += self.foundation.stiffnesses
+        return stiff
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""
         # with a foundation two more, of both together: shapes end with the base's displacement and rotation (rad/m)
-        root, stiff = 1.0 / np.sqrt(self.inertias), self.stiffness_matrix
-        if self.foundation is not None:
-            stiff = (self.drifts.T * self.lateral_stiffnesses) @ self.drifts
-            stiff += np.diag([0.0] * self.n_storeys + [*self.foundation.stiffnesses])
-        values, vectors = np.linalg.eigh(stiff * np.outer(root, root))
+        root = 1.0 / np.sqrt(self.inertias)
+        values, vectors = np.linalg.eigh(self.stiffness_matrix * np.outer(root, root))
         return np.sqrt(np.maximum(values, 0.0)), vectors * root[:, None]
 
     @property
@@ -492,6 +467,11 @@ def column_shares(xi: float) -> tuple[float, float]:
     return 1.0 - upper, upper
 
 
+def effective_mass(ends: Iterable[tuple[int, float]], masses: Any) -> Any:
+    """Return the effective mass (t) of floors that meet, of their shares in the penetration and the masses of all."""
+    return reduce(lambda a, b: a * b / (a + b), (masses[floor] / share**2 for floor, share in ends if share))
+
+
 def column_softness(xi: float) -> float:
     """Deflection of a struck column (fixed at both ends, its floors held) times its 12 E I / L^3, for a unit force."""
     return 4.0 * (xi * (1.0 - xi)) ** 3
@@ -505,12 +485,7 @@ class Wall:
     """
 
     name: Label = "wall"
-    FILE_KEYS: ClassVar = ("wall",)
-
-    @classmethod
-    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
-        """Return the arguments of a table, which has ``wall = true``."""
-        return {key: value for key, value in table.items() if key != "wall"}
+    wall: Flag = field(default=True, kw_only=True, repr=False)  # what tells its table from that of a building
 
 
 @checked
@@ -530,16 +505,7 @@ class ContactProperties:
     linear_stiffness: Positive | None = None
     hertz_stiffness: Positive | None = None
     restitution: Annotated[Number, Field(ge=0.0, le=1.0)] | None = None
-    FILE_KEYS: ClassVar = ("hertz",)
-
-    @classmethod
-    def of_table(cls, table: dict[str, Any], faults: Faults) -> dict[str, Any]:
-        """Return the arguments of a table, which may have what a Hertz stiffness follows from."""
-        if (hertz := table.pop("hertz", None)) is not None:
-            if "hertz_stiffness" in table:
-                faults.add(("hertz",), "hertz and hertz_stiffness exclude each other; give one of them")
-            table["hertz_stiffness"] = faults.attempt(("hertz",), called, hertz_stiffness, hertz)
-        return table
+    FILE_KEYS: ClassVar = ("hertz",)  # a sweep file's reader replaces it
 
     def reference(self, exponent: float) -> float | None:
         """Return the reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
@@ -690,15 +656,11 @@ class Bumper:
 
     def damping_coefficient(self, mass: np.ndarray, basis: str) -> np.ndarray:
         """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
-        return self.law.damping_coefficient(self._e, self.stiffness, mass, basis)
+        return self.law.damping_coefficient(self.restitution, self.stiffness, mass, basis)
 
     def quickening(self, basis: str) -> float:
         """See `Law.quickening`."""
-        return float(self.law.quickening(self._e, basis))
-
-    @property
-    def _e(self) -> float:
-        return 1.0 if self.restitution is None else self.restitution
+        return float(self.law.quickening(self.restitution, basis))
 
 
 #: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.
@@ -735,7 +697,7 @@ class Contact:
     storey: int
     left: int
     right: int
-    mass: float
+    mass: float = math.nan
     place: int = 0
     struck: int = -1
     xi: float = 1.0
@@ -918,35 +880,35 @@ class Scene:
                 raise SceneError(unknown("pair", name, names), ("storeys",))
         labels: list[tuple[str, int]] = []
         contacts: list[Contact] = []
+        masses = [mass for building in self.buildings for mass in building.masses]
         for pair, name in enumerate(names):
             groups = self._meeting(pair, asked == CONTACTS[1])
-            there = {contact.storey for _, group in groups for contact in group}
+            meeting = {contact.storey for _, group in groups for contact in group}
             for storey in limits.get(name, ()):
-                if storey not in there:
+                if storey not in meeting:
                     text = f"storey {storey} of pair {name!r} meets nothing; those that do: "
-                    raise SceneError(text + (", ".join(map(str, sorted(there))) or "none"), ("storeys",))
-            if not there and not self.allow_unmet:
-                both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
-                where = ", ".join(
-                    f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both
-                )
+                    raise SceneError(text + (", ".join(map(str, sorted(meeting))) or "none"), ("storeys",))
+            if not meeting and not self.allow_unmet:
+                pairs = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
+                where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in pairs)
                 raise SceneError(
-                    f"pair {name!r} has no floors that meet: {where}; give slab_depths by which they do, "
+                    f"pair {name!r} has no floors that meet: {', '.join(where)}; give slab_depths by which they do, "
                     'contacts = "floors and columns", or allow_unmet = true where they are meant to miss each other'
                 )
             for label, group in groups:
-                kept = [contact for contact in group if contact.storey in limits.get(name, there)]
-                if kept or label == name:
-                    contacts += [replace(contact, place=len(labels)) for contact in kept]
-                    labels.append((label, pair))
-        struck = {(c.left, c.right)[c.struck]: c.pair for c in contacts if c.struck >= 0}
-        for floor, pair in struck.items():
-            building = next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
-            if self.yields[floor] or building.foundation or building.p_delta:
+                remaining = [contact for contact in group if contact.storey in limits.get(name, meeting)]
+                for contact in remaining:
+                    mass = float(effective_mass(contact.ends, masses))
+                    contacts.append(replace(contact, place=len(labels), mass=mass))
+                labels += [(label, pair)] if remaining or label == name else []
+        stories = [(building, storey) for building in self.buildings for storey in range(building.n_storeys)]
+        for contact in contacts:
+            building, storey = stories[(contact.left, contact.right)[contact.struck]]
+            if contact.struck >= 0 and (building.yields[storey] or building.foundation or building.p_delta):
                 raise SceneError(
-                    f"floors of pair {names[pair]!r} strike columns whose shape is not known: of a storey that may "
-                    "yield, or of a building on a foundation or with p_delta; give that storey the strength inf, leave "
-                    'out the foundation or p_delta, or give contacts = "floors"'
+                    f"floors of pair {names[contact.pair]!r} strike columns whose shape is not known: of a storey that "
+                    "may yield, or of a building on a foundation or with p_delta; give that storey the strength inf, "
+                    'leave out the foundation or p_delta, or give contacts = "floors"'
                 )
         object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
         object.__setattr__(self, "pair_labels", tuple(label for label, _ in labels))
@@ -994,18 +956,21 @@ class Scene:
         return tuple(b for b, building in enumerate(self.buildings) if building.foundation is not None)
 
     @cached_property
+    def _starts(self) -> tuple[int, ...]:
+        """First degree of freedom of each of the row; of a wall, of its right neighbour."""
+        counts = [item.n_storeys if isinstance(item, Building) else 0 for item in self.row]
+        return tuple(int(i) for i in np.cumsum([0, *counts[:-1]]))
+
+    @cached_property
     def linked_floors(self) -> tuple[LinkedFloors, ...]:
         """All links, each between two floors."""
-        first, found = 1 if isinstance(self.row[0], Wall) else 0, []
+        links = []
         for link in self.links:
-            pair = self.pair_names.index(link.pair)
-            left, right = self.offsets[pair - first : pair - first + 2]
-            place = self.pair_labels.index(link.pair)
-            found += [
-                LinkedFloors(pair, s, left + s - 1, right + t - 1, link.stiffness, link.damping, place)
-                for s, t in link.floors
-            ]
-        return tuple(found)
+            pair, place = self.pair_names.index(link.pair), self.pair_labels.index(link.pair)
+            for s, t in link.floors:
+                ends = self._starts[pair] + s - 1, self._starts[pair + 1] + t - 1
+                links.append(LinkedFloors(pair, s, *ends, link.stiffness, link.damping, place))
+        return tuple(links)
 
     @property
     def padded(self) -> bool:
@@ -1020,7 +985,7 @@ class Scene:
     @cached_property
     def linked_buildings(self) -> tuple[tuple[int, ...], ...]:
         """Buildings that move as one, by their numbers: those that links join, and each other one alone."""
-        first, count = 1 if isinstance(self.row[0], Wall) else 0, len(self.buildings)
+        first, count = int(isinstance(self.row[0], Wall)), len(self.buildings)
         joined = {self.pair_names.index(link.pair) - first for link in self.links}  # those with a link to the right
         groups = np.split(np.arange(count), [b for b in range(1, count) if b - 1 not in joined])
         return tuple(tuple(map(int, group)) for group in groups)
@@ -1042,21 +1007,12 @@ class Scene:
 
     def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
         """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
-        first = 1 if isinstance(self.row[0], Wall) else 0
-        left, right = self.row[pair : pair + 2]
-        name = self.pair_names[pair]
+        (left, right), (i, j), name = self.row[pair : pair + 2], self._starts[pair : pair + 2], self.pair_names[pair]
         if isinstance(right, Wall):
-            assert isinstance(left, Building)
-            i = self.offsets[pair - first]
-            return [(name, [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)])]
+            return [(name, [Contact(pair, s + 1, i + s, -1) for s in range(left.n_storeys)])]  # type: ignore[union-attr]
         if isinstance(left, Wall):
-            return [(name, [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)])]
-        starts = self.offsets[pair - first : pair - first + 2]
+            return [(name, [Contact(pair, s + 1, -1, j + s) for s in range(right.n_storeys)])]
         level, faced = meetings(left, right, self.tolerance)
-        floors = []
-        for s, t in level:
-            m1, m2 = left.masses[s], right.masses[t]
-            floors.append(Contact(pair, s + 1, starts[0] + s, starts[1] + t, m1 * m2 / (m1 + m2)))
         for item, met in zip((left, right), zip(*level, strict=True), strict=False):
             if len(set(met)) < len(met):
                 floor = max(met, key=met.count)
@@ -1064,19 +1020,16 @@ class Scene:
                     f"floor {floor + 1} of {item.name!r} is level with {met.count(floor)} floors of its neighbour; "
                     "give smaller slab_depths or a smaller tolerance, so that it meets one"
                 )
-        found = [(name, floors)]
+        groups = [(name, [Contact(pair, s + 1, i + s, j + t) for s, t in level])]
         for side, facing in enumerate(faced if columns else ()):
-            own, other = (left, right)[:: 1 - 2 * side]
             struck = []
             for f in facing:
-                lower, upper = column_shares(f.xi)
-                i, j = (starts[side] + f.floor, starts[1 - side] + f.storey)[:: 1 - 2 * side]
-                soft = 1.0 / own.masses[f.floor] + upper**2 / other.masses[f.storey]
-                soft += lower**2 / other.masses[f.storey - 1] if f.storey else 0.0
-                below = starts[1 - side] + f.storey - 1 if f.storey else -1
-                struck.append(Contact(pair, f.floor + 1, i, j, 1.0 / soft, struck=1 - side, xi=f.xi, below=below))
-            found.append((f"{name} columns of {other.name}", struck))
-        return found
+                floor, above = (i, j)[side] + f.floor, (i, j)[1 - side] + f.storey
+                below = above - 1 if f.storey else -1
+                first, second = (floor, above)[:: 1 - 2 * side]
+                struck.append(Contact(pair, f.floor + 1, first, second, struck=1 - side, xi=f.xi, below=below))
+            groups.append((f"{name} columns of {(right, left)[side].name}", struck))
+        return groups
 
     def _repr_html_(self) -> str:
         rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]

@@ -1,16 +1,13 @@
 """Building properties that vary from scenario to scenario: a scene and factors on it.
 
-A few factors are enough for what sweeps over buildings ask: periods, masses, damping and strengths. None of them
-changes the shape of a mode, so that everything a scenario needs of its buildings follows from the scene's own numbers
-by multiplication, for any number of scenarios at once:
+None of the factors changes the shape of a mode, so that everything a scenario needs of its buildings follows from the
+scene's own numbers by multiplication, for any number of scenarios at once:
 
 - a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
   with P-Delta it is what weights leave of the stiffnesses that is divided;
-- a mass factor multiplies its masses, stiffnesses, dashpots and strengths, so that its motion alone is kept;
-  both apply to its foundation too;
+- a mass factor multiplies its masses, stiffnesses, dashpots and strengths; both apply to its foundation too;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
-- a strength factor multiplies the yield strengths of a building;
-- a hardening replaces that of all storeys of a building.
+- a strength factor multiplies the yield strengths of a building, a hardening replaces that of all its storeys.
 
 Dashpots and links couple modes. What moves as one has the state x = (Omega y, y') in the coordinates y of its undamped
 modes, of which x'x / 2 is the energy, and x' = A x - b ag. A pair z1, z2 of A's modes, conjugate or both real, with
@@ -24,14 +21,14 @@ What sets it apart is that displacements follow from q and p, and q from displac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.scene import Building, Scene, column_softness, rayleigh_factors
+from pounding_sweep.model.scene import Building, Scene, column_softness, effective_mass, rayleigh_factors
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096
@@ -41,6 +38,30 @@ FORMATS = {
     "float64": (2.0**-52, 1e-10, (1e-11, 1e-10, 1e-9, 1e-8, 1e-7)),
     "float32": (2.0**-23, 1e-5, (1e-7, 1e-6, 1e-5, 1e-4)),
 }
+
+
+def _of_floors(
+    read: Callable[[Building], Sequence[float]], mass: int = 0, period: int = 0, strength: int = 0
+) -> cached_property[np.ndarray]:
+    """Make a property of all floors, shape (n, floors): numbers of buildings times powers of the factors on them."""
+
+    def values(row: Variants) -> np.ndarray:
+        factor = row.mass_factor**mass / row.period_factor**period * row.strength_factor**strength
+        floors = np.concatenate([read(building) for building in row.scene.buildings])
+        return np.asarray(floors[:, None] * factor.T[row._owner]).T  # each floor's side by side
+
+    return cached_property(values)
+
+
+def _of_bases(name: str, mass: int = 0, period: int = 0) -> cached_property[np.ndarray]:
+    """Make a property of all foundations, sway and rocking of each, shape (n, 2 foundations)."""
+
+    def values(row: Variants) -> np.ndarray:
+        factor, founded = row.mass_factor**mass / row.period_factor**period, row.scene.foundations
+        parts = [factor[:, b, None] * getattr(row.scene.buildings[b].foundation, name) for b in founded]
+        return np.concatenate([np.empty((len(row), 0)), *parts], axis=1)
+
+    return cached_property(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +101,11 @@ class Variants:
     def scene_of(self, row: int) -> Scene:
         """Return the scene whose buildings have the properties of a row themselves."""
         tables = {"masses": self.masses, "stiffnesses": self.elastic_stiffnesses, "dashpots": self.dashpots}
-        tables["yield_strengths"], scaled = self.yield_strengths, []
+        tables |= {"yield_strengths": self.yield_strengths, "column_stiffnesses": self._column_stiffnesses}
+        scaled = []
         for b, item in enumerate(self.scene.buildings):
-            floors = slice(*self.scene.offsets[b : b + 2])
-            own = {name: table[row, floors] for name, table in tables.items() if getattr(item, name) is not None}
-            if item.column_stiffnesses is not None:
-                own["column_stiffnesses"] = self.stiffness_factor[row, b] * np.array(item.column_stiffnesses)
-            changed: dict[str, Any] = {name: values.tolist() for name, values in own.items()}
+            floors, given = slice(*self.scene.offsets[b : b + 2]), {n for n in tables if getattr(item, n) is not None}
+            changed: dict[str, Any] = {name: tables[name][row, floors].tolist() for name in given}
             if item.foundation is not None:
                 factors = float(self.mass_factor[row, b]), float(self.period_factor[row, b])
                 changed["foundation"] = item.foundation.scaled(*factors)
@@ -94,9 +113,8 @@ class Variants:
             changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
             scaled.append(replace(item, **changed))
         buildings = iter(scaled)
-        return replace(
-            self.scene, row=[next(buildings) if isinstance(item, Building) else item for item in self.scene.row]
-        )
+        items = [next(buildings) if isinstance(item, Building) else item for item in self.scene.row]
+        return replace(self.scene, row=items)
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
@@ -106,36 +124,24 @@ class Variants:
         _, first, which = np.unique(columns, axis=1, return_index=True, return_inverse=True)
         return np.sort(first), np.argsort(np.argsort(first))[which.reshape(-1)]
 
-    def _floors(self, own: Iterable[Sequence[float]], factor: np.ndarray) -> np.ndarray:
-        """Return values of all floors, building by building, times a factor (n, buildings), shape (n, floors)."""
-        # each floor's stand side by side
-        return np.asarray(np.concatenate(list(own))[:, None] * factor.T[self._owner]).T
-
     @cached_property
     def _owner(self) -> np.ndarray:
         """Building of each floor."""
         buildings = self.scene.buildings
         return np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
 
-    @property
-    def stiffness_factor(self) -> np.ndarray:
-        """Factor on all storey stiffnesses, shape (n, buildings)."""
-        return np.asarray(self.mass_factor / np.square(self.period_factor))
-
-    @cached_property
-    def masses(self) -> np.ndarray:
-        """Floor masses (t), shape (n, floors)."""
-        return self._floors((b.masses for b in self.scene.buildings), self.mass_factor)
-
-    @cached_property
-    def stiffnesses(self) -> np.ndarray:
-        """Lateral storey stiffnesses (kN/m), with P-Delta less P / h, shape (n, floors)."""
-        return self._floors((b.lateral_stiffnesses for b in self.scene.buildings), self.stiffness_factor)
-
-    @cached_property
-    def geometric_stiffnesses(self) -> np.ndarray:
-        """What weights take of storey stiffnesses (kN/m), P / h, shape (n, floors)."""
-        return self._floors((b.geometric_stiffnesses for b in self.scene.buildings), self.mass_factor)
+    #: Floor masses (t), lateral storey stiffnesses (kN/m), with P-Delta less P / h, and P / h (kN/m).
+    masses = _of_floors(lambda building: building.masses, mass=1)
+    stiffnesses = _of_floors(lambda building: building.lateral_stiffnesses, mass=1, period=2)
+    geometric_stiffnesses = _of_floors(lambda building: building.geometric_stiffnesses, mass=1)
+    #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
+    yield_strengths = _of_floors(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
+    dashpots = _of_floors(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)
+    #: Masses (t) and moments of inertia (t m2) of foundations, their stiffnesses (kN/m, kN m/rad) and dashpots.
+    base_masses = _of_bases("masses", mass=1)
+    base_stiffnesses = _of_bases("stiffnesses", mass=1, period=2)
+    base_dashpots = _of_bases("dashpots", mass=1, period=1)
+    _column_stiffnesses = _of_floors(lambda b: b.column_stiffnesses or b.stiffnesses, mass=1, period=2)
 
     @cached_property
     def storey_heights(self) -> np.ndarray:
@@ -146,12 +152,6 @@ class Variants:
     def elastic_stiffnesses(self) -> np.ndarray:
         """Stiffnesses of the storeys themselves (kN/m), shape (n, floors)."""
         return np.asarray(self.stiffnesses + self.geometric_stiffnesses)
-
-    @cached_property
-    def yield_strengths(self) -> np.ndarray:
-        """Yield strengths of storeys (kN), infinite where they never yield, shape (n, floors)."""
-        own = (b.yield_strengths or (math.inf,) * b.n_storeys for b in self.scene.buildings)
-        return self._floors(own, self.mass_factor * self.strength_factor)
 
     @cached_property
     def yield_drifts(self) -> np.ndarray:
@@ -171,33 +171,6 @@ class Variants:
         taken, own = self.geometric_stiffnesses, self.elastic_hardenings
         left = (own * self.elastic_stiffnesses - taken) / self.stiffnesses
         return np.asarray(np.where((taken > 0.0) & np.isfinite(self.yield_strengths), left, own))
-
-    @cached_property
-    def dashpots(self) -> np.ndarray:
-        """Coefficients of the storeys' dashpots (kN s/m), shape (n, floors)."""
-        own = (b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings)
-        return self._floors(own, self.mass_factor / self.period_factor)
-
-    def _bases(self, name: str, factor: np.ndarray) -> np.ndarray:
-        """Return a property of all foundations times a factor, sway and rocking of each, shape (n, 2 foundations)."""
-        own = [(factor[:, b, None], self.scene.buildings[b].foundation) for b in self.scene.foundations]
-        parts = [factor * np.array(getattr(foundation, name)) for factor, foundation in own]
-        return np.concatenate([np.empty((len(self), 0)), *parts], axis=1)
-
-    @cached_property
-    def base_masses(self) -> np.ndarray:
-        """Masses (t) and moments of inertia (t m2) of foundations, shape (n, 2 foundations)."""
-        return self._bases("masses", self.mass_factor)
-
-    @cached_property
-    def base_stiffnesses(self) -> np.ndarray:
-        """Stiffnesses of sway (kN/m) and rocking (kN m/rad) under foundations, shape (n, 2 foundations)."""
-        return self._bases("stiffnesses", self.stiffness_factor)
-
-    @cached_property
-    def base_dashpots(self) -> np.ndarray:
-        """Coefficients of their dashpots (kN s/m, kN m s/rad), shape (n, 2 foundations)."""
-        return self._bases("dashpots", self.mass_factor / self.period_factor)
 
     @cached_property
     def frequencies(self) -> list[np.ndarray]:
@@ -288,16 +261,14 @@ class Variants:
     @cached_property
     def contact_masses(self) -> np.ndarray:
         """Effective masses of all contacts (t), the floor's own at a wall, shape (n, contacts)."""
-        ends = [contact.ends for contact in self.scene.contacts]
-        parts = ([self.masses[:, i] / share**2 for i, share in own if share] for own in ends)
-        masses = [reduce(lambda a, b: a * b / (a + b), each) for each in parts]
-        return np.array(masses).T.reshape(len(self), len(ends))
+        contacts = self.scene.contacts
+        masses = [effective_mass(contact.ends, self.masses.T) for contact in contacts]
+        return np.array(masses).T.reshape(len(self), len(contacts))
 
     def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of each contact (kN/m**exponent), shape (n, contacts): its own, in series with struck columns."""
         scene = self.scene
-        own = np.concatenate([b.column_stiffnesses or b.stiffnesses for b in scene.buildings])
-        columns = np.asarray(own * self.stiffness_factor[:, self._owner])
+        columns = self._column_stiffnesses
         result = np.repeat(np.asarray(stiffness, float)[:, None], len(scene.contacts), axis=1)
         for j, contact in enumerate(scene.contacts):
             if contact.struck >= 0:

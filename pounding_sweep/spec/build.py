@@ -46,7 +46,7 @@ from pounding_sweep.model.faults import (
     spell,
     valid_part,
 )
-from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law
+from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, hertz_stiffness
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene
@@ -240,21 +240,26 @@ class _Reader:
     # --- scene, records, laws ---
 
     def _scene(self, value: Any) -> Scene | None:
-        table = {"preset": value} if isinstance(value, str) else value
-        if isinstance(table, dict) and "preset" in table:
-            if "row" in table:
-                raise SceneError("preset and row exclude each other; give one of them", ("preset",))
-            if (preset := self.faults.attempt(("scene", "preset"), get_preset, table["preset"])) is None:
-                return None
+        table, faults = {"preset": value} if isinstance(value, str) else value, self.faults
+        before = len(faults.entries)
+        if isinstance(table, dict):
             contact = table.get("contact", {})
-            if isinstance(contact, dict):
-                defaults = vars(preset.contact).items()
-                contact = {k: v for k, v in defaults if k != "hertz_stiffness" or "hertz" not in contact} | contact
-            others = {k: v for k, v in table.items() if k != "preset"}
-            table = {"row": preset.row, "gaps": preset.gaps, **others, "contact": contact}
-        elif isinstance(table, dict):
-            table = {"row": (), **table}
-        return TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
+            if isinstance(contact, dict) and "hertz" in contact:
+                place = "scene", "contact", "hertz"
+                if "hertz_stiffness" in contact:
+                    faults.add(place, "hertz and hertz_stiffness exclude each other; give one of them")
+                contact = dict(contact)
+                contact["hertz_stiffness"] = faults.attempt(place, called, hertz_stiffness, contact.pop("hertz"))
+            table = {"row": (), **table, "contact": contact}
+        if isinstance(table, dict) and "preset" in table:
+            if table["row"] != ():
+                raise SceneError("preset and row exclude each other; give one of them", ("preset",))
+            if (preset := faults.attempt(("scene", "preset"), get_preset, table.pop("preset"))) is None:
+                return None
+            contact = vars(preset.contact) | contact if isinstance(contact, dict) else contact
+            table = {"gaps": preset.gaps, **table, "row": preset.row, "contact": contact}
+        scene = TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
+        return scene if len(faults.entries) == before else None
 
     def _records(self, value: Any) -> list[Record] | None:
         before, kinds = len(self.faults.entries), (Record, str, os.PathLike, dict)

@@ -14,7 +14,7 @@ from typing import Any
 
 from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.model.scene import Building, Contacts, Scene, Wall
+from pounding_sweep.model.scene import Building, Contacts, Scene
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
@@ -143,8 +143,7 @@ def json_data(value: Any) -> Any:
         case Distribution():
             return value.model_dump(exclude_none=True)
         case _ if is_dataclass(value):
-            wall = {"wall": True} if isinstance(value, Wall) else {}
-            return wall | {item.name: json_data(getattr(value, item.name)) for item in fields(value) if item.init}
+            return {item.name: json_data(getattr(value, item.name)) for item in fields(value) if item.init}
     return None if value == math.inf else value
 
 
