@@ -1,9 +1,8 @@
 """Measures what ``measured.json`` of the package holds: ``python -m benchmarks.calibrate``.
 
-For every law and scheme, seeded random scenarios of rows as users have them are run with ever finer steps and compared
-with a converged run: a line of error against steps in the shortest time. The measured curve is a quantile of the lines;
-a sweep begins at its step, and what errs by more is refined (`pounding_sweep.run.refinement`). To be run again whenever
-a kernel or a law changes; it takes a while, most of it for compiling, and overwrites the file in the package.
+For every law and scheme, seeded random scenarios are run with ever finer steps and compared with a converged run: a
+line of error against steps in the shortest time. The measured curve is a quantile of the lines. To be run again
+whenever a kernel or a law changes; it takes a while, most of it for compiling.
 """
 
 from __future__ import annotations
@@ -69,22 +68,19 @@ OUTPUTS = tuple(name for names in CLASSES.values() for name in names if name != 
 
 def scenes() -> tuple[Scene, ...]:
     """Return rows of three shapes, two of each: all of a shape run in the same kernels."""
-    wall = None
     rows = (  # periods (s), masses (t), storeys and damping ratios
-        ((0.13, 200.0, 1, 0.02), wall),
-        ((0.8, 90.0, 1, 0.05), wall),
+        ((0.13, 200.0, 1, 0.02), None),
+        ((0.8, 90.0, 1, 0.05), None),
         ((0.25, 60.0, 1, 0.05), (0.45, 100.0, 2, 0.05), (0.45, 140.0, 1, 0.02)),
         ((0.22, 250.0, 1, 0.02), (1.1, 150.0, 2, 0.05), (0.6, 90.0, 1, 0.1)),
         ((0.3, 120.0, 3, 0.05), (0.5, 300.0, 3, 0.02)),
         ((0.9, 600.0, 3, 0.01), (0.6, 100.0, 3, 0.05)),
     )
-    return tuple(
-        Scene(
-            [Wall() if each is wall else oscillator(name, *each) for name, each in zip("abc", row, strict=False)],
-            gaps=[0.01] * (len(row) - 1),
-        )
+    buildings = (
+        [Wall() if part is None else oscillator(name, *part) for name, part in zip("abc", row, strict=False)]
         for row in rows
     )
+    return tuple(Scene(row, gaps=[0.01] * (len(row) - 1)) for row in buildings)
 
 
 def records() -> tuple[Record, ...]:
@@ -119,13 +115,11 @@ class RandomScenarios:
 
     def kernel(self, method: str, precision: str, level: float) -> RowKernel:
         """Return the kernel with so many steps per 0.01 s, or of exact flight that is so much finer."""
-        host = HOSTS.get(self.law.key)
+        host = get_law(HOSTS[self.law.key]) if self.law.key in HOSTS else None
         numerics = Numerics(method, 0.01 / level, precision=precision)
         if SCHEMES[method].flies_exactly:
             numerics = replace(numerics, dt=self.exact_step(level), refinement=level)
-        return RowKernel(
-            self.scene, self.law, numerics, reducers_for(OUTPUTS), host=get_law(host) if host is not None else None
-        )
+        return RowKernel(self.scene, self.law, numerics, reducers_for(OUTPUTS), host=host)
 
     def exact_step(self, refinement: float) -> float:
         """Return the short step (s) of exact flight that the advice would take."""
@@ -133,15 +127,9 @@ class RandomScenarios:
 
     def run(self, method: str, precision: str, level: float) -> dict[str, Any]:
         """Run the scenarios."""
-        kernel = self.kernel(method, precision, level)
-        raw = kernel.run(
-            self.record,
-            scale=np.ones(len(self.gaps)),
-            gaps=self.gaps,
-            stiffness=self.stiffness,
-            restitution=self.restitution,
-        )
-        return variables_of(kernel, raw, OUTPUTS, self.record)
+        kernel, ones = self.kernel(method, precision, level), np.ones(len(self.gaps))
+        inputs: dict[str, Any] = {"gaps": self.gaps, "stiffness": self.stiffness, "restitution": self.restitution}
+        return variables_of(kernel, kernel.run(self.record, scale=ones, **inputs), OUTPUTS, self.record)
 
     def shortest(self) -> np.ndarray:
         """Shortest time of each scenario (s), as the advice sees it."""
@@ -185,22 +173,19 @@ def lines(
     cell: RandomScenarios, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes)."""
-    shortest = cell.shortest()
-    ladder = LADDERS[scheme]
+    shortest, ladder, nodes = cell.shortest(), LADDERS[scheme], _nodes(scheme)
     errors = [_by_class(cell.run(*scheme, n), reference) for n in ladder]
     stable = np.array([cell.stable(scheme[0], n) for n in ladder])
     result = {}
     for kind in CLASSES:
-        table = np.clip(np.array([each[kind] for each in errors]), 1e-17, 1e3)
-        nodes = _nodes(scheme)
-        found = np.full((len(kept), len(nodes)), np.nan)
-        for i, scenario in enumerate(kept):
+        table = np.clip(np.array([error[kind] for error in errors]), 1e-17, 1e3)
+        result[kind] = np.full((len(kept), len(nodes)), np.nan)
+        for line, scenario in zip(result[kind], kept, strict=True):
             use = stable[:, scenario]
             if use.sum() > 1:
-                each = 1.0 if SCHEMES[scheme[0]].flies_exactly else shortest[scenario] / 0.01
-                steps = np.log(np.array(ladder)[use] * each)
-                found[i] = np.interp(np.log(nodes), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
-        result[kind] = found
+                factor = 1.0 if SCHEMES[scheme[0]].flies_exactly else shortest[scenario] / 0.01
+                steps = np.log(np.array(ladder)[use] * factor)
+                line[:] = np.interp(np.log(nodes), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
     return result
 
 
@@ -222,14 +207,9 @@ def calibrate(
 ) -> dict[str, Any]:
     """Measure laws under schemes; returns what ``measured.json`` holds of them."""
     started = time.perf_counter()
-    first = records()[0]
-    empty = np.zeros((1, 1))
-    shapes = [
-        RandomScenarios(law, scene, first, empty, empty[0], empty[0]).kernel(*scheme, 1).shape
-        for scene in scenes()
-        for law in laws
-        for scheme in schemes
-    ]
+    nothing = records()[0], np.zeros((1, 1)), np.zeros(1), np.zeros(1)
+    cells = [RandomScenarios(law, scene, *nothing) for scene in scenes() for law in laws]
+    shapes = [cell.kernel(*scheme, 1).shape for cell in cells for scheme in schemes]
     compiled = prepare(shapes, workers=2)
     say(f"{compiled} kernels compiled in {time.perf_counter() - started:.0f} s")
     errors: dict[str, dict[str, Any]] = {f"{method}/{precision}": {} for method, precision in schemes}

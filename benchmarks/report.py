@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -109,62 +109,41 @@ class Report:
                 f"kernel takes {a.plain:.2f} times as long where it does just the same, contacts not located, and "
                 f"{a.located:.2f} times as long as sweeps use it.",
             ]
-        lines += self._sizes() + self._axes() + self._growth() + self._engine()
+        for title, heads, rows in self._tables():
+            if rows:
+                lines += [f"\n**{title[0]}**{title[1]}\n", *_table(heads, rows)]
         return "\n".join(lines) + "\n"
 
-    def _sizes(self) -> list[str]:
-        if not self.sizes:
-            return []
-        rows = [
-            (
-                f"{s.buildings} x {s.storeys}",
-                str(s.buildings * s.storeys),
-                _number(s.nanoseconds),
-                f"{s.relative:.2f}",
-                "-" if s.start is None else _number(s.start.compiled),
-                "-" if s.start is None else _number(s.start.loaded),
-            )
-            for s in self.sizes
-        ]
+    def _tables(self) -> Iterator[tuple[tuple[str, str], tuple[str, ...], list[tuple[str, ...]]]]:
+        """Return title, what is added to it, headings and rows of the tables of the engine alone."""
+        rows: list[tuple[str, ...]] = []
+        for s in self.sizes:
+            start = ("-", "-") if s.start is None else (_number(s.start.compiled), _number(s.start.loaded))
+            numbers = str(s.buildings * s.storeys), _number(s.nanoseconds), f"{s.relative:.2f}"
+            rows.append((f"{s.buildings} x {s.storeys}", *numbers, *start))
         heads = ("row", "degrees of freedom", "ns each and step", "over the first", "compiled (s)", "loaded (s)")
-        return ["\n**Rows of other sizes**, rk4 located, nothing touching\n", *_table(heads, rows)]
-
-    def _axes(self) -> list[str]:
-        if not self.axes:
-            return []
+        yield ("Rows of other sizes", ", rk4 located, nothing touching"), heads, rows
         rows = [(f"`{axis}`", f"{ratio:.2f}") for axis, ratio in self.axes.items()]
-        return ["\n**Sweeps over other axes**, exact\n", *_table(("axis", "throughput over that of gaps"), rows)]
-
-    def _growth(self) -> list[str]:
-        if not self.growth:
-            return []
-        rows = [
-            (
-                g.quantity,
-                g.unit,
-                ", ".join(f"{value:g}: {_number(cost)}" for value, cost in zip(g.values, g.costs, strict=True)),
-                "-" if math.isnan(g.exponent) else f"{g.exponent:.2f}",
-            )
-            for g in self.growth
-        ]
-        return ["\n**How cost grows**\n", *_table(("with", "cost", "measured", "exponent"), rows)]
-
-    def _engine(self) -> list[str]:
+        yield ("Sweeps over other axes", ", exact"), ("axis", "throughput over that of gaps"), rows
+        rows = []
+        for g in self.growth:
+            costs = ", ".join(f"{value:g}: {_number(cost)}" for value, cost in zip(g.values, g.costs, strict=True))
+            rows.append((g.quantity, g.unit, costs, "-" if math.isnan(g.exponent) else f"{g.exponent:.2f}"))
+        yield ("How cost grows", ""), ("with", "cost", "measured", "exponent"), rows
         rows = [
             (f"{t.scenarios:,} scenarios, {t.workers} threads, plan to file: time in kernels", f"{t.efficiency:.0%}")
             for t in self.throughput
         ]
         rows += [(f"{n:,} scenarios planned", f"{_number(s)} s") for n, s in self.plan_seconds.items()]
         rows += [(f"start: {name}", f"{_number(s)} s") for name, s in self.start.items()]
-        if self.million is not None:
-            m = self.million
+        if (m := self.million) is not None:
             rows += [
                 (f"{m.scenarios:,} scenarios from the command line, cube written", f"{_number(m.seconds)} s"),
                 ("scenarios per second", f"{m.scenarios / m.seconds:,.0f}"),
                 ("peak resident memory", f"{m.peak_bytes / 2**20:.0f} MiB"),
                 ("cube", f"{m.cube_bytes / 2**20:.0f} MiB"),
             ]
-        return ["\n**The engine around the kernels**\n", *_table(("", ""), rows)] if rows else []
+        yield ("The engine around the kernels", ""), ("", ""), rows
 
 
 def equal_error(points: Sequence[Point], law: str, error: float) -> list[tuple[str, float, float]]:

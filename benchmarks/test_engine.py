@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 
 import pytest
 
 from benchmarks.engine import plan_gaps, run_chunks
 from benchmarks.million import SWEEP, run_file
-from benchmarks.start import COMMANDS, loaded_by, start_seconds
+from benchmarks.start import COMMANDS, start_seconds
 from benchmarks.throughput import grid_sweep, plan_seconds, run_sweep
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
-from pounding_sweep.engine.compile import CACHE_VARIABLE
 from pounding_sweep.run.sweep import load_sweep
 
 EXACT = {"method": "exact", "dt": 2.5e-3}
@@ -46,35 +42,6 @@ def test_planning_is_cheap_beside_running(work, benchmark):
     assert share < 0.1
 
 
-def test_nothing_heavy_is_loaded_at_the_start():
-    assert loaded_by("import pounding_sweep") == []
-    helped = """
-from pounding_sweep.cli import main
-sys.argv = ["pounding-sweep", "--help"]
-try:
-    main()
-except SystemExit:
-    pass
-"""
-    assert loaded_by(helped) == []
-
-
-def test_a_run_loads_no_more_than_it_takes(tmp_path):
-    """No figures, no dask, no tables: what is written to a file needs netCDF4 alone."""
-    (tmp_path / "tiny.toml").write_text(_TINY)
-    run = f"""
-from pounding_sweep.cli import main
-sys.argv = ["pounding-sweep", "run", "{tmp_path}/tiny.toml", "-o", "{tmp_path}/tiny.nc", "--quiet"]
-sys.stdout, shown = sys.stderr, sys.stdout
-try:
-    main()
-except SystemExit:
-    pass
-sys.stdout = shown
-"""
-    assert set(loaded_by(run)) == {"numba", "scipy", "netCDF4"}
-
-
 def test_start_is_a_few_times_that_of_python(measured, benchmark):
     def over_python():
         seconds = start_seconds()
@@ -84,51 +51,6 @@ def test_start_is_a_few_times_that_of_python(measured, benchmark):
     benchmark.extra_info |= ratios
     assert ratios["import"] < 5.0
     assert ratios["--help"] < 15.0
-
-
-_TINY = """
-[scene]
-preset = "mate2015"
-
-[sweep]
-records = ["el_centro"]
-laws = ["linear"]
-gaps = [0.01]
-
-[solver]
-dt = 0.01
-locate = false
-
-[output]
-variables = ["displacement_max"]
-"""
-
-_SWEEP = """
-import json, sys, time
-import numpy as np
-import pounding_sweep as ps
-
-scene = ps.Scene([ps.Building("a", [100.0], [1.0e4]), ps.Building("b", [80.0], [2.5e4])], gaps=[0.01])
-record = ps.Record("sine", 0.02, 3.0 * np.sin(0.14 * np.arange(150)))
-sweep = ps.Sweep(scene, record, ["linear", "kelvin_voigt"], gaps=[0.002, 0.004], stiffnesses=2e5, restitutions=0.5,
-                 method="rk4", dt=5e-3, locate=False)
-sweep.run()
-print(json.dumps(sweep.last_outcome.compiled))
-"""
-
-
-def test_a_second_process_compiles_nothing(tmp_path):
-    """Two laws of one elastic force share a kernel beside the one without contact; another process loads both."""
-    environment = {**os.environ, CACHE_VARIABLE: str(tmp_path)}
-    compiled, files = [], []
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", _SWEEP], check=True, capture_output=True, text=True, env=environment
-        )
-        compiled.append(json.loads(done.stdout))
-        files.append({str(path): path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()})
-    assert compiled == [2, 0]
-    assert files[0] == files[1]
 
 
 def test_the_million_scenarios_are_all_different():

@@ -35,8 +35,6 @@ from benchmarks.paper_found.search import (
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.paper.published import READINGS, RECORDS, published
 
-# --- the measure ---------------------------------------------------------------------------------------------------
-
 
 def test_the_paper_is_no_way_from_itself():
     paper = of_paper(RECORDS)
@@ -126,9 +124,6 @@ def test_draws_are_judged_by_what_they_left_out():
     assert np.median(alike.misfit) == pytest.approx(1.0, abs=0.1)
 
 
-# --- designs -------------------------------------------------------------------------------------------------------
-
-
 def test_points_fill_a_box_evenly_in_logarithms():
     points = design({"gap": (0.001, 0.1), "scale": (2.0, 2.0)}, 64, seed=5)
     shares = np.sort(np.log10(points["gap"]) + 3.0) / 2.0
@@ -184,9 +179,6 @@ def test_weights_undo_that_later_rounds_try_where_the_first_were_best(smooth, mo
         np.testing.assert_allclose(quantiles(shares, even, (0.25, 0.5, 0.75)), (0.25, 0.5, 0.75), atol=0.04)
 
 
-# --- damping, plain program ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("title", DAMPINGS)
 def test_damping_has_its_ratio_in_its_modes(title):
     kind, first, second = DAMPINGS[title]
@@ -220,9 +212,6 @@ def test_the_plain_program_solves_the_equations_of_motion():
     plain = plain_program(scene, record, 0.02)
     off = np.abs(plain["force"] / np.maximum(tight["force"], 1.0) - 1.0)[tight["force"] > 0]
     assert 0.005 < off.max() < 0.5
-
-
-# --- all of it -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ import argparse
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -126,7 +126,8 @@ def find(
     say("fewer inputs")
     less = fewer(records, few)
     say("forms of damping, plain programs")
-    tried = other_forms(records, _middle(designs), designs.points, designs.best, form)
+    # the box of the round in the middle: wide enough to adapt to another form, near enough to find its best
+    tried = other_forms(records, designs.boxes[len(designs.boxes) // 2], designs.points, designs.best, form)
     rows = [scene_at(points, i) for i in range(len(points["gap"]))]
     ran = [
         [plain_program(row, record.scaled(scale), SAMPLING) for record in records]
@@ -157,14 +158,6 @@ def find(
         against_paper(program, records),
         tuple(laws),
     )
-
-
-def _middle(designs: Designs) -> Mapping[str, tuple[float, float]]:
-    """Return the box of the round in the middle: wide enough to adapt to another form, near enough to find its best."""
-    return designs.boxes[len(designs.boxes) // 2]
-
-
-# --- in words --------------------------------------------------------------------------------------------------------
 
 
 def verdict(found: Found) -> list[str]:
@@ -252,8 +245,7 @@ def inputs_grid(found: Found) -> Grid:
     return Grid(f"Which values fit ({1.0 / (weights**2).sum():.0f} points carry the likelihood)", headings, rows)
 
 
-@dataclass(frozen=True)
-class Fitted:
+class Fitted(NamedTuple):
     """Some inputs fitted, the others as printed."""
 
     free: tuple[str, ...]
@@ -265,14 +257,11 @@ class Fitted:
 def fitted_sets(found: Found) -> list[Fitted]:
     """Return nothing fitted, the searches over fewer inputs, and all inputs fitted."""
     groups = int(found.readings.where().sum())
-    rows = [Fitted((), (), float(found.readings.misfit()[0]), 0.0)]
+    rows: list[tuple[tuple[str, ...], tuple[float, ...], float]] = [((), (), float(found.readings.misfit()[0]))]
     for free, one in [*found.fewer.items(), (tuple(INPUTS), found.designs)]:
-        values = tuple(float(one.points[key][one.best]) for key in free)
-        rows.append(Fitted(free, values, float(one.squares.misfit().min()), 0.0))
-    return [
-        replace(row, criterion=2.0 * groups * float(np.log(row.misfit)) + len(row.free) * float(np.log(groups)))
-        for row in rows
-    ]
+        rows.append((free, tuple(float(one.points[key][one.best]) for key in free), float(one.squares.misfit().min())))
+    logs = float(np.log(groups))
+    return [Fitted(*row, 2.0 * groups * float(np.log(row[2])) + len(row[0]) * logs) for row in rows]
 
 
 def fewer_grid(found: Found) -> Grid:
@@ -367,9 +356,6 @@ def grids(found: Found) -> list[Grid]:
     """Return all tables."""
     tables = (nearness_grid, inputs_grid, fewer_grid, held_out_grid, impacts_grid, forms_grid, programs_grid, laws_grid)
     return [table(found) for table in tables]
-
-
-# --- the figure ------------------------------------------------------------------------------------------------------
 
 
 @in_style()

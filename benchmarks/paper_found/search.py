@@ -230,8 +230,6 @@ def fewer(records: Sequence[Record], samples: Sequence[int]) -> dict[tuple[str, 
     }
 
 
-# --- the form of the damping, the sign of the ground motion ----------------------------------------------------------
-
 #: Modes that Rayleigh damping takes its ratio in: of each building, or of the whole row of nine floors.
 DAMPINGS = {
     "building's modes 1 and 2, as printed": ("building", 0, 1),
@@ -296,8 +294,6 @@ def other_forms(records: Sequence[Record], box: Box, points: Points, at: int, sa
     return found
 
 
-# --- a plain program -------------------------------------------------------------------------------------------------
-
 #: Fixed steps (s) of a plain program: force switched by the sign of the penetration, peaks at steps alone.
 PLAIN_STEPS = (0.01, 0.005, 0.002, 0.001)
 
@@ -310,9 +306,6 @@ def plain_steps(records: Sequence[Record], points: Points) -> dict[float, Square
         )
         for step in PLAIN_STEPS
     }
-
-
-# --- Table 5, law by law ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
