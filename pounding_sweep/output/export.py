@@ -11,10 +11,10 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -34,16 +34,14 @@ from pounding_sweep.spec.axes import plain_name
 if TYPE_CHECKING:
     import pandas as pd
 
-
 #: Cells of a table that are made at a time.
 CELLS_AT_A_TIME = 1 << 21
+#: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.
+MANY_ROWS, CELL_BYTES = 10_000_000, 12
 #: Coordinates that describe a law at length; its key tells it.
 PROSE = ("law_model", "law_title", "law_formula")
 #: Coordinate that is missing at the places of its dimensions where there is nothing.
-_PLACES: dict[tuple[str, ...], str] = {
-    ("building", "storey"): "floor_elevation",
-    ("pair", "storey"): "contact_elevation",
-}
+_PLACES = {("building", "storey"): "floor_elevation", ("pair", "storey"): "contact_elevation"}
 #: Dimension of histories.
 TIME = "time"
 #: Powers of the record's scale that measures of a ground motion grow with, by name.
@@ -71,37 +69,33 @@ def outer_dims(dims: Iterable[Any]) -> tuple[str, ...]:
 def sets_of_dimensions(cube: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
     """Return the dimensions of each table that a dataset needs, and the variables in it: one for a cube of a sweep."""
     dims = {str(name): outer_dims(array.dims) for name, array in cube.data_vars.items()}
-    kinds = sorted(dict.fromkeys(dims.values()), key=len, reverse=True)
-    largest = [one for i, one in enumerate(kinds) if not any(set(one) <= set(other) for other in kinds[:i])]
-    tables: dict[tuple[str, ...], list[str]] = {kind: [] for kind in largest}
+    tables: dict[tuple[str, ...], list[str]] = {}
+    for outer in sorted(dict.fromkeys(dims.values()), key=len, reverse=True):
+        if not any(set(outer) <= set(other) for other in tables):
+            tables[outer] = []
     for name, outer in dims.items():
-        tables[next(kind for kind in largest if set(outer) <= set(kind))].append(name)
+        tables[next(table for table in tables if set(outer) <= set(table))].append(name)
     return tables
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """One column of a table."""
 
-    name: str
-    dtype: np.dtype[Any]  # text: object; whole numbers may be missing, too
-    attributes: dict[str, str]  # ``units``, ``long_name`` and ``comment``, as far as the cube has them
     variable: str  # whose values it has
     at: Mapping[str, int]  # where in that they are, by dimension
     kinds: Sequence[int]  # of rows that have it
+    dtype: np.dtype[Any]  # text: object; whole numbers may be missing, too
+    attributes: dict[str, str]  # ``units``, ``long_name`` and ``comment``, as far as the cube has them
 
 
 class Table:
     """A table of a cube; `kinds` are the dimensions of the places inside a scenario that have rows of their own."""
 
     def __init__(self, cube: xr.Dataset, kinds: Sequence[tuple[str, ...]]) -> None:
-        self.cube, self._kinds = cube, kinds
-        self.outer = outer_dims(cube.dims)
-        self._sizes = [cube.sizes[dim] for dim in self.outer]
-        self.columns: list[Column] = []
-        self._dims = [[dim for dim in kind if dim in cube.dims] for kind in kinds]
+        self.cube, self._kinds, self.outer = cube, kinds, outer_dims(cube.dims)
+        self.columns: dict[str, Column] = {}
         self._existing = [np.flatnonzero(_exists(cube, kind)) for kind in kinds]
-        self.n_rows = math.prod(self._sizes) * sum(map(len, self._existing))
+        self.n_rows = math.prod(cube.sizes[dim] for dim in self.outer) * sum(map(len, self._existing))
         #: returns a part of the cube with what is to be computed of it
         self.complete: Callable[[xr.Dataset], xr.Dataset] = lambda part: part
 
@@ -110,8 +104,6 @@ class Table:
         array = self.cube[name]
         inner = (name,) if name in INNER_DIMS else _inner_dims(array)
         kinds = [i for i, kind in enumerate(self._kinds) if at is not None or set(inner) <= set(kind)]
-        if not kinds:
-            return
         about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
         if "unit_text" in about:
             about["units"] = about.pop("unit_text")
@@ -121,39 +113,32 @@ class Table:
         # a whole number that may be missing is read as a float
         stored = np.dtype(array.encoding.get("dtype", array.dtype))
         dtype = stored if array.dtype.kind == "f" and stored.kind == "i" else array.dtype
-        dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
-        self.columns.append(Column(label or name, dtype, about, name, at or {}, kinds))
+        if kinds:
+            dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
+            self.columns[label or name] = Column(name, at or {}, kinds, dtype, about)
 
     def parts(self) -> Iterator[pd.DataFrame]:
         """Make the table part by part."""
         import pandas as pd
 
         cells = max(1, len(self.columns) * sum(map(len, self._existing)))
-        for slab in slabs(self._sizes, CELLS_AT_A_TIME // cells):
+        for slab in slabs([self.cube.sizes[dim] for dim in self.outer], CELLS_AT_A_TIME // cells):
             part = self.complete(self.cube.isel(dict(zip(self.outer, slab, strict=True))).load())
-            frames = [self._rows(part, kind) for kind in range(len(self._kinds))]
+            n, frames = math.prod(part.sizes[dim] for dim in self.outer), []
+            for kind, existing in enumerate(self._existing):
+                sizes = {dim: part.sizes[dim] for dim in (*self.outer, *self._kinds[kind]) if dim in part.dims}
+                values = {}
+                for label, column in self.columns.items():
+                    if kind in column.kinds:
+                        variable = part.variables[column.variable].isel(column.at)
+                        if column.dtype.kind == "O":
+                            variable = xr.Variable(variable.dims, variable.values.astype(object))
+                        values[label] = variable.set_dims(sizes).values.reshape(n, -1)[:, existing].ravel()
+                frames.append(pd.DataFrame(values, index=np.repeat(np.arange(n), len(existing))))
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
-            for column in self.columns:
-                if column.dtype.kind == "i" and rows[column.name].dtype != column.dtype:
-                    rows[column.name] = rows[column.name].astype(column.dtype.name.capitalize())
-            yield rows[[column.name for column in self.columns]]
-
-    def _rows(self, part: xr.Dataset, kind: int) -> pd.DataFrame:
-        """Return the rows of one kind, numbered by scenario."""
-        import pandas as pd
-
-        sizes = {dim: part.sizes[dim] for dim in (*self.outer, *self._dims[kind])}
-        n = math.prod(part.sizes[dim] for dim in self.outer)
-        values = {}
-        for column in self.columns:
-            if kind in column.kinds:
-                variable = part.variables[column.variable].isel(column.at)
-                if is_text := variable.dtype.kind not in "iuf":
-                    texts, codes = np.unique(variable.values, return_inverse=True)
-                    variable = xr.Variable(variable.dims, codes.reshape(variable.shape))
-                cells = variable.set_dims(sizes).values.reshape(n, -1)[:, self._existing[kind]].ravel()
-                values[column.name] = pd.Categorical.from_codes(cells, texts.astype(object)) if is_text else cells
-        return pd.DataFrame(values, index=np.repeat(np.arange(n), len(self._existing[kind])))
+            whole = {label: column.dtype.name for label, column in self.columns.items() if column.dtype.kind == "i"}
+            wanted = {label: name.capitalize() for label, name in whole.items() if rows[label].dtype != name}
+            yield rows.astype(wanted)[[*self.columns]]
 
 
 def _exists(cube: xr.Dataset, kind: Sequence[str]) -> np.ndarray:
@@ -196,9 +181,9 @@ def wide_table(cube: xr.Dataset) -> Table:
             at = dict(zip(inner, place, strict=True))
             label = "_".join([name, *(str(cube[dim].values[i]) for dim, i in at.items())])
             twin = cube.coords.get(plain_name(label, ()))
-            if inner and twin is not None and np.array_equal(twin.values, array.isel(at).values):
-                continue  # an input of a design that is told for all buildings, too
-            table.add(name, plain_name(label, [column.name for column in table.columns]), at)
+            # an input of a design is told for all buildings, too
+            if not inner or twin is None or not np.array_equal(twin.values, array.isel(at).values):
+                table.add(name, plain_name(label, table.columns), at)
     return table
 
 
@@ -212,9 +197,9 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = ()) -> Table:
         table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
         for i, output in enumerate(cube["output"].values.tolist()):
             if not names or output in names:
-                name, text = f"audited_error_{output}", f"relative error of {output}, measured at half the step"
-                about = {"units": "1", "long_name": text}
-                table.columns.append(Column(name, np.dtype(float), about, "audited_error", {"output": i}, [0]))
+                about = {"units": "1", "long_name": f"relative error of {output}, measured at half the step"}
+                column = Column("audited_error", {"output": i}, [0], np.dtype(float), about)
+                table.columns[f"audited_error_{output}"] = column
     return table
 
 
@@ -226,12 +211,12 @@ def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
 def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
     """Return measures of the records as scaled."""
     records = {str(record["name"]): record for record in json.loads(cube.attrs.get("records", "[]"))}
-    about = {each.name: each.metadata for each in fields(RecordMeasures)}
+    about = {item.name: item.metadata for item in fields(RecordMeasures)}
     measures = {}
     for name, power in _GROWS.items():
-        if "record" in cube.coords and records and all(name in each for each in records.values()):
+        if "record" in cube.coords and records and all(name in record for record in records.values()):
             record = cube["record"]
-            values = [float(records[str(each)][name]) for each in np.ravel(record.values)]
+            values = [float(records[str(key)][name]) for key in np.ravel(record.values)]
             measure = xr.DataArray(np.reshape(values, record.shape), dims=record.dims)
             if "scale" in cube.coords:
                 measure = measure * abs(cube["scale"].variable) ** power
@@ -251,10 +236,6 @@ def _audited_errors(part: xr.Dataset, cube: xr.Dataset) -> xr.Variable:
     errors = cube["audit_error"].transpose("audit", "output").values[order][place]
     errors[place < 0] = np.nan
     return xr.Variable((*outer, "output"), errors.reshape(*outer.values(), -1))
-
-
-#: Rows beyond which the size of a table is said before it is written, and bytes of one cell of it as text.
-MANY_ROWS, CELL_BYTES = 10_000_000, 12
 
 
 def export_cube(
@@ -409,13 +390,13 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
     about = {
         "table": path.name,
         "rows": table.n_rows,
-        "columns": {column.name: column.attributes for column in table.columns},
+        "columns": {label: column.attributes for label, column in table.columns.items()},
         "cube": {str(key): plain(value) for key, value in cube.attrs.items()},
     }
     with replacing(path.with_name(f"{path.name}.json")) as description, replacing(path) as temporary:
         description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         with temporary.open("w", encoding="utf-8", newline="") as file:
-            pd.DataFrame(columns=[column.name for column in table.columns]).to_csv(file, index=False)
+            pd.DataFrame(columns=[*table.columns]).to_csv(file, index=False)
             for part in table.parts():
                 part.to_csv(file, index=False, header=False)
 
@@ -424,10 +405,16 @@ def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    kinds = [pa.string() if column.dtype.kind == "O" else pa.from_numpy_dtype(column.dtype) for column in table.columns]
-    columns = zip(table.columns, kinds, strict=True)
+    kinds = {label: column.dtype for label, column in table.columns.items()}
     schema = pa.schema(
-        [pa.field(column.name, kind, metadata=column.attributes) for column, kind in columns],
+        [
+            pa.field(
+                label,
+                pa.string() if kind.kind == "O" else pa.from_numpy_dtype(kind),
+                metadata=table.columns[label].attributes,
+            )
+            for label, kind in kinds.items()
+        ],
         metadata={str(key): json.dumps(plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema) as file:
