@@ -16,7 +16,7 @@ import time
 import warnings
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filelock import BaseFileLock, Timeout
+from filelock import Timeout
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import (
@@ -74,11 +74,9 @@ def identity_of(plan: Plan) -> dict[str, str]:
     sweep = json.loads(to_json(plan.spec))
     details = {f"law {key}": law["sha256"] for key, law in sweep.pop("own_laws", {}).items()}
     details |= {f"record {record['name']}": record.pop("sha256") for record in sweep["records"]}
-    for key, value in sweep.items():
-        text = json.dumps(value, sort_keys=True)
-        details[key] = text if len(text) <= LONGEST else hashlib.sha256(text.encode()).hexdigest()
-    whole = (plan.digest, package_version(), package_digest(), libraries())
-    return details | dict(zip(WHOLE, whole, strict=True))
+    texts = {key: json.dumps(value, sort_keys=True) for key, value in sweep.items()}
+    details |= {k: t if len(t) <= LONGEST else hashlib.sha256(t.encode()).hexdigest() for k, t in texts.items()}
+    return details | dict(zip(WHOLE, (plan.digest, package_version(), package_digest(), libraries()), strict=True))
 
 
 def running(folder: Path) -> str | None:
@@ -93,45 +91,45 @@ def running(folder: Path) -> str | None:
 
 
 def _holder(folder: Path) -> str:
-    try:
+    with suppress(OSError):
         return (folder / HOLDER).read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
+    return ""
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder and keep other runs out of it while the context is open; it is removed if it is empty then."""
-    with ExitStack() as held:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            held.callback(_unlock, folder, acquire_lock(folder, PATIENCE))
-            before = _holder(folder)
-            now = datetime.now().astimezone().isoformat(timespec="seconds")
-            text = f"process {os.getpid()} on {socket.gethostname()}, since {now}\n"
-            (folder / HOLDER).write_text(text, encoding="utf-8")
-        except Timeout:
-            raise OutputError(
-                f"another run is at work in {str(folder)!r}: {running(folder) or 'it has just ended'}; "
-                "wait for it, stop it, or give another output path"
-            ) from None
-        except OSError as error:
-            raise OutputError(
-                f"the chunk folder {str(folder)!r} can't be made or written ({error}); give another output path"
-            ) from error
-        if before:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = acquire_lock(folder, PATIENCE)
+    except Timeout:
+        raise OutputError(
+            f"another run is at work in {str(folder)!r}: {running(folder) or 'it has just ended'}; "
+            "wait for it, stop it, or give another output path"
+        ) from None
+    except OSError as error:
+        raise _not_writable(folder, error) from error
+    try:
+        if before := _holder(folder):
             msg = f"the run before this one was killed ({before}); this one goes on from what it finished"
             warnings.warn(msg, RuntimeWarning, stacklevel=5)
+        now = datetime.now().astimezone().isoformat(timespec="seconds")
+        try:
+            (folder / HOLDER).write_text(f"process {os.getpid()} on {socket.gethostname()}, since {now}\n", "utf-8")
+        except OSError as error:
+            raise _not_writable(folder, error) from error
         yield
+    finally:
+        with suppress(OSError):  # the folder may be gone
+            for name in (HOLDER, LOCK):
+                (folder / name).unlink(missing_ok=True)
+        lock.release()
+        with suppress(OSError):  # chunks are in it, or it is a link
+            folder.rmdir()
 
 
-def _unlock(folder: Path, lock: BaseFileLock) -> None:
-    with suppress(OSError):  # the folder may be gone
-        for name in (HOLDER, LOCK):
-            (folder / name).unlink(missing_ok=True)
-    lock.release()
-    with suppress(OSError):  # chunks are in it, or it is a link
-        folder.rmdir()
+def _not_writable(folder: Path, error: OSError) -> OutputError:
+    return OutputError(f"the chunk folder {str(folder)!r} can't be made or written ({error}); give another output path")
 
 
 class ChunkStore:
@@ -154,8 +152,8 @@ class ChunkStore:
         """Keep other runs out of the folder while the context is open."""
         with locked(self.folder):
             begun = self._has_begun()
-            complete = [MANIFEST, *(self.path(key).name for key in self.completed())] if begun else []
-            self._remove(complete)  # what a killed run was writing, or all if it finished nothing
+            # all but what is finished goes: what a killed run was writing
+            self._remove([MANIFEST, *(self.path(key).name for key in self.completed())] if begun else [])
             if begun or self._at_once:
                 self.flush()
             try:
@@ -174,11 +172,11 @@ class ChunkStore:
         sweeps = [line["sweep"] for line in lines if "sweep" in line]
         if not sweeps or not any("key" in line for line in lines):
             return False
-        there, here = sweeps[-1], self.details
+        then, now = sweeps[-1], self.details
         differing = [
-            f"{key} ({there.get(key, 'none'):.{LONGEST}} there, {here.get(key, 'none'):.{LONGEST}} here)"
-            for key in {**here, **there}
-            if there.get(key) != here.get(key)
+            f"{key} ({then.get(key, 'none'):.{LONGEST}} there, {now.get(key, 'none'):.{LONGEST}} here)"
+            for key in {**now, **then}
+            if then.get(key) != now.get(key)
         ]
         if differing:
             raise OutputError(
@@ -189,8 +187,11 @@ class ChunkStore:
 
     def lines(self) -> list[dict[str, Any]]:
         """Read the manifest; a line that an interrupted run left half written is passed over."""
+        lines = []
         try:
-            text = (self.folder / MANIFEST).read_bytes()
+            for line in (self.folder / MANIFEST).read_bytes().splitlines():
+                with suppress(ValueError):
+                    lines.append(json.loads(line))
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -198,10 +199,6 @@ class ChunkStore:
                 f"the chunk folder {str(self.folder)!r} can't be read ({error.strerror}); ask its owner for access, "
                 "or give another path"
             ) from None
-        lines = []
-        for line in text.splitlines():
-            with suppress(ValueError):
-                lines.append(json.loads(line))
         return lines
 
     def completed(self) -> dict[str, dict[str, Any]]:
@@ -273,12 +270,8 @@ class ChunkStore:
 
     def write(self, key: str, table: np.ndarray, rows: np.ndarray, **more: Any) -> None:
         """Store a chunk with the numbers of its scenarios; when this returns, it outlasts a power cut."""
-        rows = np.asarray(rows, ROW)
-        with (
-            self._writing(f"chunk {key!r} "),
-            replacing(self.path(key), self.folder) as temporary,
-            temporary.open("wb") as file,
-        ):
+        rows, path = np.asarray(rows, ROW), self.path(key)
+        with self._writing(f"chunk {key!r} "), replacing(path, self.folder) as temporary, temporary.open("wb") as file:
             np.save(file, table, allow_pickle=False)
             file.write(rows.tobytes())
         self._entries[key] = {**more, "key": key, "crc32": _checksum(table, rows), "rows": len(table)}
@@ -319,17 +312,7 @@ def _checksum(table: np.ndarray, rows: np.ndarray) -> int:
 
 @dataclass
 class Part:
-    """Chunks of one stage, law and record.
-
-    Attributes
-    ----------
-    stage, law, record : str
-        What they run.
-    chunks, scenarios : int
-        How many there are.
-    chunks_done, scenarios_done : int
-        How many of them are finished.
-    """
+    """Chunks of one stage, law and record: how many there are and are finished, and their scenarios."""
 
     stage: str
     law: str
@@ -342,34 +325,17 @@ class Part:
 
 @dataclass
 class Survey:
-    """An unfinished sweep.
+    """An unfinished sweep."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where its chunks stand.
-    details : dict of str to str
-        Digest of the sweep and of the package's source, its version, and those of numba and numpy.
-    title : str
-        Title of the sweep.
-    asked, at_most : int or None
-        Scenarios asked for, and those that may have to run; None where no run came as far as its first stage.
-    parts : list of Part
-        By stage, law and record, as far as planned.
-    planned : bool
-        Whether all chunks are known: which scenarios have to run is after the runs without pounding.
-    now : str or None
-        Who runs on it.
-    """
-
-    folder: Path
-    details: dict[str, str] = field(default_factory=dict)
+    folder: Path  # where its chunks stand
+    details: dict[str, str]  # digests of the sweep and of the package's source, versions
     title: str = ""
+    #: scenarios asked for, and those that may have to run; None where no run came as far as its first stage
     asked: int | None = None
     at_most: int | None = None
-    parts: list[Part] = field(default_factory=list)
-    planned: bool = False
-    now: str | None = None
+    parts: list[Part] = field(default_factory=list)  # by stage, law and record, as far as planned
+    planned: bool = False  # whether all chunks are known, which is after the runs without pounding
+    now: str | None = None  # who runs on it
 
 
 def survey(folder: Path) -> Survey:
@@ -400,6 +366,7 @@ def survey(folder: Path) -> Survey:
         )
     result = Survey(folder, {key: sweeps[-1][key] for key in WHOLE if key in sweeps[-1]}, now=running(folder))
     stages = {line["stage"]: line for line in lines if "chunks" in line}
+    result.planned = "scenarios" in stages
     for stage, line in stages.items():
         result.title, result.asked, result.at_most = line["title"], line["asked"], line["at_most"]
         parts: dict[tuple[int, int], Part] = {}
@@ -410,5 +377,4 @@ def survey(folder: Path) -> Survey:
             part.chunks_done += key in done
             part.scenarios_done += scenarios * (key in done)
         result.parts += parts.values()
-    result.planned = "scenarios" in stages
     return result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,15 +63,20 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
         return []
     error = np.asarray(cube["audit_error"][...])
     sensitive, apart = (np.asarray(cube[name][...], bool) for name in ("audit_sensitive", "audit_undecided"))
+
+    def reduced(reduce: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+        number = float(reduce(values)) if values.size else math.inf
+        return number if math.isfinite(number) else None
+
     return [
         {
             "output": output,
             "scenarios": int((~apart).sum()),
-            "error_median": _number(np.median, error[~apart, i]),
-            "error_max": _number(np.max, error[~apart, i]),
+            "error_median": reduced(np.median, error[~apart, i]),
+            "error_max": reduced(np.max, error[~apart, i]),
             "sensitive": int(sensitive.sum()),
             "undecided": int(apart.sum()),
-            "error_max_undecided": _number(np.max, error[apart, i]),
+            "error_max_undecided": reduced(np.max, error[apart, i]),
         }
         for i, output in enumerate(np.asarray(cube["output"][...]).tolist())
     ]
@@ -93,8 +98,3 @@ def audit_sentence(rows: Sequence[Mapping[str, Any]], attributes: Mapping[Any, A
     if undecided:
         text += f"; {undecided} ({undecided / n:.1%}) undecided and set apart: no step settles them"
     return text
-
-
-def _number(reduce: Any, values: np.ndarray) -> float | None:
-    found = float(reduce(values)) if values.size else math.inf
-    return found if math.isfinite(found) else None

@@ -74,21 +74,26 @@ def unit_attributes(units: str) -> dict[str, str]:
     return {"unit_text" if _FRACTIONAL_POWER.search(units) else "units": units}
 
 
+def coordinate(
+    dims: Sequence[str], values: Any, units: str, long_name: str, comment: str = ""
+) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    """Return a coordinate and what is said of it; what is empty is not."""
+    return tuple(dims), values, {"units": units, "long_name": long_name, "comment": comment}
+
+
 def _attributes(raw: Mapping[str, Any]) -> dict[str, Any]:
     """Return what netCDF attributes can hold: text, numbers, arrays of numbers, and JSON of all else."""
     result: dict[str, Any] = unit_attributes(str(raw.get("units", "")))
     for key, value in raw.items():
         if key == "units" or value is None or (key == "comment" and not value):
             continue
-        numbers = np.asarray(value) if isinstance(value, (list, tuple, np.ndarray)) and len(value) else None
-        if isinstance(value, (bool, np.bool_)):
+        result[key] = value
+        if isinstance(value, bool | np.bool_):
             result[key] = "true" if value else "false"
-        elif isinstance(value, (str, int, float, np.integer, np.floating)):
-            result[key] = value
-        elif numbers is not None and numbers.dtype.kind in "iuf" and numbers.ndim == 1:
-            result[key] = numbers
-        else:
-            result[key] = json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
+        elif not isinstance(value, str | int | float | np.integer | np.floating):
+            numbers = np.asarray(value if isinstance(value, list | tuple | np.ndarray) else [])
+            text = json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
+            result[key] = numbers if numbers.dtype.kind in "iuf" and numbers.ndim == 1 and numbers.size else text
     return result
 
 
@@ -110,41 +115,42 @@ def coordinate_values(values: Any) -> np.ndarray:
 def _scene_coordinates(scene: Scene) -> Coordinates:
     elevations = np.concatenate([building.elevations for building in scene.buildings])
     floors, contacts = ("building", "storey"), ("pair", "storey")
-    rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
-        ("building", ("building",), [building.name for building in scene.buildings], "", "building, left to right"),
-        ("storey", ("storey",), np.arange(1, scene.n_storeys + 1), "1", "storey, 1 at the bottom"),
-        ("floor_elevation", floors, scatter_dof(elevations, scene), "m", "elevation of the floor above the base"),
-    ]
+    names, numbers = [building.name for building in scene.buildings], np.arange(1, scene.n_storeys + 1)
+    text = "elevation of the floor above the base"
+    result = {
+        "building": coordinate(floors[:1], names, "", "building, left to right"),
+        "storey": coordinate(floors[1:], numbers, "1", "storey, 1 at the bottom"),
+        "floor_elevation": coordinate(floors, scatter_dof(elevations, scene), "m", text),
+    }
     if scene.pair_names:
+        result["pair"] = coordinate(contacts[:1], list(scene.pair_labels), "", "pair of neighbours, left-right")
         # of a floor that strikes columns, the floor's; columns have the index of the floor above them
         meeting = [c.left if c.left >= 0 and c.struck != 0 else c.right for c in scene.contacts]
         meets, text = scatter_contact(elevations[meeting], scene), "elevation at which the floors of the pair meet"
-        rows.append(("pair", ("pair",), list(scene.pair_labels), "", "pair of neighbours, left-right"))
-        rows.append(("contact_elevation", contacts, meets, "m", text))
-        storeys = np.concatenate([np.arange(1.0, building.n_storeys + 1) for building in scene.buildings])
+        result["contact_elevation"] = coordinate(contacts, meets, "m", text)
+        # the last for a wall, which has none
+        storeys = np.concatenate([*(np.arange(1.0, item.n_storeys + 1) for item in scene.buildings), [np.nan]])
         for side in ("left", "right"):
-            met = [getattr(contact, side) for contact in scene.contacts]
-            own = np.array([storeys[at] if at >= 0 else np.nan for at in met])  # a wall has none
+            met = storeys[[getattr(contact, side) for contact in scene.contacts]]
             text = f"storey of the {side} building that meets there"
-            rows.append((f"{side}_storey", contacts, scatter_contact(own, scene), "1", text))
-    return {name: (dims, values, {"units": units, "long_name": text}) for name, dims, values, units, text in rows}
+            result[f"{side}_storey"] = coordinate(contacts, scatter_contact(met, scene), "1", text)
+    return result
 
 
 def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS) -> Coordinates:
     """Return what is known about the laws of a coordinate, as far as it is."""
-    keys = [str(key) for key in np.ravel(np.asarray(laws))]
-    if len(dims) != 1 or not any(key in known for key in keys):
+    keys = np.ravel(np.asarray(laws)).astype(str).tolist()
+    if len(dims) != 1 or not known.keys() & keys:
         return {}
-
     texts = {
-        "law_model": ("model", "model number in Mate, Bakre & Jaiswal (2015)"),
-        "law_title": ("title", "contact law in words"),
-        "law_formula": ("formula", "contact force (kN) of penetration d and its rate v"),
+        "model": "model number in Mate, Bakre & Jaiswal (2015)",
+        "title": "contact law in words",
+        "formula": "contact force (kN) of penetration d and its rate v",
     }
     return {
-        name: (tuple(dims), [str(getattr(known.get(key), attribute, "")) for key in keys], {"long_name": text})
-        for name, (attribute, text) in texts.items()
-        if name == "law_model" or tuple(dims) == ("law",)  # else listed cases, of which there may be many
+        f"law_{name}": coordinate(dims, [str(getattr(known.get(key), name, "")) for key in keys], "", text)
+        for name, text in texts.items()
+        if name == "model" or tuple(dims) == ("law",)  # else listed cases, of which there may be many
     }
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
-
+#: Attributes that are shown in a section of their own.
 _SHOWN_ELSEWHERE = {
-    *("title", "history", "records", "scenarios_asked", "scenarios_run"),
+    *("title", "history", "records", "scenarios_asked", "scenarios_run", *ORIGINS),
     *("accuracy_choice", "accuracy_numbers"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
 }
@@ -45,7 +45,7 @@ _DIGITS = 12
 
 
 def _number(value: Any) -> str:
-    if isinstance(value, (float, np.floating)):
+    if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else shown(value)
 
@@ -55,84 +55,15 @@ def _short(value: Any, width: int = _WIDTH) -> str:
     return text if len(text) <= width else f"{text[: width - 3]}..."
 
 
+def _plain(value: Any, *, coded: bool = False) -> Any:
+    """Return the value of an attribute or an axis as JSON can hold it; what is coded as JSON, as what that says."""
+    text = value if coded else json.dumps(plain(value))
+    return json.loads(text, parse_constant=lambda _: None)  # not a finite number
+
+
 def _meaning(array: xr.DataArray) -> dict[str, str]:
     units = str(array.attrs.get("units", array.attrs.get("unit_text", "")))
     return {"units": "" if units == "1" else units, "long_name": str(array.attrs.get("long_name", ""))}
-
-
-def _of_scenarios(arrays: Mapping[Any, xr.DataArray]) -> dict[str, xr.DataArray]:
-    """Return arrays by name, without those of the audit."""
-    return {str(name): array for name, array in arrays.items() if AUDIT_DIMS[0] not in array.dims}
-
-
-def _axes(dataset: xr.Dataset, *, inner: bool) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for dim, size in dataset.sizes.items():
-        if dim in AUDIT_DIMS or (dim in INNER_DIMS) != inner:
-            continue
-        axis = dataset[dim]  # a dimension without coordinate counts from 0
-        values, (units, name) = axis.values, _meaning(axis).values()
-        if values.dtype.kind not in "iuf" or size <= 8:
-            text = _short(", ".join(_number(value) for value in values.tolist()))
-        else:
-            text = f"{_number(values.min().item())} to {_number(values.max().item())}"
-        rows.append((str(dim), str(size), f"{text} {units}".rstrip() + (f"  ({name})" if name else "")))
-    return rows
-
-
-def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
-    """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
-    if values.dtype.kind not in "iuf":
-        return "-"
-    low, high = np.inf, -np.inf
-    dims = [dim for dim in values.dims if dim not in INNER_DIMS]
-    sizes = [values.sizes[dim] for dim in dims]
-    each = max(1, values.nbytes // max(1, math.prod(sizes)))
-    for slab in slabs(sizes, SLAB_BYTES // each):  # that fit into memory
-        cut = dict(zip(dims, slab, strict=True))
-        kept = values.isel(cut).astype(float)
-        if status is not None and set(status.dims) <= set(kept.dims):
-            kept = kept.where(status.isel(cut, missing_dims="ignore") == int(Status.OK))
-        array = kept.values[np.isfinite(kept.values)]
-        low, high = min(low, array.min(initial=np.inf)), max(high, array.max(initial=-np.inf))
-    return f"{_number(low)} to {_number(high)}" if low <= high else "no values"
-
-
-def _records(records: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for record in records:
-        told = {k: v for k, v in record.items() if k not in ("name", "pga") and v not in ("", None)}
-        more = [f"{k} {_number(v)[:_DIGITS] if k == 'sha256' else _number(v)}" for k, v in told.items()]
-        peak = f"PGA {_number(record['pga'])} m/s2"
-        rows.append((_short(record["name"]), peak, _short(", ".join(more), 2 * _WIDTH)))
-    return rows
-
-
-def _origins(attributes: Mapping[Any, Any]) -> list[tuple[str, ...]]:
-    """List the cubes that results were taken from."""
-    rows: list[tuple[str, ...]] = []
-    for key, how in ORIGINS.items():
-        for one in sources(attributes, key):
-            counts = [f"{one[name]} {text}" for name, text in _COUNTS.items() if name in one]
-            if one.get("made_from"):
-                counts.append(f"made from {', '.join(one['made_from'])}")
-            makers = {name: one.get(f"{name}_version") for name in LIBRARIES}
-            made_by = {"source": str(one.get(SOURCE_ATTRIBUTE, ""))[:_DIGITS], **makers}
-            made = ", ".join(f"{name} {maker}" for name, maker in made_by.items() if maker)
-            rows.append((how, *map(_short, (one["file"], one.get("history", ""), ", ".join(counts), made))))
-    return rows
-
-
-def _audit(table: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for row in table:
-        median, largest, apart = (
-            "-" if row[name] is None else f"{row[name]:.1e}"
-            for name in ("error_median", "error_max", "error_max_undecided")
-        )
-        undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
-        rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
-    return rows
 
 
 def about(dataset: xr.Dataset) -> dict[str, Any]:
@@ -162,11 +93,11 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
     >>> found["title"], found["dims"]["gap"]
     ('Row', {'size': 2, 'values': [0.01, 0.02], 'units': 'm', 'long_name': ''})
     """
-    told = {str(key): _plain(value, coded=key in _CODED) for key, value in dataset.attrs.items()}
-    versions = {key.removesuffix("_version"): told.pop(key) for key in list(told) if key.endswith("_version")}
+    attributes = {str(key): _plain(value, coded=key in _CODED) for key, value in dataset.attrs.items()}
+    versions = {key.removesuffix("_version"): attributes.pop(key) for key in [*attributes] if key.endswith("_version")}
     return {
-        "title": told.pop("title", ""),
-        "history": told.pop("history", ""),
+        "title": attributes.pop("title", ""),
+        "history": attributes.pop("history", ""),
         "versions": versions,
         "dims": {
             str(dim): {"size": size, "values": _plain(dataset[dim].values), **_meaning(dataset[dim])}
@@ -174,21 +105,16 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
             if dim not in AUDIT_DIMS
         },
         "variables": {
-            name: {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
-            for name, array in _of_scenarios(dataset.data_vars).items()
+            str(name): {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
+            for name, array in dataset.data_vars.items()
+            if AUDIT_DIMS[0] not in array.dims
         },
         "scenarios": dataset["status"].size if "status" in dataset.data_vars else None,
         "statuses": {row["label"]: row["count"] for row in statuses(dataset.get("status", []))},
         "audit": audit_table(dataset),
         "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
-        "attributes": told,
+        "attributes": attributes,
     }
-
-
-def _plain(value: Any, *, coded: bool = False) -> Any:
-    """Return the value of an attribute or an axis as JSON can hold it; what is coded as JSON, as what that says."""
-    text = value if coded else json.dumps(plain(value))
-    return json.loads(text, parse_constant=lambda _: None)  # not a finite number
 
 
 def statuses(status: Any) -> list[dict[str, Any]]:
@@ -220,11 +146,10 @@ def describe(dataset: xr.Dataset) -> str:
     -----
     Reads every variable once, a part at a time. Control characters of a file are escaped, and what is long is cut.
     """
-    attributes, audit = dataset.attrs, audit_table(dataset)
+    attributes, cube = dataset.attrs, about(dataset)
     status = dataset["status"] if "status" in dataset.data_vars else None
-
     lines = [_short(attributes.get("title", "(no title)"))]
-    lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
+    lines += [f"  {_short(line)}" for line in str(cube["history"]).splitlines()]
     asked = attributes.get("scenarios_asked")
     if status is not None and status.size != asked:
         changed = "" if asked is None else f" (joined or cut after a run of {asked})"
@@ -234,43 +159,95 @@ def describe(dataset: xr.Dataset) -> str:
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
 
-    variables, coordinates = [], []
-    for name, variable in _of_scenarios(dataset.data_vars).items():
-        if name != "status":
-            inner = " and ".join(str(dim) for dim in variable.dims if dim in INNER_DIMS)
-            units, text = _meaning(variable).values()
-            variables.append((name, units or "-", _range(variable, status), f"{text}, per {inner}" if inner else text))
-    for name, coordinate in _of_scenarios(dataset.coords).items():
-        if name not in dataset.dims:
-            units, text = _meaning(coordinate).values()
-            coordinates.append((name, f"({', '.join(map(str, coordinate.dims))})", units or "-", text))
-    versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
-    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in {*_SHOWN_ELSEWHERE, *versions, *ORIGINS}]
+    axes: dict[bool, list[tuple[str, ...]]] = {False: [], True: []}
+    for dim, axis in cube["dims"].items():
+        values = dataset[dim].values  # of a dimension without coordinate it counts from 0
+        text = _short(", ".join(map(_number, values.tolist())))
+        if values.dtype.kind in "iuf" and axis["size"] > 8:
+            text = f"{_number(values.min().item())} to {_number(values.max().item())}"
+        name = f"  ({axis['long_name']})" if axis["long_name"] else ""
+        axes[dim in INNER_DIMS].append((dim, str(axis["size"]), f"{text} {axis['units']}".rstrip() + name))
+    coordinates, variables = list[tuple[str, ...]](), list[tuple[str, ...]]()
+    for key, array in dataset.coords.items():
+        if AUDIT_DIMS[0] not in array.dims and key not in dataset.dims:
+            units, name = _meaning(array).values()
+            coordinates.append((str(key), f"({', '.join(map(str, array.dims))})", units or "-", name))
+    for key, variable in cube["variables"].items():
+        if key != "status":
+            inner = " and ".join(dim for dim in variable["dims"] if dim in INNER_DIMS)
+            text = f"{variable['long_name']}, per {inner}" if inner else variable["long_name"]
+            variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
+    ends = statuses(dataset.get("status", []))
     errors = "Audit: relative error, by the difference to half the step"
-    sections: dict[str, Sequence[tuple[str, ...]]] = {
-        "Row": [(f"{name}:", text) for name, text in overview_of(attributes)],
-        "Scenario axes": _axes(dataset, inner=False),
-        "Within a scenario": _axes(dataset, inner=True),
+    others = {str(key): value for key, value in attributes.items() if key not in _SHOWN_ELSEWHERE}
+    sections: dict[str, list[tuple[str, ...]]] = {
+        "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
+        "Scenario axes": axes[False],
+        "Within a scenario": axes[True],
         "Further coordinates": coordinates,
         f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
         "Scenarios by status": [
-            (str(row["count"]), row["label"], f"{row['meaning']}: {row['remedy']}" if row["remedy"] else row["meaning"])
-            for row in statuses(dataset.get("status", []))
+            (str(end["count"]), end["label"], f"{end['meaning']}: {end['remedy']}" if end["remedy"] else end["meaning"])
+            for end in ends
         ],
-        errors: _audit(audit),
-        "Records": _records(json.loads(attributes.get("records", "[]"))),
-        "Made from": _origins(attributes),
-        "Versions": [(k.removesuffix("_version"), str(v)) for k, v in versions.items()],
-        "Attributes": others,
+        errors: [_audit_row(row) for row in cube["audit"]],
+        "Records": [_record_row(record) for record in json.loads(attributes.get("records", "[]"))],
+        "Made from": [
+            (how, *_source_row(source)) for key, how in ORIGINS.items() for source in sources(attributes, key)
+        ],
+        "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
+        "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
     }
     for heading, rows in sections.items():
         if rows:
-            lines += ["", heading] + ([f"  {audit_sentence(audit, attributes)}"] if heading == errors else [])
+            lines += ["", heading] + ([f"  {audit_sentence(cube['audit'], attributes)}"] if heading == errors else [])
             widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
             for row in rows:
                 cells = (cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False))
                 lines.append("  ".join(["", *cells, row[-1]]).rstrip())
     return "\n".join(map(printable, lines))
+
+
+def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
+    """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
+    if values.dtype.kind not in "iuf":
+        return "-"
+    low, high = np.inf, -np.inf
+    dims = [dim for dim in values.dims if dim not in INNER_DIMS]
+    sizes = [values.sizes[dim] for dim in dims]
+    for slab in slabs(sizes, SLAB_BYTES // max(1, values.nbytes // max(1, math.prod(sizes)))):  # that fit into memory
+        part: Any = dict(zip(dims, slab, strict=True))
+        valid = values.isel(part).astype(float)
+        if status is not None and set(status.dims) <= set(valid.dims):
+            valid = valid.where(status.isel(part, missing_dims="ignore") == int(Status.OK))
+        array = valid.values[np.isfinite(valid.values)]
+        low, high = min(low, array.min(initial=np.inf)), max(high, array.max(initial=-np.inf))
+    return f"{_number(float(low))} to {_number(float(high))}" if low <= high else "no values"
+
+
+def _record_row(record: Mapping[str, Any]) -> tuple[str, ...]:
+    more = {key: _number(value) for key, value in record.items() if key != "pga" and value not in ("", None)}
+    name = more.pop("name")
+    texts = [f"{key} {text[:_DIGITS] if key == 'sha256' else text}" for key, text in more.items()]
+    return _short(name), f"PGA {_number(record['pga'])} m/s2", _short(", ".join(texts), 2 * _WIDTH)
+
+
+def _source_row(source: Mapping[str, Any]) -> tuple[str, ...]:
+    """Describe a cube that results were taken from."""
+    counts = [f"{source[name]} {text}" for name, text in _COUNTS.items() if name in source]
+    if source.get("made_from"):
+        counts.append(f"made from {', '.join(source['made_from'])}")
+    makers = {"source": str(source.get(SOURCE_ATTRIBUTE, ""))[:_DIGITS]}
+    makers |= {name: source.get(f"{name}_version", "") for name in LIBRARIES}
+    made = ", ".join(f"{name} {maker}" for name, maker in makers.items() if maker)
+    return tuple(map(_short, (source["file"], source.get("history", ""), ", ".join(counts), made)))
+
+
+def _audit_row(row: Mapping[str, Any]) -> tuple[str, ...]:
+    names = ("error_median", "error_max", "error_max_undecided")
+    median, largest, apart = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
+    undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
+    return row["output"], f"median {median}", f"up to {largest}", undecided
 
 
 def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -280,52 +257,53 @@ def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
     with NETCDF_LOCK, netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         attributes, arrays = file.__dict__, file.variables
-        audit, ends, impacts = audit_table(arrays), statuses(arrays["status"][...]), _impacts(arrays)
-    return {
-        "extended_from": json.loads(attributes.get("extended_from", "null")),
-        "accuracy_choice": attributes.get("accuracy_choice", ""),
-        "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
-        "audit": audit,
-        "audit_sentence": audit_sentence(audit, attributes),
-        "statuses": ends,
-        "summary": impacts,
-    }
+        audit = audit_table(arrays)
+        return {
+            "extended_from": json.loads(attributes.get("extended_from", "null")),
+            "accuracy_choice": attributes.get("accuracy_choice", ""),
+            "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
+            "audit": audit,
+            "audit_sentence": audit_sentence(audit, attributes),
+            "statuses": statuses(arrays["status"][...]),
+            "summary": _impacts(arrays) if "pair" in arrays else [],
+        }
 
 
 def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
     """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
-    if "pair" not in arrays:
-        return []
-    status, laws, pairs = arrays["status"], _texts(arrays["law"]), _texts(arrays["pair"]).tolist()
-    titles = {key: law.title for key, law in LAWS.items()}
+    status, pairs = arrays["status"], _texts(arrays["pair"]).tolist()
+    keys, law = np.unique(_texts(arrays["law"]), return_inverse=True)
+    titles = {key: item.title for key, item in LAWS.items()}
     if "law_title" in arrays:
-        titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
+        titles |= dict(zip(keys[law].tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
     along = status.dimensions.index(arrays["law"].dimensions[0])
-    names = [name for name in ("impact_force_max", "impact_count") if name in arrays]
-    each = max([1, *(arrays[name].dtype.itemsize * arrays[name].size // status.size for name in names)])
-    found: dict[str, list[list[np.ndarray]]] = {}
-    for slab in slabs(status.shape, SLAB_BYTES // each):
-        # the largest of all floors, shape (*scenarios, pair); missing where no floors meet
-        largest = [np.fmax.reduce(arrays[name][slab], axis=-1) for name in names]
-        by_law = np.expand_dims(laws[slab[along]], [axis for axis in range(status.ndim) if axis != along])
-        ok = status[slab] == Status.OK
-        for law in dict.fromkeys(laws[slab[along]].tolist()):
-            some = ok & (by_law == law)
-            found.setdefault(law, []).append([ok[some], *(values[some] for values in largest)])
+    shape = [-1 if axis == along else 1 for axis in range(status.ndim)]
+    law_of, ok = np.broadcast_to(law.reshape(shape), status.shape).ravel(), status[...].ravel() == Status.OK
+    # the largest of all floors, shape (scenarios, pairs); missing where no floors meet
+    largest = {}
+    for name in (name for name in ("impact_force_max", "impact_count") if name in arrays):
+        array = arrays[name]
+        most = SLAB_BYTES // max(1, array.dtype.itemsize * array.size // max(1, status.size))
+        parts = [np.fmax.reduce(array[slab], axis=-1) for slab in slabs(status.shape, most)]
+        largest[name] = np.concatenate([part.reshape(-1, len(pairs)) for part in parts])
     rows = []
-    for law, parts in found.items():
-        scenarios, *values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    for i in dict.fromkeys(law.tolist()):
+        some = ok & (law_of == i)
         for p, pair in enumerate(pairs):
-            at_pair = {name: column[:, p] for name, column in zip(names, values, strict=True)}
-            peak = np.fmax.reduce(at_pair.get("impact_force_max", []), initial=-np.inf)
-            counts = np.array(at_pair.get("impact_count", []))
-            row = {"law": law, "title": titles.get(law, ""), "pair": pair, "scenarios": len(scenarios)}
-            # a pair touches where it is hit, or pressed
-            row["touching"] = int((at_pair[names[-1]] > 0).sum()) if names else None
-            row["peak_force"] = float(peak) if np.isfinite(peak) else None
-            row["impacts_max"] = int(counts.max()) if (counts != INTEGER_FILL).any() else None
-            row["impacts_median"] = float(np.median(counts[counts > 0])) if (counts > 0).any() else None
-            rows.append(row)
+            values = {name: column[some, p] for name, column in largest.items()}
+            peak = np.fmax.reduce(values.get("impact_force_max", []), initial=-np.inf)
+            counts = np.array(values.get("impact_count", []))
+            key = str(keys[i])
+            rows.append(
+                {
+                    **{"law": key, "title": titles.get(key, ""), "pair": pair, "scenarios": int(some.sum())},
+                    # a pair touches where it is hit, or pressed
+                    "touching": int(([*values.values()][-1] > 0).sum()) if values else None,
+                    "peak_force": float(peak) if np.isfinite(peak) else None,
+                    "impacts_max": int(counts.max()) if (counts != INTEGER_FILL).any() else None,
+                    "impacts_median": float(np.median(counts[counts > 0])) if (counts > 0).any() else None,
+                }
+            )
     return rows
 
 

@@ -41,7 +41,10 @@ MANY_ROWS, CELL_BYTES = 10_000_000, 12
 #: Coordinates that describe a law at length; its key tells it.
 PROSE = ("law_model", "law_title", "law_formula")
 #: Coordinate that is missing at the places of its dimensions where there is nothing.
-_PLACES = {("building", "storey"): "floor_elevation", ("pair", "storey"): "contact_elevation"}
+_PLACES: dict[tuple[str, ...], str] = {
+    ("building", "storey"): "floor_elevation",
+    ("pair", "storey"): "contact_elevation",
+}
 #: Dimension of histories.
 TIME = "time"
 #: Powers of the record's scale that measures of a ground motion grow with, by name.

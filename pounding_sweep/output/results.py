@@ -25,39 +25,30 @@ def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
     return np.dtype([(name, get_variable(name).dtype, inner_shape(name, scene)) for name in names], align=True)
 
 
-def to_table(found: Mapping[str, np.ndarray], scene: Scene) -> np.ndarray:
+def to_table(values: Mapping[str, np.ndarray], scene: Scene) -> np.ndarray:
     """Put variables of shape (n, *inner) side by side, one row per scenario."""
-    table = np.empty(len(next(iter(found.values()))), table_type(found, scene))
-    for name, values in found.items():
-        table[name] = values
+    table = np.empty(len(next(iter(values.values()))), table_type(values, scene))
+    for name, column in values.items():
+        table[name] = column
     return table
-
-
-def _as_bytes(table: np.ndarray) -> np.ndarray:
-    """Rows of a table as so many bytes each, which are copied ten times as fast as their fields."""
-    return table.view(f"V{table.dtype.itemsize}")
 
 
 class Results:
     """Where the results of scenarios stand."""
 
     def __init__(self, names: Iterable[str], scene: Scene, n: int) -> None:
-        self.names = tuple(names)
-        self.scene = scene
+        self.names, self.scene = tuple(names), scene
         self.status = np.full(n, int(Status.NOT_RUN), np.int8)
         self.touched = np.zeros(n, bool)
         #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
         self.largest_drift = np.zeros(inner_shape("drift_max", scene))
-        missing = np.zeros(1, table_type(self.names, scene))  # of scenarios without an answer
-        for name in self.names:
-            missing[name] = get_variable(name).fill or 0
-        self._slot = np.zeros(n, np.int32)
-        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [missing]
-        self._first = [0, 1]
-        self._kept = 0
+        missing = {name: np.full((1, *inner_shape(name, scene)), get_variable(name).fill or 0) for name in self.names}
+        # the first has what stands for scenarios without an answer
+        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
+        self._slot, self._first, self._kept = np.zeros(n, np.int32), [0, 1], 0
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
-        """Take up a table."""
+        """Take up a table; returns its number, and where its rows stand."""
         if "drift_max" in self.names:
             drifts = table["drift_max"][table["status"] == Status.OK]
             self.largest_drift = np.fmax(self.largest_drift, np.fmax.reduce(drifts, axis=0, initial=0.0))
@@ -69,45 +60,36 @@ class Results:
         """Let go of a table that is now in a file, from which it is to be read, unless there is room for it."""
         table = self._tables[index]
         assert isinstance(table, np.ndarray)
-        if self._kept + table.nbytes <= KEPT_BYTES:
-            self._kept += table.nbytes
-        else:
+        self._kept += table.nbytes
+        if self._kept > KEPT_BYTES:
+            self._kept -= table.nbytes
             self._tables[index] = read
 
     def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
         """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
-        self._slot[rows] = slots
-        self.status[rows] = status
-        self.touched[rows] = touched
+        self._slot[rows], self.status[rows], self.touched[rows] = slots, status, touched
 
     def gather(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Gather the results of scenarios."""
+        """Gather the results of scenarios; nothing of a table that is in a file stays in memory."""
         kind = table_type(self.names, self.scene)
-        found = np.empty(len(rows), kind)
-        slots = self._slot[rows]
-        order = np.argsort(slots, kind="stable")
-        slots = slots[order]
+        result, as_bytes = np.empty(len(rows), kind), f"V{kind.itemsize}"
+        order = np.argsort(self._slot[rows], kind="stable")
+        slots = self._slot[rows][order]
         edges = np.searchsorted(slots, self._first)
         for index in np.flatnonzero(np.diff(edges)).tolist():
-            here = slice(edges[index], edges[index + 1])
-            table, mine, there = self._table(index), order[here], slots[here] - self._first[index]
-            if table.dtype == kind:
-                _as_bytes(found)[mine] = _as_bytes(table).take(there)
+            part = slice(edges[index], edges[index + 1])
+            table, wanted, stored = self._tables[index], order[part], slots[part] - self._first[index]
+            try:
+                table = table if isinstance(table, np.ndarray) else table()
+            except OutputError as error:
+                raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
+            if table.dtype == kind:  # rows as so many bytes are copied ten times as fast as their fields
+                result.view(as_bytes)[wanted] = table.view(as_bytes).take(stored)
                 continue
             for name in self.names:  # of a run without pounding, which has more fields
-                found[name][mine] = table[name].take(there, axis=0)
-        found["status"] = self.status[rows]
-        return {name: found[name] for name in self.names}
-
-    def _table(self, index: int) -> np.ndarray:
-        """Return a table; of one in a file nothing stays in memory."""
-        table = self._tables[index]
-        if isinstance(table, np.ndarray):
-            return table
-        try:
-            return table()
-        except OutputError as error:
-            raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
+                result[name][wanted] = table[name].take(stored, axis=0)
+        result["status"] = self.status[rows]
+        return {name: result[name] for name in self.names}
 
     def let_go(self) -> None:
         """Let go of all tables; status and touched remain."""

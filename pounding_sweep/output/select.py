@@ -79,32 +79,27 @@ def select(
 def _place(axis: str, labels: np.ndarray, value: str | float) -> int:
     """Index of a value on an axis."""
     if labels.dtype.kind not in "iuf":
-        places = np.flatnonzero(labels == value)
-        if not places.size:
+        if value not in labels.tolist():
             raise InputError(unknown(axis, value, map(str, labels.tolist())))
-        return int(places[0])
+        return labels.tolist().index(value)
+    rising = np.sort(labels).tolist()
     try:
         number = float(value)
+        fault = "is not on the axis"
     except (ValueError, TypeError, OverflowError):
-        raise InputError(f"{axis} {shown(value)} is no number; {_has(labels, np.nan)}") from None
+        number, fault = np.nan, "is no number"
     places = np.flatnonzero(labels == number)
     if not places.size and labels.dtype.kind == "f":
         places = np.flatnonzero(np.isclose(labels, number, rtol=NEAR, atol=0.0))
     if places.size > 1:
         near = ", ".join(map(repr, labels[places[:_FEW]].tolist()))
-        raise InputError(
-            f"{axis} {shown(value)} is within {NEAR:g} of {places.size} values ({near}); give all figures of one"
-        )
-    if not places.size:
-        raise InputError(f"{axis} {shown(value)} is not on the axis; {_has(labels, number)}")
+        fault = f"is within {NEAR:g} of {places.size} values ({near}); give all figures of one"
+    elif not places.size and labels.size <= _FEW:
+        fault += f"; it has {', '.join(map(repr, labels.tolist()))}"
+    elif not places.size:
+        at = int(np.searchsorted(rising, number))
+        near = " and ".join(map(repr, rising[max(0, at - 1) : at + 1]))
+        fault += f"; it has {len(rising)} values from {rising[0]!r} to {rising[-1]!r}; next to that: {near}"
+    if places.size != 1:
+        raise InputError(f"{axis} {shown(value)} {fault}")
     return int(places[0])
-
-
-def _has(labels: np.ndarray, number: float) -> str:
-    """Say what an axis has: all values if they are few, else its range and what is next to a number."""
-    if labels.size <= _FEW:
-        return f"it has {', '.join(map(repr, labels.tolist()))}"
-    rising = np.sort(labels).tolist()
-    at = int(np.searchsorted(rising, number))
-    near = " and ".join(map(repr, rising[max(0, at - 1) : at + 1]))
-    return f"it has {len(rising)} values from {rising[0]!r} to {rising[-1]!r}; next to that: {near}"
