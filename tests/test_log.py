@@ -93,22 +93,22 @@ def test_a_run_in_memory_or_that_may_not_begin_leaves_no_log(tmp_path, monkeypat
 
 def test_warnings_are_in_the_logs_of_runs_that_overlap(tmp_path):
     """The first to begin ends first, as runs of two threads may: each log tells those of its time, once each."""
-    shown = []
+    shown, plan = [], make().plan()
     with warnings.catch_warnings(), ExitStack() as first, ExitStack() as second:
         warnings.simplefilter("always")
         warnings.showwarning = lambda message, *args, **kwargs: shown.append(str(message))
-        first.enter_context(run_log(tmp_path / "first", Progress()))
+        first.enter_context(run_log(tmp_path / "first", Progress(), plan))
         for text in ("one", "two", "two", "three", "four"):
             if len(shown) == 1:
-                second.enter_context(run_log(tmp_path / "second", Progress()))
+                second.enter_context(run_log(tmp_path / "second", Progress(), plan))
             if text == "three":
                 first.close()
             if text == "four":
                 second.close()
             warnings.warn(text, UserWarning, stacklevel=1)
     assert shown == ["one", "two", "two", "three", "four"]
-    assert lines(tmp_path / "first")[:-1] == ["warning: one", "warning: two"]
-    assert lines(tmp_path / "second")[:-1] == ["warning: two", "warning: three"]
+    assert lines(tmp_path / "first")[6:-1] == ["warning: one", "warning: two"]
+    assert lines(tmp_path / "second")[6:-1] == ["warning: two", "warning: three"]
 
 
 def test_chunks_that_fail_are_in_the_log(tmp_path, monkeypatch):

@@ -234,7 +234,7 @@ def compiling_seconds(pieces: Iterable[KernelSpec]) -> float:
     return sum(COMPILING[name] * n for piece in pieces for name, n in compiling_parts(piece).items())
 
 
-def _missing(shapes: Iterable[KernelSpec]) -> tuple[list[KernelSpec], list[KernelSpec]]:
+def missing_kernels(shapes: Iterable[KernelSpec]) -> tuple[list[KernelSpec], list[KernelSpec]]:
     """Return the kernels that are not at hand, and what of them must be compiled; laws share their flight."""
     missing = [shape for shape in dict.fromkeys(shapes) if not is_cached(shape.pieces)]
     pieces = dict.fromkeys(piece for shape in missing for piece in shape.pieces)
@@ -243,7 +243,7 @@ def _missing(shapes: Iterable[KernelSpec]) -> tuple[list[KernelSpec], list[Kerne
 
 def still_to_compile(shapes: Iterable[KernelSpec]) -> tuple[int, float]:
     """Count the kernels that are not at hand yet, and estimate the CPU seconds that they take."""
-    missing, pieces = _missing(shapes)
+    missing, pieces = missing_kernels(shapes)
     return len(missing), compiling_seconds(pieces)
 
 
@@ -260,8 +260,8 @@ def shares(pieces: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
 
 def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled."""
-    missing, pieces = _missing(shapes)
-    first, *others = shares(pieces, workers) or [[]]
+    missing, pieces = missing_kernels(shapes)
+    first, *others = shares(pieces, workers) if pieces else [[]]
     elsewhere = {piece for part in others for piece in part}
     children = []
     for part in others:

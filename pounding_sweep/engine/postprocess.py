@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import KernelResults, Status, cube_variables, get_variable
 from pounding_sweep.records import Record
@@ -67,36 +67,31 @@ def energy_limit(
 def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
     variants, twice = variants_of(row), 2.0 * np.asarray(energy)[:, None]
-    scene, k, r = variants.scene, variants.stiffnesses, variants.hardenings
+    scene, k, r, yields = variants.scene, variants.stiffnesses, variants.hardenings, any(variants.scene.yields)
     factor = k / np.concatenate([b.lateral_stiffnesses for b in scene.buildings])
-    moves = np.concatenate([_moves_with_base(b) for b in scene.buildings], axis=1)
-
-    def summed(storeys: np.ndarray) -> np.ndarray:
-        """Sum what storeys add, from the ground up."""
-        parts = np.split(storeys, scene.offsets[1:-1], axis=1)
-        return np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)
-
-    if not any(scene.yields):
-        # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
-        return np.asarray(np.sqrt(twice * (summed(1.0 / k) + np.square(moves).sum(axis=0) / factor)))
-    # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
-    held = np.sqrt(twice / k)
-    with np.errstate(divide="ignore"):
-        hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
-    soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
-    # what a smooth storey loses on its way is not known by its drift
-    slid = np.where(scene.smooth, np.inf, held + twice / soft)
-    # no energy bounds the drift of one that softens under its weight: it has fallen where that is its height
-    drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
-    return summed(drift) + np.sqrt(twice / factor) * moves.sum(axis=0)
-
-
-def _moves_with_base(building: Building) -> np.ndarray:
-    """Displacement of each floor by sway and by rocking of its base, by the roots of their springs, shape (2, n)."""
-    if building.foundation is None:
-        return np.zeros((2, building.n_storeys))
-    sway, rocking = building.foundation.stiffnesses
-    return np.stack([np.full(building.n_storeys, sway**-0.5), building.elevations * rocking**-0.5])
+    moves = np.zeros((2, scene.n_dof))  # of each floor, by sway and by rocking of its base, by the roots of the springs
+    for building, first in zip(scene.buildings, scene.offsets, strict=False):
+        if building.foundation is not None:
+            sway, rocking = building.foundation.stiffnesses
+            moves[0, first : first + building.n_storeys] = sway**-0.5
+            moves[1, first : first + building.n_storeys] = building.elevations * rocking**-0.5
+    # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
+    storeys = 1.0 / k
+    if yields:
+        # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
+        held = np.sqrt(twice / k)
+        with np.errstate(divide="ignore"):
+            hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
+        soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
+        # what a smooth storey loses on its way is not known by its drift
+        slid = np.where(scene.smooth, np.inf, held + twice / soft)
+        # no energy bounds the drift of one that softens under its weight: it has fallen where that is its height
+        storeys = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
+    parts = np.split(storeys, scene.offsets[1:-1], axis=1)
+    summed = np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)  # from the ground up
+    if yields:
+        return np.asarray(summed + np.sqrt(twice / factor) * moves.sum(axis=0))
+    return np.asarray(np.sqrt(twice * (summed + np.square(moves).sum(axis=0) / factor)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported

@@ -262,12 +262,13 @@ class RowKernel:
 
         shape, n, groups = self.shape, len(scale), -(-len(scale) // LANES)
         outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
-        flight_substeps = int(self.flight_substeps(record, row).max())
+        flies = shape.flies_exactly
+        flight_substeps = int(self.flight_substeps(record, row).max()) if flies else self.numerics.steps(record)
         results = np.zeros((groups, outputs.size * LANES))
         history = np.zeros((1, 1)) if history is None else history
         kernel = partial(run_twin, shape) if twin else compile.get_kernel(shape)
         steps = flight_substeps if shape.series or shape.staged else self.numerics.steps(record)
-        track = _ground(record, steps) if shape.flies_exactly else np.zeros(1)
+        track = _ground(record, steps) if flies else np.zeros(1)
         track = track.astype(shape.precision)
         brought = [np.asarray(values, float) for values in (scale, gaps, stiffness, restitution)]
         first = 0

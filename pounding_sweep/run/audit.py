@@ -72,15 +72,13 @@ class Audit:
 
     @property
     def warning(self) -> str:
-        """What is said where such scenarios are found."""
-        if not (exceeding := self.exceeding).any():
-            return ""
-        worst = self.error[exceeding].max(axis=0)
+        """What is said where there are such scenarios."""
+        worst = self.error[self.exceeding].max(axis=0)
         asked, remedy = f"{self.tolerance:.0%}", "use a smaller dt"
         if self.for_accuracy:
             asked, remedy = f"the {self.tolerance:g} asked for", "ask for a smaller accuracy"
         return (
-            f"the audit of {len(self.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is "
+            f"the audit of {len(self.rows)} scenarios found {int(self.exceeding.sum())} with status ok whose error is "
             f"beyond {asked}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; {remedy} (see "
             "audit_error in the cube)"
         )
@@ -158,7 +156,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
     measured = error, sensitivity, swept["status"], sensitive, undecided
     result = Audit(sample, outputs, *measured, len(rows), share, tolerance, accuracy is not None)
-    if result.warning:
+    if result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 

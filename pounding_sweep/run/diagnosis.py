@@ -7,7 +7,6 @@ import platform
 import re
 import resource
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -146,25 +145,20 @@ class FreeMemory(NamedTuple):
 def free_memory(root: Path = Path("/")) -> FreeMemory:
     """Return the memory that this process can still have without swapping."""
     used = psutil.Process().memory_info()
-    limits = [FreeMemory(psutil.virtual_memory().available, "the machine"), *_control_groups(root)]
+    limits = [FreeMemory(psutil.virtual_memory().available, "the machine")]
     for kind, size, name in (
         (resource.RLIMIT_AS, used.vms, "limit on address space, ulimit -v"),
         (resource.RLIMIT_DATA, getattr(used, "data", 0), "limit on data, ulimit -d"),
     ):
         if (limit := resource.getrlimit(kind)[0]) != resource.RLIM_INFINITY:
             limits.append(FreeMemory(max(0, limit - size), name))
-    return min(limits)
-
-
-def _control_groups(root: Path) -> Iterator[FreeMemory]:
-    """Yield what is left in each control group that holds this process."""
     groups: dict[str, str] = {}
     with suppress(OSError):
         for line in (root / "proc/self/cgroup").read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             groups.update(dict.fromkeys(controllers.split(","), path))
-    # limit and use of a group, and what of its use is given back on demand; version 2, version 1
-    for controller, limit, used, cached in (
+    # limit and use of a control group, and what of its use is given back on demand; version 2, version 1
+    for controller, most, use, cached in (
         ("", "memory.max", "memory.current", "inactive_file"),
         ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     ):
@@ -172,6 +166,8 @@ def _control_groups(root: Path) -> Iterator[FreeMemory]:
         group = top / groups.get(controller, "").lstrip("/")
         for folder in [path for path in (group, *group.parents) if path.is_relative_to(top)]:
             with suppress(OSError, ValueError):  # there is none, it can't be seen from here, or its limit is "max"
-                free = int((folder / limit).read_text()) - int((folder / used).read_text())
+                free = int((folder / most).read_text()) - int((folder / use).read_text())
                 stat = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
-                yield FreeMemory(max(0, free + int(stat.get(cached, 0))), f"limit of the control group {folder}")
+                free = max(0, free + int(stat.get(cached, 0)))
+                limits.append(FreeMemory(free, f"limit of the control group {folder}"))
+    return min(limits)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, RunError, unknown
-from pounding_sweep.engine.compile import prepare, still_to_compile
+from pounding_sweep.engine.compile import missing_kernels, prepare
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.variants import Variants
@@ -164,14 +164,29 @@ def execute(
     outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, n), np.ones(n, bool))
     outcome.results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome.taken_from = None if earlier is None else earlier.origin
-    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
+    progress.stage("compiling" if missing_kernels(shapes)[0] else "kernels", len(shapes))
     started = time.perf_counter()
     outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
     begun = time.perf_counter()
     if shapes:
         stages = _Stages(plan, outcome, store, dispatcher, progress, earlier)
-        stages.without_pounding()
-        stages.scenarios()
+        contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
+        places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
+        closing, slot = np.full((len(runs), len(contacts)), np.inf), np.full(len(runs), -1)
+        status = np.full(len(runs), int(Status.NOT_RUN), np.int8)
+        for rows, table, slots in stages.run("no pounding", plan.uncoupled_to_run):
+            status[rows], slot[rows] = table["status"], slots
+            ok = table["status"] == Status.OK
+            closing[rows] = np.where(ok[:, None], table["closing_max"][:, places, storeys], np.inf)
+        # scenarios that never touch are answered by their run without pounding
+        outcome.left_out = untouched(plan, closing) & ~plan.refused
+        outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
+        rows = np.flatnonzero(outcome.left_out)
+        run = plan.uncoupled_of[rows]
+        outcome.results.answer(rows, slot[run], status[run], touched=False)
+        rest = np.flatnonzero(~outcome.left_out & ~plan.refused).astype(np.int32)
+        for rows, table, slots in stages.run("scenarios", rest):
+            outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
         if store is not None and outcome.failures:
             store.flush()  # the next run makes what is missing
     outcome.compile_seconds, outcome.run_seconds = begun - started, time.perf_counter() - begun
@@ -195,46 +210,17 @@ class _Stages:
     progress: Progress
     earlier: EarlierCube | None
 
-    def without_pounding(self) -> None:
-        """Run those that are worth it; they answer the scenarios that never touch."""
-        plan, outcome = self.plan, self.outcome
-        contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
-        closing = np.full((len(runs), len(contacts)), np.inf)
-        status, slot = np.full(len(runs), int(Status.NOT_RUN), np.int8), np.full(len(runs), -1)
-        places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
-        outputs, cut = (*plan.outputs, "closing_max"), plan.uncoupled_chunks
-        for rows, table, slots in self._run("no pounding", plan.uncoupled_to_run, runs, outputs, cut):
-            status[rows], slot[rows] = table["status"], slots
-            ok = table["status"] == Status.OK
-            closing[rows] = np.where(ok[:, None], table["closing_max"][:, places, storeys], np.inf)
-        outcome.left_out = untouched(plan, closing) & ~plan.refused
-        outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
-        rows = np.flatnonzero(outcome.left_out)
-        run = plan.uncoupled_of[rows]
-        outcome.results.answer(rows, slot[run], status[run], touched=False)
-
-    def scenarios(self) -> None:
-        """Run the scenarios that may touch."""
-        plan = self.plan
-        rest = np.flatnonzero(~self.outcome.left_out & ~plan.refused).astype(np.int32)
-        for rows, table, slots in self._run("scenarios", rest, plan.unique, plan.outputs, plan.chunks):
-            self.outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
-
-    def _run(
-        self,
-        stage: str,
-        rows: np.ndarray,
-        table: Scenarios,
-        outputs: tuple[str, ...],
-        cut: Callable[[np.ndarray], list[Chunk]],
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Take rows of a table from the store and the earlier cube, run the others in the chunks that `cut` makes.
+    def run(self, stage: str, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Take rows of the stage's table from the store and the earlier cube, run the others in chunks.
 
         Gives rows, results and where these stand.
         """
         plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
         self.progress.stage(stage, len(rows))
-        closing = stage == "no pounding"
+        closing, table, outputs, cut = False, plan.unique, plan.outputs, plan.chunks
+        if stage == "no pounding":
+            closing, table, outputs = True, plan.uncoupled_runs, (*plan.outputs, "closing_max")
+            cut = plan.uncoupled_chunks
         missing, stored = np.zeros(len(table), bool), list[Chunk]()
         missing[rows] = True
 

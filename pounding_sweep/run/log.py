@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,54 +27,56 @@ if TYPE_CHECKING:
 _OPEN: list[RunLog] = []
 
 
+@dataclass(eq=False)
 class RunLog(Progress):
     """Writes down a run and passes progress on to a display."""
 
-    def __init__(self, path: Path, display: Progress) -> None:
-        self._path, self._display = path, display
-        self._stage, self._since, self._count = "", 0.0, 0
-        self.warnings: set[str] = set()  # that are in it
-
-    def write(self, text: str) -> None:
-        """Add a line with the time in front; after an error the log ends."""
-        stamp = datetime.now().astimezone().isoformat(timespec="seconds")
-        try:
-            with self._path.open("a", encoding="utf-8", errors="backslashreplace") as file:
-                file.write(f"{stamp} {' '.join(text.split())}\n")
-        except OSError as error:
-            msg = f"the log {str(self._path)!r} can't be written ({error.strerror or error}); the run goes on without"
-            self._path = Path(os.devnull)
-            warnings.warn(msg, RuntimeWarning, stacklevel=2)
+    path: Path
+    display: Progress
+    warnings: set[str] = field(default_factory=set)  # that are in it
+    _stage: str = ""
+    _since: float = 0.0
+    _count: int = 0
 
     def note(self, text: str) -> None:
-        """Write a line."""
-        self.write(text)
-        self._display.note(text)
+        """Write a line with the time in front; after an error the log ends."""
+        stamp = datetime.now().astimezone().isoformat(timespec="seconds")
+        try:
+            with self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(f"{stamp} {' '.join(text.split())}\n")
+        except OSError as error:
+            msg = f"the log {str(self.path)!r} can't be written ({error.strerror or error}); the run goes on without"
+            self.path = Path(os.devnull)
+            warnings.warn(msg, RuntimeWarning, stacklevel=2)
 
     def stage(self, name: str, total: int) -> None:
         """End the stage before, and begin one of `total` steps, if it has a name; 0 stands for an unknown number."""
         if self._stage:
             seconds = time.perf_counter() - self._since
-            self.write(f"stage {self._stage} ends: {self._count} done in {seconds:.3f} s")
+            self.note(f"stage {self._stage} ends: {self._count} done in {seconds:.3f} s")
         self._stage, self._since, self._count = name, time.perf_counter(), 0
         if name:
-            self.write(f"stage {name} begins" + (f": {total}" if total else ""))
-            self._display.stage(name, total)
+            self.note(f"stage {name} begins" + (f": {total}" if total else ""))
+            self.display.stage(name, total)
 
     def advance(self, count: int) -> None:
         """Count steps of the stage as done."""
         self._count += count
-        self._display.advance(count)
+        self.display.advance(count)
 
     def close(self) -> None:
         """End the stage and the display; may be called more than once."""
         self.stage("", 0)
-        self._display.close()
+        self.display.close()
 
 
 @contextmanager
-def run_log(path: Path, display: Progress) -> Iterator[RunLog]:
-    """Log a run in a file, after those that are there, with the warnings that are shown meanwhile."""
+def run_log(
+    path: Path, display: Progress, plan: Plan, scheduler: str | Client = "threads", workers: int = 1
+) -> Iterator[RunLog]:
+    """Log a run in a file, after those that are there: what runs and on what, and the warnings that are shown."""
+    from pounding_sweep.run.diagnosis import installed_versions, processor
+
     log, started, show = RunLog(path, display), time.perf_counter(), warnings.showwarning
     if not hasattr(show, "writes_logs"):
 
@@ -81,14 +84,27 @@ def run_log(path: Path, display: Progress) -> Iterator[RunLog]:
             for other in tuple(_OPEN):
                 if str(message) not in other.warnings:
                     other.warnings.add(str(message))
-                    other.write(f"warning: {message}")
+                    other.note(f"warning: {message}")
             show(message, *args, **kwargs)
 
         show_and_log.writes_logs = True  # type: ignore[attr-defined]
         warnings.showwarning = show_and_log
     _OPEN.append(log)
-    ending, reason = "ended", ""
+    cpu, ending, reason = processor(), "ended", ""
+    where = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
+    where += "" if "://" in where else f", {workers} workers"
+    versions = [f"{name} {version}" for name, version in installed_versions().items() if version]
     try:
+        for line in (
+            f"begins: {shlex.join(sys.argv)}",
+            f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}",
+            f"sweep {plan.digest} {plan.spec.title}".rstrip(),
+            f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions",
+            f"versions: {', '.join(versions)}",
+            f"machine: {platform.platform()}, {cpu['name']}, vectors of {cpu['vector_bits']} bits, "
+            f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {where}",
+        ):
+            log.note(line)
         yield log
     except KeyboardInterrupt:
         ending = "interrupted"
@@ -98,24 +114,5 @@ def run_log(path: Path, display: Progress) -> Iterator[RunLog]:
         raise
     finally:
         log.close()
-        log.write(f"{ending} after {time.perf_counter() - started:.1f} s{reason}")
+        log.note(f"{ending} after {time.perf_counter() - started:.1f} s{reason}")
         _OPEN.remove(log)
-
-
-def introduction(plan: Plan, scheduler: str | Client, workers: int) -> list[str]:
-    """Say what is about to run, and on what."""
-    from pounding_sweep.run.diagnosis import installed_versions, processor
-
-    cpu = processor()
-    where = scheduler if isinstance(scheduler, str) else str(scheduler.scheduler.address)
-    where += "" if "://" in where else f", {workers} workers"
-    versions = ", ".join(f"{name} {version}" for name, version in installed_versions().items() if version)
-    return [
-        f"begins: {shlex.join(sys.argv)}",
-        f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}",
-        f"sweep {plan.digest} {plan.spec.title}".rstrip(),
-        f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions",
-        f"versions: {versions}",
-        f"machine: {platform.platform()}, {cpu['name']}, vectors of {cpu['vector_bits']} bits, "
-        f"{cpu['cores_usable']} of {cpu['cores']} cores; scheduler {where}",
-    ]

@@ -214,7 +214,7 @@ class Sweep:
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import write_cube_of
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
-        from pounding_sweep.run.log import introduction, run_log
+        from pounding_sweep.run.log import run_log
         from pounding_sweep.run.reuse import EarlierCube
 
         n_workers = check_scheduler(scheduler, workers)
@@ -232,9 +232,8 @@ class Sweep:
                 needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
                 needed -= sum(store.path(key).stat().st_size for key in store.completed())
                 check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-                progress = contexts.enter_context(run_log(Path(f"{target}.log"), progress))
-                for line in introduction(plan, scheduler, n_workers):
-                    progress.note(line)
+                log = run_log(Path(f"{target}.log"), progress, plan, scheduler, n_workers)
+                progress = contexts.enter_context(log)
             try:
                 with Dispatcher(scheduler, n_workers, progress) as dispatcher:
                     outcome = execute(plan, dispatcher, store=store, progress=progress, earlier=earlier)
