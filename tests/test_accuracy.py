@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from naive import NaiveBuilding, modal_exact, two_mass_impact
 from scenes import OUTPUTS, pair, row
 
@@ -31,7 +29,6 @@ from pounding_sweep.plan.advice import (
     highest_frequency,
     load_measured,
     shortest_contact,
-    whole_steps,
 )
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, synthetic_record
@@ -335,13 +332,6 @@ def test_a_lucky_coarse_step_is_not_used():
     assert uneven.needed(1e-4) > 4.0
     assert uneven.needed(1e-7) == math.inf
     assert uneven.needed(0.5) == 1.0
-
-
-@given(st.lists(st.floats(1e-3, 1e6), min_size=1, max_size=20))
-def test_whole_steps_are_enough_and_not_far_more(wanted):
-    steps = whole_steps(np.array(wanted))
-    assert (steps >= np.array(wanted) * (1 - 1e-6)).all()
-    assert (steps <= np.maximum(1.0, np.array(wanted) * 1.5 + 1)).all()
 
 
 @pytest.mark.parametrize(("law", "k"), [("linear", 2e5), ("hertz", 1e6)])

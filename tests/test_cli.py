@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import textwrap
 import warnings
 from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -149,28 +148,6 @@ def test_every_command_has_help():
     for command in get_command(app).commands:
         assert re.search(rf"^ +{command} ", text, re.MULTILINE), command
         assert f"pounding-sweep {command}" in cli(command, "--help").stdout
-
-
-HEAVY = ("numba", "llvmlite", "dask", "distributed", "matplotlib", "xarray", "netCDF4", "pydantic", "numpy")
-
-
-@pytest.mark.parametrize(
-    "statement",
-    [
-        pytest.param("import pounding_sweep, pounding_sweep.cli", marks=pytest.mark.slow),
-        "sys.argv[1:] = ['--version']; from pounding_sweep.cli import main; main()",
-    ],
-)
-def test_starting_loads_nothing_heavy(statement):
-    code = f"""
-    import sys
-    try:
-        {statement}
-    except SystemExit as end:
-        assert not end.code
-    print(*sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
-    """
-    assert cli(start=("-c", textwrap.dedent(code))).stderr.split() == []
 
 
 def test_version():
