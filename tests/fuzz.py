@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,9 +22,11 @@ NOT_TEXT = [
     b"\x1a",
     b"\x7f",
     b"\x85",
-    "\u2028".encode(),
+    b"\xe2\x80\xa8",
 ]
 MARKS = list(b"0123456789.+-eEdD,;:= \t\r\n\"'#[]{}()_/\\")
+NESTS = (b"[", b"{a=", b"[[", b"a.", b"(")
+Fault = Callable[[bytearray, random.Random], None]
 
 
 def _flip(data: bytearray, rng: random.Random) -> None:
@@ -31,93 +34,66 @@ def _flip(data: bytearray, rng: random.Random) -> None:
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
 
 
-def _cut(data: bytearray, rng: random.Random) -> None:
-    del data[rng.randrange(len(data)) :]
-
-
-def _drop(data: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(data))
-    del data[at : at + rng.choice((1, 8, 100))]
-
-
-def _put(choices: list[bytes]) -> Callable[[bytearray, random.Random], None]:
-    def put(data: bytearray, rng: random.Random) -> None:
-        at = rng.randrange(len(data) + 1)
-        data[at : at + rng.choice((0, 0, 1, 4))] = rng.choice(choices)
-
-    return put
-
-
 def _punctuate(data: bytearray, rng: random.Random) -> None:
     for _ in range(rng.choice((1, 2, 6))):
         data[rng.randrange(len(data))] = rng.choice(MARKS)
 
 
-def _lines(change: Callable[[list[bytes], random.Random], None]) -> Callable[[bytearray, random.Random], None]:
+def _number(data: bytearray, rng: random.Random) -> None:
+    """Put an extreme number in the place of one that is there."""
+    if numbers := [match.span() for match in re.finditer(rb"[0-9][0-9.]*", data)]:
+        start, end = rng.choice(numbers)
+        data[start:end] = rng.choice(NUMBERS)
+
+
+def _replace(lost: tuple[int, ...], put: Callable[[random.Random], bytes] = lambda _: b"") -> Fault:
+    """Make the fault that something stands in the place of so many bytes."""
+
+    def replace(data: bytearray, rng: random.Random) -> None:
+        at = rng.randrange(len(data))
+        data[at : at + rng.choice(lost)] = put(rng)
+
+    return replace
+
+
+def _lines(change: Callable[[list[bytes], int, random.Random], None]) -> Fault:
+    """Make a fault of one of the lines."""
+
     def changed(data: bytearray, rng: random.Random) -> None:
         lines = bytes(data).split(b"\n")
-        change(lines, rng)
+        change(lines, rng.randrange(len(lines)), rng)
         data[:] = b"\n".join(lines)
 
     return changed
 
 
-def _drop_line(lines: list[bytes], rng: random.Random) -> None:
-    del lines[rng.randrange(len(lines))]
+def _swap(lines: list[bytes], at: int, rng: random.Random) -> None:
+    other = rng.randrange(len(lines))
+    lines[at], lines[other] = lines[other], lines[at]
 
 
-def _repeat_line(lines: list[bytes], rng: random.Random) -> None:
-    at = rng.randrange(len(lines))
-    lines[at:at] = [lines[at]] * rng.choice((1, 2, 500))
-
-
-def _swap_lines(lines: list[bytes], rng: random.Random) -> None:
-    a, b = rng.randrange(len(lines)), rng.randrange(len(lines))
-    lines[a], lines[b] = lines[b], lines[a]
-
-
-def _long_line(lines: list[bytes], rng: random.Random) -> None:
-    at = rng.randrange(len(lines))
+def _lengthen(lines: list[bytes], at: int, rng: random.Random) -> None:
     lines[at] += rng.choice((b"1 ", b"-", b"(", b"x", b"9")) * rng.choice((5_000, 100_000))
 
 
-def _number(data: bytearray, rng: random.Random) -> None:
-    """Put an extreme number in the place of one that is there."""
-    places = [i for i, byte in enumerate(data) if byte in b"0123456789"]
-    if places:
-        start = rng.choice(places)
-        end = start
-        while end < len(data) and data[end] in b"0123456789.":
-            end += 1
-        data[start:end] = rng.choice(NUMBERS)
-
-
-def _nest(data: bytearray, rng: random.Random) -> None:
-    at = rng.randrange(len(data) + 1)
-    one = rng.choice((b"[", b"{a=", b"[[", b"a.", b"("))
-    data[at:at] = one * rng.choice((3, 200, 20_000))
-
-
 #: Kinds of damage to text files.
-TEXT_FAULTS: dict[str, Callable[[bytearray, random.Random], None]] = {
+TEXT_FAULTS: dict[str, Fault] = {
     "bits flipped": _flip,
-    "cut": _cut,
-    "bytes lost": _drop,
-    "line lost": _lines(_drop_line),
-    "line repeated": _lines(_repeat_line),
-    "lines swapped": _lines(_swap_lines),
-    "line very long": _lines(_long_line),
+    "cut": _replace((2**40,)),
+    "bytes lost": _replace((1, 8, 100)),
+    "line lost": _lines(lambda lines, at, _: lines.pop(at) and None),
+    "line repeated": _lines(lambda lines, at, rng: lines.extend([lines[at]] * rng.choice((1, 2, 500)))),
+    "lines swapped": _lines(_swap),
+    "line very long": _lines(_lengthen),
     "number extreme": _number,
-    "word misplaced": _put(WORDS),
-    "not text": _put(NOT_TEXT),
+    "word misplaced": _replace((0, 0, 1, 4), lambda rng: rng.choice(WORDS)),
+    "not text": _replace((0, 0, 1, 4), lambda rng: rng.choice(NOT_TEXT)),
     "punctuation": _punctuate,
-    "nested deeply": _nest,
+    "nested deeply": _replace((0,), lambda rng: rng.choice(NESTS) * rng.choice((3, 200, 20_000))),
 }
 
 
-def damaged(
-    raw: bytes, faults: dict[str, Callable[[bytearray, random.Random], None]], count: int, seed: int
-) -> Iterator[tuple[str, bytes]]:
+def damaged(raw: bytes, faults: dict[str, Fault], count: int, seed: int) -> Iterator[tuple[str, bytes]]:
     """Give `count` damaged copies of `raw`, each with the kind of its first fault; every fourth has several."""
     rng = random.Random(seed)
     kinds = list(faults)

@@ -17,7 +17,7 @@ TESTS = Path(__file__).parent
 #: File, its text, the fault, and the tests of the default run that catch it.
 MUTANTS = (
     # the damping of a law, a nearby number
-    ("model/laws.py", "0.75 * (1.0 - e * e)", "0.7 * (1.0 - e * e)", "test_laws.py"),
+    ("data/laws.toml", "0.75*(1 - e*e)", "0.7*(1 - e*e)", "test_laws.py"),
     # sub-steps of a stiff contact ten times as long
     ("kernel/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 2.5", "test_kernels.py"),
     # touches that are over before the step's end are not looked for

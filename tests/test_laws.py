@@ -1,4 +1,4 @@
-"""The text of the laws: the slopes that implicit schemes and events need are those of the formulas."""
+"""The registry of contact laws: formulas, slopes, damping numbers, validity and sources."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import math
 import re
 
 import naive
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pounding_sweep.model.laws import LAWS
+from pounding_sweep.base.errors import LawError
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, damping_number, get_law, hertz_stiffness
+
+NAN, INF = float("nan"), float("inf")
 
 
 def value(text, d, k=3.0e6, c=2.0e3):
@@ -53,3 +57,129 @@ def test_every_source_can_be_found():
     assert "Earthq. Eng. Eng. Vib. 8(3)" in LAWS["modified_kelvin"].reference
     assert "Earthquake Eng. Struct. Dyn. 38, 1135" in LAWS["ye_hertz"].reference
     assert "Wijeyewickrema" in LAWS["modified_kelvin_voigt"].reference
+
+
+TAKING_E = [law for law in LAWS.values() if law.takes_restitution]
+
+
+def test_registry_is_complete():
+    assert list(LAWS) == [law.key for law in LAWS.values()]
+    assert len(LAWS) == 15
+    for law in LAWS.values():
+        assert law.title
+        assert law.formula
+        assert law.reference
+        assert law.impulsive == (law.exponent is None and law.has_contact)
+        assert law.takes_restitution == (law.damping != "none") == bool(law.number_text)
+        assert bool(law.damper or law.yields) == (law.takes_restitution and not law.impulsive)
+        assert law.exponent in (None, 1.0, 1.5)
+        assert law.stiffness_unit == {None: "", 1.0: "kN m-1", 1.5: "kN m-1.5"}[law.exponent]
+    assert [LAWS[key].model for key in MATE2015_MODELS] == ["I", "II", "III", "IV", "V", "VI", "VII"]
+    assert [law.key for law in LAWS.values() if law.tension] == ["kelvin_voigt_tension"]
+
+
+@pytest.mark.parametrize("law", [law for law in TAKING_E if not law.impulsive], ids=lambda law: law.key)
+def test_damping_numbers(law):
+    e = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
+    numbers = damping_number(law, e)
+    assert numbers[-1] == 0.0
+    assert (np.diff(numbers) < 0).all()
+    assert np.isfinite(numbers).all()
+    if law.zero_restitution:
+        assert np.isfinite(damping_number(law, 0.0)).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [  # at e = 0.6, from the published formulas by hand
+        ("kelvin_voigt", 0.16049),
+        ("kelvin_voigt_tension", 0.16049),
+        ("modified_kelvin_voigt", 3 * 0.64 / 0.72),
+        ("hertz_damped", 0.48),
+        ("nonlinear_viscoelastic", 4.5 * math.sqrt(5) * 0.64 / (0.6 * (0.6 * (9 * math.pi - 16) + 16))),
+        ("linear_viscoelastic", 0.64 / (0.6 * (0.6 * (math.pi - 2) + 2))),
+        ("modified_kelvin", 1.0),
+        ("hunt_crossley", 0.6),
+        ("ye_hertz", 3.2 / 3.0),
+        ("gonthier", 0.64 / 0.6),
+        ("hysteretic", 0.64),
+    ],
+)
+def test_damping_number_values(key, expected):
+    assert float(damping_number(get_law(key), 0.6)) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.key)
+def test_damping_coefficient(law):
+    k, m = np.array([1e6, 2e6]), np.array([[50.0], [60.0], [70.0]])
+    c = law.damping_coefficient(0.6, k, m)
+    assert c.shape == (3, 2)
+    if law.damping == "viscous":
+        np.testing.assert_allclose(c, 2 * damping_number(law, 0.6) * np.sqrt(k * m))
+    elif law.damping == "elastic":
+        np.testing.assert_allclose(c, damping_number(law, 0.6) * k * np.ones_like(m))
+    elif law.impulsive:
+        assert (c == 0.6).all()
+    elif law.yields:
+        assert (c == 0.64).all()
+    else:
+        assert not c.any()
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.key)
+def test_validity_of_restitution(law):
+    for e in (1e-6, 0.5, 1.0):
+        law.check_restitution(e)
+    if not law.takes_restitution:
+        law.check_restitution(None)
+        law.check_restitution(-3.0)  # ignored
+        assert "takes none" in law.validity
+        return
+    for e in (-0.1, 1.1, NAN, INF):
+        with pytest.raises(LawError, match=f"outside the validity of law '{law.key}'; give {law.validity}"):
+            law.check_restitution(e)
+    with pytest.raises(LawError, match="needs a coefficient of restitution"):
+        law.check_restitution(None)
+    if law.zero_restitution:
+        law.check_restitution(0.0)
+    else:
+        with pytest.raises(LawError, match="0 < e <= 1"):
+            law.check_restitution(0.0)
+
+
+def test_get_law():
+    law = get_law("hertz")
+    assert isinstance(law, Law)
+    assert get_law(law) is law
+    with pytest.raises(LawError, match=r"unknown contact law 'herz'; did you mean 'hertz'\? Valid: gonthier"):
+        get_law("herz")
+    for bad in (None, ["hertz"], {}):
+        with pytest.raises(LawError, match="unknown contact law"):
+            get_law(bad)
+
+
+def test_hertz_stiffness():
+    r = [(3 * m / (4 * math.pi * 2.5)) ** (1 / 3) for m in (133.956, 136.286)]
+    by_masses = hertz_stiffness(133.956, 136.286)
+    assert by_masses == pytest.approx(1.88e7, rel=2e-3)
+    assert by_masses == pytest.approx(hertz_stiffness(radii=tuple(r)), rel=1e-14)
+    # two equal spheres of steel against the textbook: 4/3 E* sqrt(R*), E* = E / (2 (1 - nu^2))
+    expected = 4 / 3 * 210e6 / (2 * (1 - 0.09)) * math.sqrt(0.5)
+    assert hertz_stiffness(radii=(1.0, 1.0), young_modulus=210e6, poisson_ratio=0.3) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "two masses"),
+        ({"mass_1": 1.0}, "two masses"),
+        ({"mass_1": 1.0, "mass_2": -1.0}, "mass_2: -1.0"),
+        ({"radii": (0.0, 1.0)}, "radii"),
+        ({"radii": (1.0, 1.0), "young_modulus": 0.0}, "young_modulus"),
+        ({"radii": (1.0, 1.0), "poisson_ratio": 0.5}, "poisson_ratio"),
+        ({"mass_1": 1.0, "mass_2": 1.0, "density": NAN}, "density"),
+    ],
+)
+def test_bad_hertz_stiffness(arguments, message):
+    with pytest.raises(LawError, match=message):
+        hertz_stiffness(**arguments)

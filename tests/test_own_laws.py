@@ -365,7 +365,6 @@ def test_a_number_that_is_left_out_is_solved(given):
 def test_a_law_whose_rebound_depends_on_its_speed_has_no_relation():
     mine = law(exponent=1.3, damper="c*d*r", damping="viscous", number="1 - e", approach_only=True)
     assert mine.relation == ""
-    assert solved_restitution(mine, 0.2, speed=0.1) != pytest.approx(solved_restitution(mine, 0.2, speed=2.0), rel=1e-6)
     with pytest.raises(LawError, match="its damping has no known relation to the realised"):
         mine.check_restitution(0.5, "realised")
 
@@ -425,8 +424,3 @@ def test_commands_say_which_file_they_run(tmp_path):
     got = CliRunner().invoke(app, ["plan", str(file), "--law", f"{path}:mylaw"])
     assert got.exit_code == 2
     assert "there is no 'mylaw'; laws in it: my_law" in got.stderr
-
-
-def test_a_force_is_a_formula_as_text():
-    with pytest.raises(LawError, match=r"elastic: <function .* won't do; it must be a valid string"):
-        Law(key="mine", exponent=1.5, elastic=lambda d: d**1.5)
