@@ -11,10 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
 from importlib import import_module
-from inspect import signature
-from io import BytesIO
+from inspect import cleandoc, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.files import expanded
@@ -41,6 +40,16 @@ Need = str | Callable[["xr.Dataset"], str]
 _PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
 _DPI = (10, 1200)
+#: Options of figures: their type, and what they are.
+_OPTIONS = {
+    "x": ("str, optional", "Axis of several numbers, or a coordinate along one, to draw along."),
+    "y": ("str, optional", "The other axis."),
+    "value": ("str, optional", "What is drawn, such as ``drift_max``; by default the first that is there, or all."),
+    "contours": ("bool", "Whether lines of equal value are drawn as well."),
+    "start": ("float, optional", "First instant that is drawn (s)."),
+    "end": ("float, optional", "Last instant that is drawn (s)."),
+    "ax": ("matplotlib.axes.Axes, optional", "Axes for a figure of one panel."),
+}
 _FIGURES: dict[str, Kind] = {}
 
 
@@ -53,12 +62,7 @@ class Kind:
     source: str  # what it is drawn from, a key of `SOURCES`
     title: str  # what it shows
     needs: tuple[Need, ...]
-
-    @property
-    def options(self) -> tuple[str, ...]:
-        """What of the figure may be chosen: the arguments of its function that are given by name."""
-        parameters = signature(self.draw).parameters.values()
-        return tuple(item.name for item in parameters if item.kind is item.KEYWORD_ONLY)
+    options: tuple[str, ...]  # what of it may be chosen: the arguments of its function that are given by name
 
     def missing(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what a dataset lacks of what the figure needs."""
@@ -66,19 +70,18 @@ class Kind:
 
         laws = law_keys(dataset) or ("", "none")  # of both kinds if the dataset does not say
         present = {*dataset.variables, *dataset.sizes, *(NO_CONTACT if law == "none" else CONTACT for law in laws)}
-        sizes: dict[Any, int] = dict(dataset.sizes)
-        if "law" in sizes:
-            sizes["law"] = int((dataset["law"] != "none").sum())
+        several = {dim for dim, size in dataset.sizes.items() if size > 1}
+        if "law" in dataset.dims and len({*laws} - {"none"}) < 2:
+            several -= {"law"}
         missing = []
         for need in self.needs:
             if not isinstance(need, str):
                 missing.append(need(dataset))
-            elif need.startswith("several "):
-                axes = need.removeprefix("several ").split("|")
-                words = " or ".join(_PLURAL.get(axis, f"{axis}s") for axis in axes)
-                missing.append("" if any(sizes.get(axis, 1) > 1 for axis in axes) else f"several {words}")
-            elif present.isdisjoint(names := need.split("|")):
-                missing.append(" or ".join(names))
+                continue
+            plural, names = need.startswith("several "), need.removeprefix("several ").split("|")
+            if (several if plural else present).isdisjoint(names):
+                words = " or ".join(_PLURAL.get(axis, f"{axis}s") if plural else axis for axis in names)
+                missing.append(f"several {words}" if plural else words)
         return tuple(filter(None, missing))
 
 
@@ -96,7 +99,7 @@ def figure_of(
     """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
     Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
-    axes it was given.
+    axes it was given. Its docstring gets sections on them.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
@@ -117,18 +120,19 @@ def figure_of(
                         f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(whole)}; "
                         "choose others with --at"
                     ) from None
-            if not hasattr(figure, "savefig"):  # axes that were given
-                return cast("Figure", figure.get_figure())
+            result: Figure = figure if hasattr(figure, "savefig") else figure.get_figure()  # of axes that were given
+            return result
 
-            def png() -> bytes:
-                file = BytesIO()
-                figure.savefig(file, format="png")
-                return file.getvalue()
-
-            figure._repr_png_ = png  # notebooks show it, though pyplot knows nothing of it
-            return cast("Figure", figure)
-
-        _FIGURES[key] = Kind(key, drawn, source, title, (*filter(None, needs.split(", ")), *lacking))
+        first, *options = signature(draw).parameters
+        about = {first: ("xarray.Dataset", f"{SOURCES[source]}."), **{name: _OPTIONS[name] for name in options}}
+        drawn.__doc__ = "\n".join(
+            [
+                *(cleandoc(draw.__doc__ or ""), "", "Parameters", "----------"),
+                *(f"{name} : {kind}\n    {text[0].upper()}{text[1:]}" for name, (kind, text) in about.items()),
+                *("", "Returns", "-------", "matplotlib.figure.Figure"),
+            ]
+        )
+        _FIGURES[key] = Kind(key, drawn, source, title, (*filter(None, needs.split(", ")), *lacking), tuple(options))
         return drawn
 
     return register

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
+from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, long_name, scenario_dims
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
@@ -29,9 +29,10 @@ RESPONSES = {
     "acceleration_max": "peak acceleration",
     "storey_shear_max": "peak storey shear",
 }
-_DIMS = tuple(dim for dims in DIMENSIONS.values() for dim in dims)
+#: Names of axes in titles, and beginnings of those that are there for each building.
+_AXES = {*INNER_DIMS, "law", "record", "case", *(dim for dims in DIMENSIONS.values() for dim in dims)}
 _BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_building)
-#: Axes against which a comparison is drawn, the first of those that vary.
+#: Axes against which a comparison is drawn, the first of those that vary; then building properties.
 _DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 #: Characters in a line of an axis label; values of an axis up to which each has a tick of its own; largest over
 #: smallest value from which an axis may be logarithmic.
@@ -48,7 +49,8 @@ def select_default(
     """Take one value of every axis that a figure does not `keep`: the middle one at which floors touch.
 
     Where nothing touches it is the middle one at which one of `drawn` has a value. With `median`, several records give
-    their median. The text names what was taken, and of how many.
+    their median. Laws, pairs and buildings without a value of `drawn` are left out. The text names what was taken, and
+    of how many.
     """
     drawn = [name for name in drawn if name in dataset]
     records = dataset.sizes.get("record", 1) if median else 1
@@ -64,65 +66,71 @@ def select_default(
         place = {str(dim): int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
     dataset = dataset.isel(place)
     words = describe(dataset, sizes, but=keep)
-    return over_records(dataset, words, drawn) if records > 1 else (dataset, words)
+    if records > 1:
+        dataset, words = over_records(dataset, words, drawn)
+    valued = {dim: labels_with_values(dataset, dim, drawn) for dim in ("law", "pair", "building")}
+    return dataset.sel({dim: labels for dim, labels in valued.items() if labels}), words
+
+
+def over_records(
+    dataset: xr.Dataset, words: str, drawn: Collection[str], *, worst: bool = False
+) -> tuple[xr.Dataset, str]:
+    """Take the median, or the largest, of several records, and say so before the words."""
+    records, valued = dataset.sizes["record"], len(labels_with_values(dataset, "record", drawn))
+    of = f"{valued} of {records}" if 0 < valued < records else str(records)
+    words = join_nonempty(f"{'worst' if worst else 'median'} of {of} records", words)
+    return dataset.max("record", keep_attrs=True) if worst else dataset.median("record", keep_attrs=True), words
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
     """Score places along `dims`: 2 where floors touch and there are values, 1 where there are values, else 0."""
     touch = next((dataset[name] > 0 for name in ("touches", *TOUCH_VARIABLES) if name in dataset), xr.DataArray(False))
-    touch = touch.any([dim for dim in INNER_DIMS if dim in touch.dims])
-    valued = dataset[[*names]].notnull()
-    valued = valued.any([dim for dim in INNER_DIMS if dim in valued.dims])
-    score = valued.to_dataarray().any("variable") * (1 + touch)
+    valued = dataset[[*names]].notnull().to_dataarray().any("variable")
+    touch, valued = (part.any([dim for dim in INNER_DIMS if dim in part.dims]) for part in (touch, valued))
+    score = valued * (1 + touch)
     return score.max([dim for dim in score.dims if dim not in dims])
 
 
 def describe(dataset: xr.Dataset, sizes: Mapping[str, int] | None = None, but: Collection[str] = ()) -> str:
     """Say which single values of axes a dataset is of, and of how many (`sizes`) each was taken."""
     sizes, words = sizes or {}, []
-    single = [str(name) for name, coord in dataset.coords.items() if not coord.ndim and name not in but]
+    single = [str(name) for name, coord in dataset.coords.items() if not coord.ndim and not coord.isnull()]
     for name in single:
-        axis = name in (*_DIMS, *INNER_DIMS, *sizes, "law", "record", "case") or name.startswith(_BY_BUILDING)
-        value, size = dataset[name].item(), sizes.get(name, 0)
+        size, value = sizes.get(name, 0), dataset[name].item()
         repeated = name == "scale" and not {"pga", "sa"}.isdisjoint(single)
-        if axis and not repeated and not dataset[name].isnull() and not (size == 1 and value == 1.0):
-            words.append(coord_text(dataset, name, value) + (f" (one of {size})" if size > 1 else ""))
+        axis = name in _AXES or size or name.startswith(_BY_BUILDING)
+        if axis and name not in but and not repeated and not (size == 1 and value == 1.0):
+            words.append(coord_text(dataset, name) + (f" (one of {size})" if size > 1 else ""))
     if dataset.sizes.get("storey") == 1 and "storey" not in but:
         words.append(f"storey {dataset['storey'].item():g}")
     return join_nonempty(*words)
 
 
-def coord_text(dataset: xr.Dataset, name: str, value: Any) -> str:
-    """Say that a coordinate has a value, as titles do."""
-    if name == "law":
+def coord_text(dataset: xr.Dataset, name: str) -> str:
+    """Say which value a coordinate of a single value has, as titles do; "" for an empty text."""
+    value = dataset[name].item()
+    if value == "" or name == "law":
         return law_name(dataset, value) if value else ""
-    if name == "record":
-        return f"record {record_name(value)}"
-    if isinstance(value, str):
-        return f"{name.replace('_', ' ')} {value}"
     unit, factor = drawn_unit(dataset[name].attrs)
-    return f"{name.replace('_', ' ')} {factor * value:.6g} {unit}".rstrip()
+    value = record_name(value) if name == "record" else value
+    text = value if isinstance(value, str) else f"{factor * value:.6g} {unit}".rstrip()
+    return f"{name.replace('_', ' ')} {text}"
 
 
-def select_lines(result: xr.Dataset, axis: str) -> list[int]:
-    """Return the places on an axis of which each has a line: five at most, evenly chosen."""
+def select_lines(result: xr.Dataset, axis: str) -> xr.Dataset:
+    """Return five values of an axis at most, evenly chosen: each has a line."""
     places = np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round()
-    return np.unique(places).astype(int).tolist()
+    return result.isel({axis: np.unique(places).astype(int)})
 
 
-def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str], *, panels: bool = False) -> list[Any]:
-    """Return the labels of an axis at which any of those variables has a value; for panels, all if none has."""
-    parts = dataset[[*names]].notnull()
+def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> list[Any]:
+    """Return the labels of an axis at which any of those variables has a value."""
+    parts = dataset[[name for name in names if axis in dataset[name].dims]].notnull()
+    if not parts:
+        return []
     valued = parts.any([dim for dim in parts.dims if dim != axis]).to_dataarray().any("variable")
     labels: list[Any] = dataset[axis].values[valued.values].tolist()
-    return labels or (dataset[axis].values.tolist() if panels else [])
-
-
-def over_records(result: xr.Dataset, words: str, drawn: Collection[str]) -> tuple[xr.Dataset, str]:
-    """Take the median of several records, and say so before the words."""
-    records, valued = result.sizes["record"], len(labels_with_values(result, "record", drawn))
-    of = "" if valued in (0, records) else f"{valued} of "
-    return result.median("record", keep_attrs=True), join_nonempty(f"median of {of}{records} records", words)
+    return labels
 
 
 def with_dims(cube: xr.Dataset, *axes: str, absent: Any = None) -> xr.Dataset:
@@ -143,6 +151,12 @@ def result_of(dataset: xr.Dataset, key: str, **drawn: Any) -> xr.Dataset:
     return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset, **drawn)
 
 
+def check_value(value: str | None, valid: Collection[str], alternatives: Iterable[str] = ()) -> None:
+    """Raise `InputError` unless a value to draw is valid, or None: not chosen."""
+    if value not in (None, *valid):
+        raise InputError(unknown("value to draw", value, [*valid, *alternatives]))
+
+
 def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tuple[str, str, float, str]:
     """Return name, label, factor and dimension of a variable: the first of `RESPONSES` that the cube can draw."""
     contact = "law" not in cube.coords or bool((cube["law"] != "none").any())
@@ -152,7 +166,7 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
         names = ", ".join(RESPONSES)
         raise InputError(f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks")
     unit, factor = drawn_unit(cube[name].attrs)
-    words = str(cube[name].attrs.get("long_name", name.replace("_", " "))) if value else RESPONSES[name]
+    words = long_name(cube, name) if value else RESPONSES[name]
     per = next((dim for dim in ("pair", "building") if dim in cube[name].dims), "scenario")
     return name, f"{words} ({unit or '-'})", factor, per
 
@@ -197,10 +211,10 @@ def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Da
     """Return the part of histories from `start` to `end` (s); the whole if neither is given."""
     part = one.sel(time=slice(start, end))
     if part.sizes["time"] < 2:
-        time = one["time"].values
-        asked = f"from {time[0] if start is None else start:g} s to {time[-1] if end is None else end:g} s"
+        first, last = one["time"].values[[0, -1]]
+        asked = f"from {first if start is None else start:g} s to {last if end is None else end:g} s"
         raise InputError(
-            f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
+            f"fewer than two instants of the histories lie {asked}; they run from {first:g} s to {last:g} s"
         )
     return part
 
@@ -222,7 +236,7 @@ class PlotAxis:
 def plot_axis(result: xr.Dataset, name: str) -> PlotAxis:
     """Return an axis, or a coordinate along one, to draw along."""
     unit, factor = drawn_unit(result[name].attrs)
-    words = "gap" if name == "gap" else str(result[name].attrs.get("long_name", name.replace("_", " ")))
+    words = "gap" if name == "gap" else long_name(result, name)
     label = fill(f"{words}\xa0({unit or '-'})", _LABEL).replace("\xa0", " ")  # a unit stays with the last word
     return PlotAxis(str(result[name].dims[0]), name, label, factor)
 
@@ -261,9 +275,16 @@ def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()
 
 def first_varied(result: xr.Dataset, but: Collection[str]) -> str | None:
     """Return the axis to draw along: the first that has several values, building properties last; None without one."""
-    others = [dim for dim in scenario_dims(result) if dim not in (*_DRAWN_ALONG, "law", "record", "case")]
-    axes = plot_axes(result)
-    return next((axis for axis in (*_DRAWN_ALONG, *others) if axis in axes and axis not in but), None)
+    axes = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case", *but)]
+    return next((dim for dim in axes if dim in plot_axes(result)), None)
+
+
+def panels(axes: np.ndarray, data: xr.Dataset, *dims: str) -> Iterator[tuple[Any, xr.Dataset]]:
+    """Yield every panel and its part of the data, whose labels on the dimensions (rows, columns) are its title."""
+    for place, panel in np.ndenumerate(axes):
+        part = data.isel(dict(zip(dims, place, strict=True)))
+        panel.set_title("\n".join(filter(None, (coord_text(part, dim) for dim in dims))))
+        yield panel, part
 
 
 def scale_axis(axis: Any, values: np.ndarray, *, marked: bool = False) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from textwrap import fill
 from typing import Any
 
@@ -42,6 +43,15 @@ def in_style() -> Any:
     return context(_SETTINGS, after_reset=True)
 
 
+class NotebookFigure(Figure):
+    """A figure that notebooks show, though pyplot knows nothing of it."""
+
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        self.savefig(file, format="png")
+        return file.getvalue()
+
+
 def subplots(
     rows: int, columns: int, size: tuple[float, float], ax: Any = None, *, styles: Any = None, **sharing: Any
 ) -> tuple[Any, Any]:
@@ -50,7 +60,7 @@ def subplots(
     With `ax`, these axes stand for both.
     """
     if ax is None:
-        figure = Figure(figsize=size, layout="constrained")
+        figure = NotebookFigure(figsize=size, layout="constrained")
         options: Any = {"sharex": True, "sharey": "row"} | sharing
         axes: Any = figure.subplots(rows, columns, squeeze=False, **options)
     elif rows * columns == 1:
@@ -66,7 +76,7 @@ def subplots(
 
 
 def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> Any:
-    """Write labels at the edges of a grid of panels, a legend of so many columns below it, and the parts of a title."""
+    """Write labels at the edges of panels, a legend of so many columns below them, and the parts of a title."""
     label_edges(axes, x, rows)
     if legend:
         legend_below(figure, axes[0, 0], legend)
@@ -133,7 +143,7 @@ def spell_units(text: str) -> str:
 
 def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
     """Return the edges of cells around values: halfway between their logarithms, or `even`, between themselves."""
-    if not even:
-        return np.asarray(np.exp(cell_edges(np.log(values), even=True)))
-    half = 0.5 * np.diff(values) if len(values) > 1 else np.array([np.log(2.0)])
-    return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1], [values[-1] + half[-1]]])
+    at = values if even else np.log(values)
+    half = 0.5 * np.diff(at) if len(at) > 1 else np.array([np.log(2.0)])
+    edges = np.concatenate([[at[0] - half[0]], at[:-1] + half[: len(at) - 1], [at[-1] + half[-1]]])
+    return edges if even else np.asarray(np.exp(edges))

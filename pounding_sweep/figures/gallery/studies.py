@@ -12,11 +12,12 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import (
     RESPONSES,
     NothingToDrawError,
+    check_value,
     labels_with_values,
     law_name,
     record_name,
@@ -49,20 +50,10 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
 
     One column per pair or building, at its highest storey that has indices, one row per law, record and value of
     other axes, three at most.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube of a design of kind "saltelli", or what `pounding_sweep.analysis.sensitivity` made of one.
-    value : str, optional
-        An output; by default the peak impact force, else the first response that has indices.
-    ax : matplotlib.axes.Axes, optional
-        Axes for a figure of one panel.
     """
     result = result_of(cube, "sensitivity")
     names = [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]
-    if value not in (None, *names):
-        raise InputError(unknown("value to draw", value, names))
+    check_value(value, names)
     valued = [name for name in (*RESPONSES, *names) if name in names and result[f"{name}_total"].notnull().any()]
     if not valued or value not in (None, *valued):
         raise NothingToDrawError
