@@ -7,15 +7,8 @@ from contextlib import nullcontext
 from functools import cache as once
 from pathlib import Path
 
-import counting
 import pytest
 import typer.testing
-from counting import (  # noqa: F401 - hooks and a fixture
-    counts,
-    pytest_sessionfinish,
-    pytest_terminal_summary,
-    pytest_testnodedown,
-)
 from hypothesis import HealthCheck, settings
 from kernels_used import SIMULATED, UNLOCATED, kernels
 from stub_engine import installed
@@ -46,7 +39,6 @@ NOW: list[str] = []
 
 def pytest_configure(config):
     """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`; say how many examples."""
-    counting.pytest_configure(config)
     resume.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
     settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
     ask = compile.get_kernel

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import json
 import pickle
 import shutil
 import tempfile
@@ -21,14 +20,12 @@ from pounding_sweep.engine import compile
 from pounding_sweep.engine.compile import (
     compile_piece,
     compiling_seconds,
-    from_json,
     get_kernel,
     is_cached,
     module_text,
     prepare,
     source_digest,
     still_to_compile,
-    to_json,
 )
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -36,8 +33,6 @@ from pounding_sweep.kernel import lanes
 from pounding_sweep.kernel.group import BENDS
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.output import identity
-from pounding_sweep.output.identity import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import newmark
@@ -242,20 +237,6 @@ def test_a_cut_kernel_is_compiled_anew(filled, ending, content):
     assert hits_and_misses(shapes[0]) == (1, 0)
 
 
-def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypatch):
-    """Emacs' lock is a link to nothing."""
-    monkeypatch.setattr(identity, "__file__", str(tmp_path / "output" / "identity.py"))
-    (tmp_path / "a.py").write_text("x = 1\n")
-    digest = package_digest.__wrapped__
-    before = digest()
-    (tmp_path / ".#a.py").symlink_to("me@here.1234:5678")
-    (tmp_path / ".idea").mkdir()
-    (tmp_path / ".idea" / "b.py").write_text("")
-    assert digest() == before
-    (tmp_path / "a.py").write_text("x = 2\n")
-    assert digest() != before
-
-
 def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
     """Another step, gap, stiffness, restitution, scale, record or building compiles nothing; another law one kernel.
 
@@ -313,15 +294,6 @@ def test_flight_finds_its_rows_under_all_laws(law):
         rows, fewest = (make_group(each, None, 8, None).state.first for each in (shape, plain))
         assert tuple(fewest)[-len(BENDS) :] == BENDS
         assert rows.items() >= set(tuple(fewest.items())[: -len(BENDS)])
-
-
-def test_shapes_travel_as_plain_data():
-    scene = Scene([Building("a", [1.0, 2.0], [3.0, 4.0]), Building("b", [1.0], [3.0]), Wall()], gaps=[0.1, 0.2])
-    for law in ("none", "linear", "nonlinear_viscoelastic", "hertz_damped", "kelvin_voigt_tension"):
-        for method in ("rk4", "newmark"):
-            for history in (False, True):
-                kernel = RowKernel(scene, get_law(law), Numerics(method, 0.01), frozenset({"force", "drift"}), history)
-                assert from_json(json.loads(json.dumps(to_json(kernel.shape)))) == kernel.shape
 
 
 def test_kernels_are_compiled_side_by_side(folder, monkeypatch):

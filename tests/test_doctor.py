@@ -5,9 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
-import tomllib
 from importlib.metadata import PackageNotFoundError
-from pathlib import Path
 
 import converged as source
 import numpy as np
@@ -119,12 +117,6 @@ def test_versions_are_of_what_the_package_requires_or_can_use(monkeypatch):
     assert re.search(r"^  also-missing +none$", said, re.MULTILINE)
     assert re.search(r"^  also-missing +records$", said, re.MULTILINE)
     assert re.search(r"^  not-there\.at_all +none$", said, re.MULTILINE)
-
-
-def test_extras_for_users_are_those_of_the_project():
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert project["name"] == doctor.NAME
-    assert set(doctor.EXTRAS) <= set(project["optional-dependencies"])
 
 
 @pytest.mark.slow

@@ -460,12 +460,6 @@ def test_a_step_beyond_the_limit_is_refused_and_the_rest_is_run(reference):
     assert with_stiff.attrs["scenarios_run"] + sweep.last_outcome.untouched == sweep.plan().n_unique
 
 
-def test_everything_refused():
-    sweep = make(records=Record("slow", 0.5, np.ones(4)), dt=0.5)
-    assert (sweep.run()["status"] == Status.BEYOND_STABILITY_LIMIT).all()
-    assert sweep.last_outcome.run == 0
-
-
 def test_a_diverged_run_has_no_finite_peak():
     """Forced beyond the limit of the buildings, RK4 leaves the range of numbers."""
     slow = Record("slow", 0.5, np.sin(np.arange(400) * 0.5))
@@ -476,31 +470,6 @@ def test_a_diverged_run_has_no_finite_peak():
     assert not (cube["status"] == Status.BEYOND_STABILITY_LIMIT).any()
     assert no_values(cube)[diverged.values].all()
     assert np.isfinite(cube["displacement_max"].sel(record="one")).all()
-
-
-def test_forced_runs_of_stiff_contacts_have_a_status():
-    plain = make(stiffness_factors=1e3, gaps=[0.002, 0.5]).run()
-    assert (plain["status"].sel(law="linear") == Status.BEYOND_STABILITY_LIMIT).all()
-    forced = make(stiffness_factors=1e3, gaps=[0.002, 0.5], force_unstable=True).run()
-    status = forced["status"].sel(law="linear")
-    assert (status.sel(gap=0.5) == Status.OK).all()
-    assert status.sel(gap=0.002).isin([Status.UNDER_RESOLVED_CONTACT, Status.DIVERGED]).all()
-    assert (np.isfinite(forced["displacement_max"]).all(["building", "storey"]) == (forced["status"] != 1)).all()
-
-
-@pytest.mark.slow
-def test_a_contact_of_too_few_steps_is_flagged():
-    axes = {"laws": "kelvin_voigt", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
-    axes |= {"scene": pair(), "outputs": EVERY, "method": "newmark"}  # whose kernels `test_properties` has
-    coarse, fine = (make(**axes, dt=dt).run() for dt in (0.0015, 0.0005))
-    short = {"gap": 0.002, "stiffness_factor": 8.0}
-    flagged = coarse["status"] == Status.UNDER_RESOLVED_CONTACT
-    assert flagged.sel(short).all()
-    assert flagged.sum() == flagged.sel(short).size
-    assert (coarse["steps_per_contact"].sel(short) < 12.0).all()
-    assert (coarse["impact_force_max"].sel(short) > 0).any()  # flagged, not removed
-    assert (fine["status"] == Status.OK).all()
-    assert (fine["steps_per_contact"].sel(short) > 12.0).all()
 
 
 # -- the cube of a sweep -----------------------------------------------------------------------------------------------

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import AXES, motions, row
-from test_cli import bad, cli, edited, write
+from test_cli import bad, edited, write
 
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.run import execute
@@ -77,39 +74,6 @@ def test_more_than_the_limit_on_address_space_is_refused(tmp_path):
     number, unit = re.match(REFUSED.format("limit on address space, ulimit -v"), said).groups()
     assert 0.0 < float(number) * {"MB": 1e6, "GB": 1e9}[unit] < 4 * GIB
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sweep.toml"]
-
-
-@contextmanager
-def control_group(most):
-    """A control group inside that of this process; skips where none may be made."""
-    controllers = dict(line.split(":", 2)[1:] for line in Path("/proc/self/cgroup").read_text().splitlines())
-    old = Path("/sys/fs/cgroup/memory").is_dir() and "memory" in controllers
-    above = Path("/sys/fs/cgroup/memory" if old else "/sys/fs/cgroup") / controllers["memory" if old else ""].lstrip(
-        "/"
-    )
-    folder = above / f"pounding-sweep-test-{os.getpid()}"
-    try:
-        folder.mkdir()
-    except OSError as error:
-        pytest.skip(f"no control group can be made here ({error.strerror})")
-    try:
-        try:
-            (folder / ("memory.limit_in_bytes" if old else "memory.max")).write_text(str(most))
-        except OSError as error:
-            pytest.skip(f"control groups without a limit of memory here ({error.strerror})")
-        yield folder
-    finally:
-        folder.rmdir()
-
-
-@pytest.mark.slow  # another process; by day `diagnose` is asked in this one, above
-@pytest.mark.skipif(not Path("/proc/self/cgroup").exists(), reason="needs control groups")
-def test_the_doctor_tells_the_control_group():
-    with control_group(GIB) as group:
-        join = f"import os, pathlib; pathlib.Path({str(group / 'cgroup.procs')!r}).write_text(str(os.getpid())); "
-        start = join + "import runpy; runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
-        told = json.loads(cli("doctor", "--no-check", "--json", start=("-c", start)).stdout)["memory"]
-    assert told["limit"] == f"limit of the control group {group}"
 
 
 @pytest.mark.usefixtures("stub_engine")

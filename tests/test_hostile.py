@@ -68,8 +68,8 @@ def twin(path):
     return np.array([float(word) for line in lines[4:] for word in line.split()]) * STANDARD_GRAVITY
 
 
-def damage_all(kind_of_file, counts, tmp_path, sources, read, per_source, seed):
-    """Read damaged copies of every source; count what came of them."""
+def damage_all(tmp_path, sources, read, per_source, seed):
+    """Read damaged copies of every source."""
     here = collections.Counter()
     for name, raw in sources.items():
         path = tmp_path / name
@@ -82,10 +82,7 @@ def damage_all(kind_of_file, counts, tmp_path, sources, read, per_source, seed):
                 here["refused"] += 1
             else:
                 here["read"] += 1
-    total = sum(here.values())
-    counts.update({(kind_of_file, "damaged"): total, **{(kind_of_file, what): n for what, n in here.items()}})
-    assert total == per_source * len(sources)
-    assert here["refused"] > total / 4
+    assert here["refused"] > per_source * len(sources) / 4
     assert here["read"] > 0
 
 
@@ -112,16 +109,16 @@ MANY = [(24, 1), pytest.param(720, 3, marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize(("count", "seed"), MANY)
-def test_damaged_records(counts, tmp_path, count, seed):
+def test_damaged_records(tmp_path, count, seed):
     sources = {name: text.encode() for name, text in RECORDS.items()}
-    damage_all("records", counts, tmp_path, sources, check_record, count, seed)
+    damage_all(tmp_path, sources, check_record, count, seed)
 
 
 @pytest.mark.parametrize(("count", "seed"), MANY)
-def test_damaged_sweep_files(counts, tmp_path, count, seed):
+def test_damaged_sweep_files(tmp_path, count, seed):
     """Those that users copy."""
     sources = {name: (SWEEPS / name).read_bytes() for name in ("quickstart.toml", "two_buildings_and_wall.toml")}
-    damage_all("sweep files", counts, tmp_path, sources, check_sweep, count, seed + 1)
+    damage_all(tmp_path, sources, check_sweep, count, seed + 1)
 
 
 @given(data=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "ignore"))))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -10,8 +9,6 @@ import signal
 import subprocess
 import sys
 from collections import namedtuple
-from functools import partial
-from unittest.mock import Mock, patch
 
 import netCDF4
 import numpy as np
@@ -20,15 +17,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
-from pounding_sweep.base.errors import OutputError, SweepError, WriteError
+from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import block_shape, slabs, write_cube
-from pounding_sweep.output.results import Results, table_type, to_table
-from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan.scenarios import Chunk
-from pounding_sweep.resume import ChunkStore
+from pounding_sweep.outputs.variables import cube_variables
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.diagnosis import FreeMemory
 from pounding_sweep.run.sweep import Sweep
@@ -132,17 +126,6 @@ def test_slabs_are_whole_blocks_and_together_the_cube(sizes, block_most, slab_mo
     assert (seen == 1).all()
 
 
-@given(SIZES, st.integers(1, 400))
-def test_blocks_are_as_large_as_they_may_be(sizes, most):
-    """Inner dimensions whole; the one that is cut, in as few parts as can be."""
-    block = block_shape(sizes, most)
-    split = next((axis for axis in reversed(range(len(sizes))) if block[axis] < sizes[axis]), 0)
-    assert block[split + 1 :] == sizes[split + 1 :]
-    assert set(block[:split]) <= {1}
-    room = max(1, most // math.prod(sizes[split + 1 :]))
-    assert math.ceil(sizes[split] / block[split]) == math.ceil(sizes[split] / room)
-
-
 @pytest.fixture
 def small_slabs(monkeypatch):
     """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
@@ -194,40 +177,6 @@ def test_a_large_cube_is_described_in_parts(reference, tmp_path, monkeypatch):
 
 
 # -- results that stand in several tables ------------------------------------------------------------------------------
-
-
-@given(st.data())
-def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
-    with patch("pounding_sweep.output.results.KEPT_BYTES", data.draw(st.sampled_from([0, 600, 10**6]))):
-        gathered(tmp_path_factory, data)
-
-
-def gathered(tmp_path_factory, data):
-    """Gather results of tables some of which were written to files."""
-    names, scene, n = ("displacement_max", "impact_count", "status", "steps_per_contact"), row(), 12
-    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
-    whole = np.empty(n, table_type(names, scene))
-    whole["displacement_max"], whole["steps_per_contact"] = random.random((n, 3, 1)), random.random(n)
-    whole["impact_count"], whole["status"] = random.integers(0, 9, (n, 2, 1)), 0
-    results = Results(names, scene, n)
-    folder = tmp_path_factory.mktemp("tables")
-    order = random.permutation(n)[: data.draw(st.integers(0, n))]
-    for number, rows in enumerate(np.array_split(order, data.draw(st.integers(1, 4)))):
-        if len(rows):
-            index, slots = results.hold(whole[rows])
-            results.answer(rows, slots, whole["status"][rows], True)
-            if data.draw(st.booleans()):
-                np.save(folder / f"{number}.npy", whole[rows])
-                results.move(index, partial(np.load, folder / f"{number}.npy", mmap_mode="r"))
-    rows = random.integers(0, n, 20)
-    known = np.isin(rows, order)
-    found = results.gather(rows)
-    for name in names:
-        np.testing.assert_array_equal(found[name][known], whole[name][rows[known]], err_msg=name)
-    assert (found["status"][~known] == Status.NOT_RUN).all()
-    assert (found["impact_count"][~known] == -1).all()
-    assert np.isnan(found["displacement_max"][~known]).all()
-    assert (results.touched[rows] == known).all()
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------
@@ -297,23 +246,3 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
 
 
 # -- writing of chunks -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("ends", "written"), [("well", ""), ("interrupted", "ab"), ("flushed", "ab"), ("full", "")])
-def test_what_was_held_is_written_unless_the_run_ends_well(tmp_path, monkeypatch, ends, written):
-    monkeypatch.setattr("pounding_sweep.resume.HELD_SECONDS", 600.0)
-    if ends == "full":
-        monkeypatch.setattr(ChunkStore, "write", Mock(side_effect=WriteError("no space")))
-    store, table = ChunkStore(tmp_path), to_table({"status": np.zeros(2, "i1")}, row())
-    results = Results(["status"], row(), 2)
-    with contextlib.suppress(KeyboardInterrupt), store.lock():
-        for key in "ab":
-            index, slots = results.hold(table)
-            results.answer(np.arange(2), slots, table["status"], False)
-            store.save(Chunk(key, 0, 0, np.arange(2), 0), table, partial(results.move, index), stage="scenarios")
-        if ends == "flushed":
-            store.flush()
-        elif ends != "well":
-            raise KeyboardInterrupt  # told even where what it finished finds no room
-    assert set(store.completed()) == set(written)
-    assert results.gather(np.arange(2))["status"].tolist() == [0, 0]

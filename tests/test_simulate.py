@@ -17,7 +17,7 @@ from pounding_sweep.base.errors import InputError, PoundingSweepError, Stability
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import DIMS, INTEGER_FILL, VARIABLES, Status
 from pounding_sweep.run.histories import HISTORIES, peaks_shown
-from pounding_sweep.run.simulate import NOT_OF_ONE, simulate_one
+from pounding_sweep.run.simulate import NOT_OF_ONE
 from pounding_sweep.spec.spec import METHODS
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
@@ -126,16 +126,6 @@ def test_arguments_in_other_words():
     assert one.pair_gap.values.tolist() == [0.03]
     law = LAWS["kelvin_voigt"]
     xr.testing.assert_equal(shake(law.key), ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6))
-
-
-@pytest.mark.slow
-def test_rows_of_one_and_of_three():
-    given = ps.simulate(ps.get_preset("mate2015"), SHAKING, law="linear", stiffness=2e6)  # its reference
-    xr.testing.assert_equal(ps.simulate("mate2015", SHAKING, law="linear"), given)
-    alone = ps.simulate(ps.Scene([ps.Building("one", [150.0], [6e4])]), SHAKING)
-    assert "pair" not in alone.dims
-    assert int(alone.status) == Status.OK
-    assert float(alone.displacement_max.max()) > 0
 
 
 @pytest.mark.parametrize(
@@ -388,19 +378,3 @@ def test_central_difference_has_a_limit_and_names_its_own_remedy():
     with pytest.raises(StabilityError, match=r"limit of newmark .* dt <= .* beta >= ") as caught:
         ps.simulate("mate2015", "el_centro", law="linear", stiffness=2e6, method="newmark", beta=0.0, dt=0.02)
     assert "the newmark scheme" not in str(caught.value)
-
-
-@pytest.mark.slow
-def test_one_scenario_of_a_sweep_has_the_numbers_of_the_sweep():
-    """The histories of a sweep in single precision are those of its kernel: their peaks are the cube's, bit by bit."""
-    settings_ = {"laws": "linear", "stiffnesses": 8e5, "dt": 2e-3, "outputs": ["displacement_max", "impact_force_max"]}
-    found = {}
-    for precision in ("float64", "float32"):
-        sweep = ps.Sweep(PAIR, SHAKING, **settings_, precision=precision)
-        one, cube = simulate_one(sweep.spec), sweep.run(workers=1).squeeze()
-        assert one.attrs["precision"] == precision
-        for name in settings_["outputs"]:
-            assert np.array_equal(one[name].squeeze(), cube[name])
-        found[precision] = one["displacement"]
-    assert not np.array_equal(found["float64"], found["float32"])
-    np.testing.assert_allclose(found["float32"], found["float64"], atol=1e-3 * float(abs(found["float64"]).max()))
