@@ -160,6 +160,7 @@ class TestRegistry:
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
         assert reducers_for(["energy_transfer_max"]) == {"transfer"}
         assert reducers_for(VARIABLES) == set(REDUCERS)
+        assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
 
     @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
     def test_one_entry_makes_a_reducer(self, law, monkeypatch):
@@ -186,38 +187,16 @@ class TestRegistry:
             reducer.substep(group)
         assert group.state["passed"].tolist() == [0.5, 0.5]
 
-    def test_variables_of_a_cube(self):
-        assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
-
 
 class TestScatter:
-    def test_unequal_heights(self):
-        got = scatter_dof(np.arange(6.0), UNEQUAL)
-        nan = np.nan
-        np.testing.assert_array_equal(got, [[0, 1, 2], [3, nan, nan], [4, 5, nan]])
-
-    def test_integers_are_filled(self):
-        got = scatter_dof(np.arange(6, dtype="i4"), UNEQUAL)
-        assert got.dtype == np.int32
-        np.testing.assert_array_equal(got[1], [3, -1, -1])
-
-    def test_contacts_and_walls(self):
+    def test_walls_and_unequal_heights(self):
+        assert scatter_contact(np.zeros((5, 0)), SINGLE).shape == (5, 0, 2)
+        floors = scatter_dof(np.arange(6, dtype="i4"), UNEQUAL)
+        assert (floors.dtype, floors.tolist()) == (np.int32, [[0, 1, 2], [3, -1, -1], [4, 5, -1]])
         assert [(c.pair, c.storey) for c in UNEQUAL.contacts] == [(0, 1), (0, 2), (0, 3), (1, 1), (3, 1), (3, 2)]
         nan = np.nan
-        got = scatter_contact(np.arange(6.0), UNEQUAL)
-        np.testing.assert_array_equal(got, [[0, 1, 2], [3, nan, nan], [nan, nan, nan], [4, 5, nan]])
-        counts = scatter_contact(np.arange(6), UNEQUAL)
-        assert counts[2].tolist() == [INTEGER_FILL] * 3
-
-    def test_leading_dimensions_stay(self):
-        values = np.random.default_rng(0).normal(size=(2, 4, UNEQUAL.n_dof))
-        got = scatter_dof(values, UNEQUAL)
-        assert got.shape == (2, 4, *inner_shape("displacement_max", UNEQUAL))
-        np.testing.assert_array_equal(got[1, 2], scatter_dof(values[1, 2], UNEQUAL))
-
-    def test_single_building(self):
-        assert scatter_contact(np.zeros((5, 0)), SINGLE).shape == (5, 0, 2)
-        assert inner_shape("contact_work", SINGLE) == (0,)
+        meeting = scatter_contact(np.arange(6.0), UNEQUAL)
+        np.testing.assert_array_equal(meeting, [[0, 1, 2], [3, nan, nan], [nan, nan, nan], [4, 5, nan]])
 
     @given(
         heights=st.lists(st.tuples(st.integers(1, 5), st.sampled_from([2.5, 3.0, 5.0])), min_size=1, max_size=4),
@@ -358,21 +337,17 @@ class TestFile:
             xr.testing.assert_identical(plain.load().assign_coords(beside), cube)
             assert plain["first_impact_time"].dtype == np.float64
 
-    @pytest.mark.parametrize("values", [[0.5, 2.0], [3.0, 2.0**31], [-1.0, 4.0], [np.inf, 1.0]])
-    def test_derived_numbers_are_not_cut_to_integers(self, values, tmp_path):
-        """Under the name of an output of integers, whose file type can't hold them, or takes them for missing."""
-        counts = xr.DataArray([*values, np.nan], dims="gap")
-        path = write_cube(xr.Dataset({"impact_count": counts}), tmp_path / "derived.nc")
-        with xr.open_dataset(path) as again:
-            assert again["impact_count"].encoding["dtype"] == np.float64
-            np.testing.assert_array_equal(again["impact_count"], counts)
-
-    def test_derived_numbers_keep_their_integer_type_where_it_holds_them(self, cube, tmp_path):
-        path = write_cube(cube.max("gap", keep_attrs=True)[["impact_count", "status"]], tmp_path / "derived.nc")
-        with netCDF4.Dataset(path) as file:
+    def test_derived_numbers_are_integers_where_the_type_holds_them(self, cube, tmp_path):
+        """Else they keep their own: such as the file type can't hold, or takes for missing."""
+        for values in ([0.5, 2.0], [3.0, 2.0**31], [-1.0, 4.0], [np.inf, 1.0]):
+            counts = xr.DataArray([*values, np.nan], dims="gap")
+            path = write_cube(xr.Dataset({"impact_count": counts}), tmp_path / "derived.nc", overwrite=True)
+            with xr.open_dataset(path) as again:
+                assert again["impact_count"].encoding["dtype"] == np.float64
+                np.testing.assert_array_equal(again["impact_count"], counts)
+        largest = cube.max("gap", keep_attrs=True)[["impact_count", "status"]]
+        with netCDF4.Dataset(write_cube(largest, tmp_path / "largest.nc")) as file:
             assert (file["impact_count"].dtype, file["status"].dtype) == (np.int32, np.int8)
-        with xr.open_dataset(path) as again:
-            np.testing.assert_array_equal(again["impact_count"], cube["impact_count"].max("gap"))
 
     def test_a_status_that_is_missing_stays_missing(self, cube, tmp_path):
         path = write_cube(cube[["status"]].where(cube["gap"] > cube["gap"][0]), tmp_path / "some.nc")
@@ -434,14 +409,6 @@ class TestFile:
             assert np.isnan(file["drift_max"]._FillValue)
             assert set(file["impact_force_max"].coordinates.split()) >= {"contact_elevation", "law_model"}
 
-    def test_a_cube_read_and_written_again_is_the_same(self, cube, tmp_path):
-        path = write_cube(cube, tmp_path / "cube.nc")
-        with open_cube(path) as again:
-            write_cube(again, path, overwrite=True)
-        with open_cube(path) as third, netCDF4.Dataset(path) as file:
-            xr.testing.assert_identical(third.load(), cube)
-            assert file["impact_count"].dtype == np.int32
-
     def test_other_datasets_are_written_too(self, tmp_path):
         other = xr.Dataset(
             {"touching": ("time", [True, False]), "u": ("time", [0.5, np.nan]), "n": ("time", [1, 2]), "one": 4.0},
@@ -482,7 +449,7 @@ class TestFile:
             with pytest.raises(OutputError, match=reason):
                 write_cube(cube, path, overwrite=True)
 
-    @pytest.mark.parametrize("name", ["out.csv", "out.parquet", "out.Zarr", "study.toml", "study.TOML"])
+    @pytest.mark.parametrize("name", ["out.csv", "out.Zarr", "study.toml"])
     def test_endings_of_other_files(self, cube, tmp_path, name):
         path = tmp_path / name
         path.write_text("precious")
@@ -602,15 +569,9 @@ class TestFile:
 
 
 class TestDescribe:
-    def test_records_say_where_they_are_from(self, cube):
-        source = f"{'Imperial Valley 1940, El Centro, N-S; ' * 2}end"
-        about = {"name": "el_centro", "pga": 3.1, "dt": 0.02, "points": 1560, "sha256": "0123456789abcdef" * 4}
-        cube.attrs["records"] = json.dumps([{**about, "source": source}])
-        told = f"el_centro  PGA 3.1 m/s2  dt 0.02, points 1560, sha256 0123456789ab, source {source}"
-        assert told in describe(cube)
-
     def test_cube(self, cube):
-        cube.attrs["records"] = json.dumps([{"name": "el_centro", "pga": 3.1, "points": 1560, "source": "shipped"}])
+        about = {"name": "el_centro", "pga": 3.1, "points": 1560, "sha256": "0123456789abcdef" * 4}
+        cube.attrs["records"] = json.dumps([{**about, "source": f"{'Imperial Valley 1940; ' * 5}end"}])
         text = describe(cube)
         lines = [" ".join(line.split()) for line in text.splitlines()]
         assert lines[0] == cube.attrs["title"]
@@ -619,7 +580,8 @@ class TestDescribe:
         assert "gap 3 0.01, 0.02, 0.05 m (gap)" in lines
         assert f"10 ok {Status.OK.meaning}" in lines
         assert any(line.startswith("1 diverged") and Status.DIVERGED.remedy in line for line in lines)
-        assert "el_centro PGA 3.1 m/s2 points 1560, source shipped" in lines
+        source = f"{'Imperial Valley 1940; ' * 5}end"
+        assert f"el_centro PGA 3.1 m/s2 points 1560, sha256 0123456789ab, source {source}" in lines
         assert "numba 0.68" in lines
         for name in cube.data_vars:
             assert name in text
@@ -628,9 +590,13 @@ class TestDescribe:
         expected = f"drift_max m {low:.6g} to {high:.6g} largest interstorey drift, per building and storey"
         assert expected in lines
 
-    def test_the_same_from_a_file(self, cube, tmp_path):
-        with open_cube(write_cube(cube, tmp_path / "cube.nc")) as again:
+    def test_the_same_from_a_file_written_again(self, cube, tmp_path):
+        path = write_cube(cube, tmp_path / "cube.nc")
+        with open_cube(path) as again:
             assert describe(again) == describe(cube)
+            write_cube(again, path, overwrite=True)
+        with open_cube(path) as third:
+            xr.testing.assert_identical(third.load(), cube)
 
     @pytest.mark.parametrize(
         "given",

@@ -24,19 +24,7 @@ def test_numbers_of_cases_are_exact(value):
     assert int(select(cases, {"case": value}).x) == 1_399_999
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        0.5,
-        pytest.param("0.5", marks=pytest.mark.slow),
-        1_500_001,
-        "9" * 5000,
-        pytest.param("9" * 30, marks=pytest.mark.slow),
-        10**400,
-        "nan",
-        "x",
-    ],
-)
+@pytest.mark.parametrize("value", [0.5, 1_500_001, "9" * 5000, 10**400, "nan", "x"])
 def test_what_is_no_case_is_refused_in_few_words(value):
     with pytest.raises(InputError, match=r"it has 1500000 values from 1 to 1500000|it has 1500000 values") as caught:
         select(line("case", np.arange(1, 1_500_001)), {"case": value})

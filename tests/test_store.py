@@ -68,13 +68,6 @@ def test_a_chunk_is_a_plain_table(store):
     assert isinstance(store.read("k").base, np.memmap)
 
 
-def test_written_again_the_last_one_counts(store):
-    write(store, "k", one(1.0))
-    write(store, "k", one(2.0))
-    assert store.read("k")["a"].tolist() == [2.0]
-    assert set(store.completed()) == {"k"}
-
-
 @pytest.mark.parametrize("cut", [1, 10, 40])
 def test_a_torn_manifest_line_is_no_completion(store, cut):
     write(store, "a", TABLE)
@@ -122,13 +115,6 @@ def test_another_sweep_is_refused(store):
     assert set(again(store).completed()) == {"a"}
 
 
-def test_discard_removes_only_what_is_its_own(store):
-    write(store, "a", TABLE)
-    (store.folder / "notes.txt").write_text("mine")
-    store.discard()
-    assert [p.name for p in store.folder.iterdir()] == ["notes.txt"]
-
-
 def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
     """As when somebody stops a run at once, mends the sweep file, and runs it again."""
     folder = tmp_path / "out.parts"
@@ -144,17 +130,6 @@ def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
     assert set(again(mended).completed()) == {"a"}
     with pytest.raises(OutputError, match="belong to another sweep"), first.lock():
         pass
-
-
-def test_a_failed_write_leaves_nothing(store, monkeypatch):
-    def full(file, table, **_):
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "save", full)
-    with pytest.raises(OutputError, match=r"No space left on device.*free some space"):
-        write(store, "a", TABLE)
-    assert [p.name for p in store.folder.iterdir()] == [MANIFEST]
 
 
 def test_the_chunk_is_on_disk_before_the_manifest_names_it(store, monkeypatch):
