@@ -302,54 +302,38 @@ def check_plan(plan, asked):
     assert [rows[i] for i in plan.inverse] == asked
 
 
+def some(values):
+    return st.lists(values, min_size=1, max_size=3, unique=True)
+
+
+LAW_KEYS = st.sampled_from(["none", "linear", "hertz", "kelvin_voigt", "hertz_damped", "modified_kelvin"])
+
+
 @given(
-    laws=st.lists(
-        st.sampled_from(["none", "linear", "hertz", "kelvin_voigt", "hertz_damped", "modified_kelvin"]),
-        min_size=1,
-        max_size=4,
-        unique=True,
-    ),
-    gaps=st.none() | st.lists(numbers, min_size=1, max_size=3, unique=True),
-    factors=st.lists(numbers, min_size=1, max_size=3, unique=True),
-    restitutions=st.lists(numbers, min_size=1, max_size=3, unique=True),
-    scales=st.lists(numbers | st.just(-1.0), min_size=1, max_size=3, unique=True),
-    n_records=st.integers(1, 2),
+    some(LAW_KEYS),
+    st.none() | some(numbers),
+    some(numbers),
+    some(numbers),
+    some(numbers | st.just(-1.0)),
+    st.booleans(),
 )
-def test_every_asked_scenario_of_a_product_has_its_row(laws, gaps, factors, restitutions, scales, n_records):
-    scene, records = row(), motions()[:n_records]
-    spec = build_spec(
-        scene=scene,
-        records=records,
-        laws=laws,
-        gaps=gaps,
-        stiffness_factors=factors,
-        restitutions=restitutions,
-        scales=scales,
-    )
+def test_every_asked_scenario_of_a_product_has_its_row(laws, gaps, factors, restitutions, scales, both):
+    scene, records = row(), motions()[: 1 + both]
+    axes = {"laws": laws, "gaps": gaps, "stiffness_factors": factors, "restitutions": restitutions, "scales": scales}
     asked = [
         effective(scene, law, g, contact_stiffness(scene, law, stiffness_factor=f), e, r, s)
         for law, g, f, e, r, s in itertools.product(
-            laws, gaps or [None], factors, restitutions, range(n_records), scales
+            laws, gaps or [None], factors, restitutions, range(len(records)), scales
         )
     ]
-    check_plan(make_plan(spec), asked)
+    check_plan(make_plan(build_spec(scene=scene, records=records, **axes)), asked)
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["none", "linear", "hertz", "kelvin_voigt"]),
-            st.none() | numbers | st.tuples(numbers, numbers),
-            numbers.map(lambda f: f * 1e6),
-            numbers,
-            st.integers(0, 1),
-            numbers,
-        ),
-        min_size=1,
-        max_size=12,
-        unique=True,
-    )
-)
+GAPS = st.none() | numbers | st.tuples(numbers, numbers)
+CASES = st.tuples(LAW_KEYS, GAPS, numbers.map(lambda f: f * 1e6), numbers, st.integers(0, 1), numbers)
+
+
+@given(st.lists(CASES, min_size=1, max_size=12, unique=True))
 def test_every_listed_case_has_its_row(drawn):
     scene, records = row(), motions()
     cases = [
@@ -392,37 +376,34 @@ def test_the_same_sweep_gives_the_same_plan(monkeypatch):
     exactly(first.inverse, second.inverse)
     for name in first.unique.__dataclass_fields__:
         exactly(getattr(first.unique, name), getattr(second.unique, name), name)
-    keys = keys_of(first)
+    keys, chunks = keys_of(first), first.chunks(np.arange(len(first.unique)))
     assert keys == keys_of(second)
     assert len(set(keys)) == len(keys) == first.summary()["chunks"]
-    rows = np.concatenate([chunk.rows for chunk in first.chunks(np.arange(len(first.unique)))])
-    assert sorted(rows) == list(range(len(first.unique)))  # each once
-    for chunk in first.chunks(np.arange(len(first.unique))):
+    assert sorted(np.concatenate([chunk.rows for chunk in chunks])) == list(range(len(first.unique)))  # each once
+    for chunk in chunks:
         assert len(chunk.rows) <= 16
         assert set(first.unique.law[chunk.rows]) == {chunk.law}
         assert set(first.unique.record[chunk.rows]) == {chunk.record}
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"gaps": [0.5, 0.001, 0.005, 0.05, 0.021]},
-        {"dt": 0.0025},
-        {"scales": [0.5, 1.5]},
-        {"outputs": OUTPUTS[:-1]},
-        {"locate": False},
-        {"method": "newmark"},
-        {"records": motions()[:1]},
-        {"records": [motions()[0], motions()[1].scaled(1.0001)]},
-        {"scene": row((0.01, 0.0200001))},
-        {"scene": Scene([*row().row[:2], Building("c", [120.0], [1.2e4], 0.02)], [0.01, 0.02], row().contact)},
-    ],
-    ids=lambda change: next(iter(change)),
-)
+CHANGES = [
+    {"gaps": [0.5, 0.001, 0.005, 0.05, 0.021]},
+    {"dt": 0.0025},
+    {"scales": [0.5, 1.5]},
+    {"outputs": OUTPUTS[:-1]},
+    {"locate": False},
+    {"method": "newmark"},
+    {"records": motions()[:1]},
+    {"records": [motions()[0], motions()[1].scaled(1.0001)]},
+    {"scene": row((0.01, 0.0200001))},
+    {"scene": Scene([*row().row[:2], Building("c", [120.0], [1.2e4], 0.02)], [0.01, 0.02], row().contact)},
+]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: next(iter(change)))
 def test_another_sweep_has_other_keys(change):
     base = {"scene": row(), "records": motions(), **PRODUCT}
-    mine, other = keys_of(Sweep(**base).plan()), keys_of(Sweep(**{**base, **change}).plan())
-    assert not set(mine) & set(other)
+    assert not set(keys_of(Sweep(**base).plan())) & set(keys_of(Sweep(**{**base, **change}).plan()))
 
 
 def test_the_summary_counts():
@@ -463,41 +444,6 @@ def test_a_gap_that_is_just_closed_is_run():
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
 
 
-@pytest.mark.parametrize(
-    "axes",
-    [
-        {"laws": "linear", "gaps": ps.Range(0.0, 0.05, 23), "restitutions": [0.3, 0.6]},
-        {"laws": ["none", "linear", "kelvin_voigt"], "gaps": ps.Range(0.0, 0.05, 11), "restitutions": [0.6, 0.3]},
-        {"laws": "hertz_damped", "scales": [0.5, 1.0], "stiffness_factors": ps.Range(0.5, 2.0, 9)},
-        {"laws": "linear", "gaps": ps.Range(0.0, 0.05, 5), "damping_ratios": [0.02, 0.05, 0.07]},
-        {
-            "cases": [
-                {"law": law, "gap": gap, "record": record}
-                for law in ("linear", "hertz")
-                for gap in (0.01, 0.02, 0.03, 0.04)
-                for record in ("two", "one")
-            ]
-        },
-    ],
-    ids=["product", "laws that ignore axes", "one gap", "properties", "cases"],
-)
-def test_a_plan_made_in_parts_is_the_whole(axes, monkeypatch):
-    """Large plans are worked out in parts: the same scenarios, steps and chunks, in no more memory."""
-    spec = build_spec(scene=row(), records=motions(), **axes, accuracy=1e-3)
-    whole = make_plan(spec)
-    monkeypatch.setattr("pounding_sweep.plan.scenarios.BLOCK", 7)
-    parts = make_plan(spec)
-    assert len(whole.unique) > 7
-    for name in whole.unique.__dataclass_fields__:
-        one, other = getattr(whole.unique, name), getattr(parts.unique, name)
-        np.testing.assert_array_equal(one, other, err_msg=name)
-        assert (one.dtype, one.strides[0] == 0) == (other.dtype, other.strides[0] == 0)
-    for name in ("inverse", "refused", "limit", "steps", "uncoupled_of"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name), err_msg=name)
-    rows = np.arange(len(whole.unique))
-    assert [chunk.key for chunk in whole.chunks(rows)] == [chunk.key for chunk in parts.chunks(rows)]
-
-
 def test_what_is_one_for_all_takes_the_memory_of_one():
     """So that ten million scenarios are planned in less than a gigabyte."""
     plan = make_plan(
@@ -508,22 +454,19 @@ def test_what_is_one_for_all_takes_the_memory_of_one():
     assert plan.unique.gaps.strides == (8, 0)
 
 
+def cells_of(item):
+    return [[cell.text for cell in line] for line in ElementTree.fromstring(item._repr_html_()).iter("tr")]
+
+
 def test_a_plan_is_printed_as_the_command_prints_it():
-    sweep = Sweep(row(), motions(), **PRODUCT, title="A <plan>")
-    plan = sweep.plan()
+    plan = Sweep(row(), motions(), **PRODUCT, title="A <plan>").plan()
     lines = str(plan).splitlines()
     assert lines[0] == "sweep      A <plan>"
     assert "axes       4 law x 5 gap x 2 stiffness_factor x 2 restitution x 2 record x 2 scale" in lines
     assert f"scenarios  {plan.n_asked} asked, at most {plan.n_unique} to run" in lines
     assert repr(plan) == f"Plan({plan.n_asked} scenarios asked, at most {plan.n_unique} to run)"
-    shown = ElementTree.fromstring(plan._repr_html_())
-    assert shown.findtext("caption") == "A <plan>"
-    cells = [[cell.text for cell in line] for line in shown.iter("tr")]
-    assert [f"{name or '':9}  {text}" for name, text in cells] == lines[1:]
-
-
-def cells_of(item):
-    return [[cell.text for cell in line] for line in ElementTree.fromstring(item._repr_html_()).iter("tr")]
+    assert ElementTree.fromstring(plan._repr_html_()).findtext("caption") == "A <plan>"
+    assert [f"{name or '':9}  {text}" for name, text in cells_of(plan)] == lines[1:]
 
 
 def test_scenes_and_sweeps_in_notebooks():
@@ -539,17 +482,9 @@ def test_scenes_and_sweeps_in_notebooks():
 
 
 def test_steps_follow_from_all_but_the_gaps(monkeypatch):
-    spec = build_spec(
-        scene="mate2015",
-        records="el_centro",
-        laws=["hertz_damped", "linear", "none"],
-        gaps=[0.004, 0.01, 0.02, 0.03],
-        stiffness_factors=[0.25, 1.0, 4.0],
-        restitutions=[0.4, 0.8],
-        period_factors={"left": [0.8, 1.2]},
-        accuracy=1e-4,
-        method="rk4",
-    )
+    axes = {"stiffness_factors": [0.25, 1.0, 4.0], "restitutions": [0.4, 0.8], "period_factors": {"left": [0.8, 1.2]}}
+    axes |= {"gaps": [0.004, 0.01, 0.02, 0.03], "laws": ["hertz_damped", "linear", "none"]}
+    spec = build_spec(scene="mate2015", records="el_centro", **axes, accuracy=1e-4, method="rk4")
     found = make_plan(spec)
     monkeypatch.setattr("pounding_sweep.plan.plan.but_for_gaps", lambda table: (table, np.ones(len(table), int)))
     each = make_plan(spec)

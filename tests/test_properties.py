@@ -431,7 +431,7 @@ def test_planning_takes_the_memory_it_says(axes):
     tracemalloc.start()
     try:
         plan = make_plan(spec)
-        plan.uncoupled_chunks(plan.uncoupled_to_run)
+        plan.chunks(plan.uncoupled_to_run, uncoupled=True)
         plan.chunks(np.arange(len(plan.unique)))
         peak = tracemalloc.get_traced_memory()[1]
     finally:

@@ -14,50 +14,66 @@ from hypothesis import strategies as st
 from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geonet, in_rows, knet, save, smc
 
 from pounding_sweep.base.errors import RecordError
-from pounding_sweep.records import MAX_FILE_BYTES, UNITS, formats, list_records, read_record, reader, resolve_records
+from pounding_sweep.records import MAX_FILE_BYTES, UNITS, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
-from pounding_sweep.records.reader import plain_words
 
 #: Every message of a bad file; `python tests/test_record_formats.py` writes them anew.
 MESSAGES = Path(__file__).with_name("golden") / "record_messages.json"
+#: Time and acceleration, and acceleration alone.
+ROWS = "".join(f"{i * 0.01:.2f},{v}\n" for i, v in enumerate(VALUES))
+COLUMN = "".join(f"{v}\n" for v in VALUES)
+THREE = "".join(f"{i * 0.01:.2f},{v},{2 * v},{3 * v}\n" for i, v in enumerate(VALUES))
 
-# --- PEER AT2 ---------------------------------------------------------------------------------------------------
+
+def refused(path, message=None, **arguments):
+    """Read a file that must be refused; returns the message."""
+    with pytest.raises(RecordError, match=message) as caught:
+        read_record(path, **arguments)
+    return str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        at2(),
-        at2(header=OLD, dt=".01000"),
-        at2(end="\r\n"),
-        at2(end="\r"),
-        at2(blanks=" " * 20),
-        at2(points="NPTS=      7, DT=   .0100 SEC,                            "),
-        at2(points="NPTS=7,DT=0.010000SEC"),
-        at2(points="NPTS= 7, DT= 1.D-02 SEC"),
-        at2(points="     7   0.0100   NPTS, DT"),
-        at2(points="    7    .0100    NPTS, DT"),
-        at2(points="npts = 7 , dt = 0.01 s"),
-        at2(points="NPTS= 7\nDT= .0100 SEC"),
-        at2(points="DT= .0100 SEC\nNPTS= 7"),
-        at2(per_line=1),
-        at2(per_line=7),
-        at2().rstrip("\n"),
-        at2() + "\n\n   \n",
-        at2() + "\x1a",
-        at2().replace("E", "D").replace("STD", "STE"),
-        at2().replace("E-0", "e-0"),
-        "\n" + at2(),
-        at2(header=NGA.replace("Station", "Stación")),
-        b"\xef\xbb\xbf" + at2().encode(),
-        ("\ufeff" + at2()).encode("utf-16-le"),
-    ],
-)
+# --- what is read: text, arguments, step (s), acceleration (m/s2) -------------------------------------------------
+
+AT2 = [
+    at2(),
+    at2(header=OLD, dt=".01000"),
+    *(at2(end=end) for end in ("\r\n", "\r")),
+    at2(blanks=" " * 20),
+    *(
+        at2(points=line)
+        for line in (
+            "NPTS=      7, DT=   .0100 SEC,                            ",
+            "NPTS=7,DT=0.010000SEC",
+            "NPTS= 7, DT= 1.D-02 SEC",
+            "     7   0.0100   NPTS, DT",
+            "    7    .0100    NPTS, DT",
+            "npts = 7 , dt = 0.01 s",
+            "NPTS= 7\nDT= .0100 SEC",
+            "DT= .0100 SEC\nNPTS= 7",
+            # the last line of several is that of the values
+            "RSPMATCH, 800     DT =      .0050 SEC\nNPTS= 7, DT= .0100 SEC, SCALED BY 1.000",
+            "RESAMPLED FROM DT=0.005 TO 0.01\nNPTS= 7, DT= .0100 SEC",
+            "NPTS= 9, DT= .005 SEC\nNPTS= 7, DT= .01 SEC",
+            "NPTS= 7, DT= 10 MSEC",
+        )
+    ),
+    *(at2(per_line=count) for count in (1, 7)),
+    *(at2() + end for end in ("\n\n   \n", "\x1a", "*** End Data ***\n1 2 3\n")),
+    at2().rstrip("\n"),
+    at2().replace("E", "D").replace("STD", "STE"),
+    at2().replace("E-0", "e-0"),
+    "\n" + at2(),
+    at2(header=NGA.replace("Station", "Stación")),
+    b"\xef\xbb\xbf" + at2().encode(),
+    ("\ufeff" + at2()).encode("utf-16-le"),
+]
+
+
+@pytest.mark.parametrize("text", AT2)
 def test_at2_quirks(tmp_path, text):
     record = read_record(save(tmp_path, text))
-    assert record.dt == 0.01
+    assert (record.dt, record.name) == (0.01, "file")
     np.testing.assert_allclose(record.acceleration, np.array(VALUES) * G, rtol=1e-7)
-    assert record.name == "file"
     assert record.source.endswith("(file.AT2)")
 
 
@@ -85,7 +101,7 @@ def test_at2_round_trip(tmp_path, values, dt, per_line, end):
     np.testing.assert_allclose(record.acceleration, np.array(values) * G, rtol=5.1e-7, atol=0)
 
 
-#: What a file holds, how it is read, its step (s) and its acceleration (m/s2).
+TENTHS, HALVES = [0.1 * G, 0.2 * G], [0, 0.5 * G, -0.25 * G]
 READ = [
     (
         NGA + "NPTS= 9, DT= .01 SEC\n-.1234E-02-.5678E-03 .1000E+00-.2E0\n-12.345-67.890+1.5 -.1D-1-.2D-1\n",
@@ -96,60 +112,62 @@ READ = [
     (at2([0.5], header="Somewhere\n"), {"units": "cm/s2"}, 0.01, [0.005]),
     (at2([0.5], points="NPTS= 1"), {"dt": 0.02}, 0.02, [0.5 * G]),
     (at2([0.5]), {"dt": 0.01}, 0.01, [0.5 * G]),
+    # columns, however they are apart
+    ("time,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n", {}, 0.01, HALVES),
+    ("time,acc (g)\r\n0,0\r\n0.01,0.5\r\n0.02,-2.5E-01\r\n\r\n", {}, 0.01, HALVES),
+    ("time (s);acc [g]\n0;0\n0,01;0,5\n0,02;-0,25\n", {}, 0.01, HALVES),
+    ("t\tacc_g\n0\t0\n0.01\t0.5\n0.02\t-0.25\n", {}, 0.01, HALVES),
+    ("# Station X\n# units: g\n  0.00   0.0\n  0.01   0.5  \n  0.02  -0.25", {}, 0.01, HALVES),
+    ("% acceleration in g\n0.00 0.0D0\n0.01 5.0D-1\n# remark\n0.02 -0.25", {}, 0.01, HALVES),
+    ('"time","acc (g)"\n"0.00","0"\n"0.01","0.5"\n"0.02","-0.25"\n', {}, 0.01, HALVES),
+    ("time,acc (g)\n5.00,0,\n5.01,0.5,\n5.02,-0.25,\n", {}, 0.01, HALVES),
+    ("units of g\n0.00 0.0\n0.01+.5\n0.02-.25\n", {}, 0.01, HALVES),
+    ("\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode(), {}, 0.01, HALVES),
+    ("\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode("utf-16-le"), {}, 0.01, HALVES),
+    ("temps,accél (g)\n0,0\n0.01,0.5\n0.02,-0.25\n", {}, 0.01, HALVES),
+    ("t,acc (g)\n0,0\n0.01,0.5\n0.02,\u22120.25\n".encode(), {}, 0.01, HALVES),  # a typographic minus
+    ("Zeit [s]\tBeschl. [m/s\xb2]\n" + ROWS.replace(",", "\t").replace(".", ","), {}, 0.01, VALUES),
+    # what is time, and what is none
     ("time,acc_m_s2\n0,0\n0.5,2\n", {}, 0.5, [0, 2]),
     ("t acc_cm/s2\n0 0\n0.5 2\n", {}, 0.5, [0, 0.02]),
     ("0.0\n 0.5\n-0.25\n", {"dt": 0.005, "units": "m/s2"}, 0.005, [0, 0.5, -0.25]),
     ("# dt = 0.02 s, acceleration (cm/s2)\n0.0\n50\n", {}, 0.02, [0, 0.5]),
     ("3.5\n", {"dt": 0.1, "units": "m/s2"}, 0.1, [3.5]),
     ("0 0.1\n1 0.2\n", {"dt": 1, "units": "m/s2"}, 1.0, [0.1, 0.2]),
-    ("# dt = 0.02\n# n, acc (g)\n0 0.1\n1 0.2\n", {"units": "g"}, 0.02, [0.1 * G, 0.2 * G]),
-    ("time (s),acc (g)\n0,0.1\n1,0.2\n", {}, 1.0, [0.1 * G, 0.2 * G]),
-    (",acc (g)\n0.00,0.1\n0.01,0.2\n", {}, 0.01, [0.1 * G, 0.2 * G]),  # a time index that lost its name
+    ("# dt = 0.02\n# n, acc (g)\n0 0.1\n1 0.2\n", {"units": "g"}, 0.02, TENTHS),
+    ("time (s),acc (g)\n0,0.1\n1,0.2\n", {}, 1.0, TENTHS),
+    (",acc (g)\n0.00,0.1\n0.01,0.2\n", {}, 0.01, TENTHS),  # a time index that lost its name
     ("0 0.1\n2 0.2\n4 0.3\n", {"units": "m/s2"}, 2.0, [0.1, 0.2, 0.3]),
-    ("acc (g),time (s)\n0.1,0\n0.2,0.01\n0.3,0.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
-    ("acc (g);t\n0,1;0\n0,2;0,01\n0,3;0,02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
-    ("# a logger\nacc (g) time (s)\n0.1 0\n0.2 0.01\n0.3 0.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
-    ("accel_g\tTime_s\n0.1\t5.00\n0.2\t5.01\n0.3\t5.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
+    ("acc (g),time (s)\n0.1,0\n0.2,0.01\n", {}, 0.01, TENTHS),
+    ("acc (g);t\n0,1;0\n0,2;0,01\n", {}, 0.01, TENTHS),
+    ("# a logger\nacc (g) time (s)\n0.1 0\n0.2 0.01\n", {}, 0.01, TENTHS),
+    ("accel_g\tTime_s\n0.1\t5.00\n0.2\t5.01\n", {}, 0.01, TENTHS),
+    *(
+        (f"{head},acc (g)\n0,0.1\n0.5,0.2\n", {}, 0.5, TENTHS)
+        for head in ("Time_s", "t (s)", "time in s", "Time (sec)", "t", "seconds", "s", "times")
+    ),
     ("0.000000000000 1\n0.009999999776 1\n0.019999999553 1\n0.029999999329 2\n", {"units": "m/s2"}, 0.01, [1, 1, 1, 2]),
+    # a first line of points and step
+    *(
+        (f"{first}\n{in_rows(VALUES, '{:12.7f}', per_line)}", {"units": "m/s2"}, 0.01, VALUES)
+        for first, per_line in (
+            *(("7 0.01", 1), ("7 0.01", 2), ("7 0.01", 5)),
+            *(("title\n7 0.0100 3", 5), ("title\n0.01 7", 1), ("NPTS DT\n7, 0.01", 1)),
+        )
+    ),
+    ("7 0.01\n" + ROWS.replace(",", " "), {"units": "m/s2"}, 0.01, VALUES),
+    (in_rows(VALUES, "{:10.7f}", 3), {"units": "m/s2", "dt": 0.01, "layout": "rows"}, 0.01, VALUES),
 ]
 
 
 @pytest.mark.parametrize(("text", "arguments", "dt", "acceleration"), READ)
 def test_read(tmp_path, monkeypatch, text, arguments, dt, acceleration):
-    for plain in (plain_words, lambda text: None):  # at once, and row by row
-        for module in (reader, formats):
-            monkeypatch.setattr(module, "plain_words", plain)
-        record = read_record(save(tmp_path, text), **arguments)
-        assert record.dt == pytest.approx(dt, rel=1e-6)
-        np.testing.assert_allclose(record.acceleration, acceleration, rtol=1e-15)
-
-
-# --- columns ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
-        "time,acc (g)\r\n0,0\r\n0.01,0.5\r\n0.02,-2.5E-01\r\n\r\n",
-        "time (s);acc [g]\n0;0\n0,01;0,5\n0,02;-0,25\n",
-        "t\tacc_g\n0\t0\n0.01\t0.5\n0.02\t-0.25\n",
-        "# Station X\n# units: g\n  0.00   0.0\n  0.01   0.5  \n  0.02  -0.25",
-        "% acceleration in g\n0.00 0.0D0\n0.01 5.0D-1\n# remark\n0.02 -0.25",
-        '"time","acc (g)"\n"0.00","0"\n"0.01","0.5"\n"0.02","-0.25"\n',
-        "time,acc (g)\n5.00,0,\n5.01,0.5,\n5.02,-0.25,\n",
-        "units of g\n0.000.0000\n".replace("0.000.0000", "0.00 0.0") + "0.01+.5\n0.02-.25\n",
-        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode(),
-        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode("utf-16-le"),
-        "temps,accél (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
-    ],
-)
-def test_two_columns(tmp_path, text):
-    for name in ("x.csv", "x.AT2", "x"):
-        record = read_record(save(tmp_path, text, name))
-        assert record.dt == 0.01
-        np.testing.assert_array_equal(record.acceleration, np.array([0, 0.5, -0.25]) * G)
-        assert record.name == "x"
+    """At once and row by row, whatever the ending of the file."""
+    for name in ("x.AT2", "x.AT2" if "NPTS" in str(text) else "x"):
+        record = read_record(save(tmp_path, text, name), **arguments)
+        assert (record.dt, record.name) == (pytest.approx(dt, rel=1e-6), "x")
+        np.testing.assert_allclose(record.acceleration, acceleration, rtol=1e-15 if "E" not in str(text) else 1e-7)
+        monkeypatch.setattr(reader, "_PLAIN", reader.RUN)
 
 
 @pytest.mark.parametrize(
@@ -164,8 +182,7 @@ def test_units(tmp_path, units, factor):
     assert read_record(plain, units=units).acceleration.tolist() == [0, 2 * factor]
     for header in (f"time (s), acc ({units})", f"time,a [{units}]", f"# units: {units}\nt,a"):
         headed = save(tmp_path, (header + "\n0,0\n0.5,2\n").encode(), "y.csv")
-        assert read_record(headed).acceleration.tolist() == [0, 2 * factor]
-        assert read_record(headed, units=units).pga == 2 * factor
+        assert read_record(headed).pga == read_record(headed, units=units).pga == 2 * factor
 
 
 @pytest.mark.parametrize(
@@ -182,28 +199,29 @@ def test_rounded_times(tmp_path, dt, form, start):
     assert read_record(save(tmp_path, text, "x.csv"), units="m/s2").dt == pytest.approx(dt, rel=1e-12)
 
 
-def test_scale_and_pga(tmp_path):
+def test_times_of_single_precision(tmp_path):
+    times = np.float32(-113.17) + np.float32(0.01) * np.arange(12000, dtype=np.float32)
+    path = save(tmp_path, "".join(f"{float(t):.6f} {i % 7}\n" for i, t in enumerate(times)))
+    assert read_record(path, units="g").dt == 0.01
+
+
+def test_arguments(tmp_path, monkeypatch):
     path = save(tmp_path, at2())
     assert read_record(path, scale=2).pga == pytest.approx(G, rel=1e-7)
     assert read_record(path, scale=2).scale == 2.0
     assert read_record(path, pga=2.5).pga == pytest.approx(2.5, rel=1e-15)
-
-
-def test_path_kinds(tmp_path, monkeypatch):
-    path = save(tmp_path, at2())
     monkeypatch.setenv("HOME", str(tmp_path))
     assert read_record(str(path)) == read_record(path) == read_record("~/file.AT2")
 
 
-# --- whose time it is -------------------------------------------------------------------------------------------
+# --- time, unit and step: only where they stand -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("head", ["", "index", "Index", "#", "n", "no.", "Unnamed: 0", "sample", "unknown"])
 @pytest.mark.parametrize("start", [0, 1])
 def test_an_index_is_no_time(tmp_path, head, start):
     path = save(tmp_path, f"{head},acc (g)\n" + "".join(f"{start + i},{a}\n" for i, a in enumerate((0.1, 0.2, -0.3))))
-    with pytest.raises(RecordError, match=r"counts by ones: points, or seconds\? Give dt= in seconds"):
-        read_record(path)
+    refused(path, r"counts by ones: points, or seconds\? Give dt= in seconds")
     record = read_record(path, dt=0.01)
     assert record.dt == 0.01
     np.testing.assert_array_equal(record.acceleration, np.array([0.1, 0.2, -0.3]) * G)
@@ -217,70 +235,8 @@ def test_an_index_is_no_time(tmp_path, head, start):
     ],
 )
 def test_times_in_other_units_are_refused(tmp_path, head):
-    for path in (
-        save(tmp_path, f"{head},acc (g)\n0,0.1\n10,0.2\n20,0.1\n"),
-        save(tmp_path, f"{head};acc (g)\n0;0,1\n10;0,2\n20;0,1\n"),
-    ):
-        with pytest.raises(RecordError, match=r"times are not in seconds .*; convert them"):
-            read_record(path)
-
-
-@pytest.mark.parametrize("head", ["time", "Time_s", "t (s)", "time in s", "Time (sec)", "t", "seconds", "s", "times"])
-def test_times_in_seconds_are_taken(tmp_path, head):
-    assert read_record(save(tmp_path, f"{head},acc (g)\n0,0.1\n0.5,0.2\n")).dt == 0.5
-
-
-# --- many numbers -----------------------------------------------------------------------------------------------
-
-WRITTEN = st.one_of(
-    st.floats(allow_nan=False, allow_infinity=False).map(repr),
-    st.floats(-1e3, 1e3).map(lambda x: f"{x:+.7E}"),
-    st.floats(-1e3, 1e3).map(lambda x: f"{x:.3f}".replace("0.", ".")),
-    st.from_regex(r"[+-]?([0-9]{1,40}(\.[0-9]{0,40})?|\.[0-9]{1,40})([EeDd][+-]?[0-9]{1,3})?", fullmatch=True),
-)
-
-
-@given(st.lists(WRITTEN, min_size=1, max_size=10), st.sampled_from([" ", "  ", "\n", ", ", "\t"]))
-def test_plain_words_are_read_as_word_by_word(words, between):
-    expected = [float(word.replace("D", "E").replace("d", "e")) for word in words]
-    assert plain_words(between.join(words) + "\n").tolist() == expected
-
-
-@pytest.mark.parametrize("odd", ["1-2", "x", "nan", "1_0", "0x1", "# 1", "1;2", "inf", "1e", "١"])
-def test_what_is_not_plain_is_left_to_be_read_by_lines(odd):
-    assert plain_words(f"1,2\n{odd}\n3,4\n") is None
-
-
-@pytest.mark.parametrize("text", ["1\n" * 200, "0.1 1\n" * 200, "PEER NGA\nNPTS= 200, DT= .01 SEC\n" + "1 2\n" * 100])
-def test_too_many_points_are_refused(tmp_path, monkeypatch, text):
-    monkeypatch.setattr(reader, "MOST_POINTS", 199)
-    with pytest.raises(RecordError, match="has more than 199 points; is it a record"):
-        read_record(save(tmp_path, text), dt=0.01, units="g")
-
-
-# --- K-NET and KiK-net -------------------------------------------------------------------------------------------
-
-
-def test_knet(tmp_path):
-    """The header of NIED's own example; 3920 gal are 6182761 counts, and a mean of 8000 counts is no motion."""
-    counts = [8000 + wave for wave in (9, -9, 100, -100, 5, -5, 0, 0)] * 25
-    path = save(tmp_path, knet(counts), "MYG0020601182325.NS")
-    record = read_record(path)
-    assert (record.dt, record.n_points, record.name) == (0.01, 200, "MYG0020601182325.NS")
-    assert record.source == "MYG002 N-S, earthquake of 2006/01/18 23:25:00 (MYG0020601182325.NS)"
-    np.testing.assert_allclose(record.acceleration, (np.array(counts) - 8000) * 39.2 / 6182761, rtol=1e-12)
-    underground = save(tmp_path, knet(counts, rate=200, seconds=1, direction="3", scale="2000(gal)/8388608"), "T.UD1")
-    assert read_record(underground, name="T", units="gal").dt == 0.005
-    assert read_record(underground).pga == pytest.approx(100 * 20 / 8388608)
-    save(tmp_path, knet(counts), "MYG0020601182325.EW")
-    both = [name for name, _ in list_records(tmp_path)][1:]
-    assert both == ["MYG0020601182325.EW", "MYG0020601182325.NS", "T"]
-    assert [record.name for record in resolve_records(both, tmp_path)] == [*both[:2], "T.UD1"]
-
-
-# --- units: only where they stand --------------------------------------------------------------------------------
-
-ROWS = "".join(f"{i * 0.01:.2f},{v}\n" for i, v in enumerate(VALUES))
+    for text in (f"{head},acc (g)\n0,0.1\n10,0.2\n20,0.1\n", f"{head};acc (g)\n0;0,1\n10;0,2\n20;0,1\n"):
+        refused(save(tmp_path, text), r"times are not in seconds .*; convert them")
 
 
 @pytest.mark.parametrize(
@@ -326,19 +282,15 @@ NO_UNIT = [
 @pytest.mark.parametrize("header", NO_UNIT)
 def test_what_is_no_unit_of_the_values(tmp_path, header):
     path = save(tmp_path, f"{header}\n{ROWS}")
-    with pytest.raises(RecordError, match=r"its units are not known; its header says .*give units= one of") as caught:
-        read_record(path)
-    assert header.rpartition("\n")[2].rpartition(",")[2] in str(caught.value)
+    message = refused(path, r"its units are not known; its header says .*give units= one of")
+    assert header.rpartition("\n")[2].rpartition(",")[2] in message
     assert read_record(path, units="mm/s2").pga == 5e-4
 
 
 @pytest.mark.parametrize("header", ["# units: g\nt,acc (m/s2)", "# units: ft/s2\nt,acc (g)"])
 def test_two_units_are_shown_and_units_wins(tmp_path, header):
     path = save(tmp_path, f"{header}\n{ROWS}")
-    with pytest.raises(
-        RecordError, match=r"states several units: .* \('acc \(.*, line 2\) and .* line 1\); give units="
-    ):
-        read_record(path)
+    refused(path, r"states several units: .* \('acc \(.*, line 2\) and .* line 1\); give units=")
     with pytest.warns(UserWarning, match=r"units='cm/s2' is given, in place of .*line"):
         record = read_record(path, units="cm/s2")
     assert record.pga == 5e-3
@@ -356,13 +308,8 @@ def test_two_units_are_shown_and_units_wins(tmp_path, header):
     ],
 )
 def test_velocity_and_displacement_are_refused(tmp_path, header, kind):
-    path = save(tmp_path, f"{header}\n{ROWS}")
     for units in (None, "g"):
-        with pytest.raises(RecordError, match=f"holds {kind}, not acceleration"):
-            read_record(path, units=units)
-
-
-# --- steps: only where they stand --------------------------------------------------------------------------------
+        refused(save(tmp_path, f"{header}\n{ROWS}"), f"holds {kind}, not acceleration", units=units)
 
 
 @pytest.mark.parametrize(
@@ -371,96 +318,25 @@ def test_velocity_and_displacement_are_refused(tmp_path, header, kind):
         *[("DT: 0.02", 0.02), ("dt (ms): 5", 0.005), ("time step 0.02 sec", 0.02), ("sampling interval: 20 ms", 0.02)],
         *[("SampleRate(Hz): 50", 0.02), ("200 muestras/s", 0.005), ("sampled at 100 Hz", 0.01), ("100 sps", 0.01)],
         *[("VEL. DE MUESTREO (muestras/s): 100", 0.01), ("dt=0.01\n# sampling rate 100 Hz", 0.01)],
-        *[
-            ("resampled from DT=0.005 s, now 0.01 s", None),
-            ("dt=0.01 (originally 0.005)", None),
-            ("low-pass 25 Hz", None),
-        ],
-        ("dt=0.01\n# sampling rate: 200 Hz", None),
+        *[("resampled from DT=0.005 s, now 0.01 s", None), ("dt=0.01 (originally 0.005)", None)],
+        *[("low-pass 25 Hz", None), ("dt=0.01\n# sampling rate: 200 Hz", None)],
     ],
 )
 def test_a_step_in_a_remark(tmp_path, remark, dt):
-    path = save(tmp_path, f"# {remark}\n# acc (g)\n" + "".join(f"{v}\n" for v in VALUES))
+    path = save(tmp_path, f"# {remark}\n# acc (g)\n{COLUMN}")
     if dt is not None:
         assert read_record(path).dt == dt
     else:
-        with pytest.raises(RecordError, match=r"has no time step|states several time steps: .* and .*; give dt="):
-            read_record(path)
+        refused(path, r"has no time step|states several time steps: .* and .*; give dt=")
     assert read_record(path, dt=0.03).dt == 0.03  # a remark gives way
 
 
-@pytest.mark.parametrize(
-    ("lines", "dt"),
-    [
-        ("RSPMATCH, 800     DT =      .0050 SEC\nNPTS= 7, DT= .0100 SEC, SCALED BY 1.000", 0.01),
-        ("RESAMPLED FROM DT=0.005 TO 0.01\nNPTS= 7, DT= .0100 SEC", 0.01),
-        ("NPTS= 9, DT= .005 SEC\nNPTS= 7, DT= .01 SEC", 0.01),
-        ("NPTS= 7, DT= 10 MSEC", 0.01),
-    ],
-)
-def test_the_step_of_an_at2_is_that_of_its_last_npts(tmp_path, lines, dt):
-    record = read_record(save(tmp_path, at2(points=lines)))
-    assert (record.dt, record.n_points) == (dt, 7)
-
-
-def test_steps_that_differ(tmp_path):
-    with pytest.raises(
-        RecordError, match=r"states several time steps: 0\.01 s \('t', line 2\) and 0\.02 s \('dt=0\.02', line 1"
-    ):
-        read_record(save(tmp_path, f"# dt=0.02\nt,acc (g)\n{ROWS}"))
+def test_rounded_times_that_a_given_step_explains(tmp_path):
     rounded = "".join(f"{i * 0.005:.2f},{i % 9}\n" for i in range(400))
     path = save(tmp_path, f"t,acc (g)\n{rounded}")
     assert read_record(path, dt=0.005).reading.step_from == "given, and explains the times"
     for dt in (None, 0.01, 0.0051):
-        with pytest.raises(RecordError, match="its time does not increase"):
-            read_record(path, dt=dt)
-    float32 = np.float32(-113.17) + np.float32(0.01) * np.arange(12000, dtype=np.float32)
-    path = save(tmp_path, "".join(f"{float(t):.6f} {i % 7}\n" for i, t in enumerate(float32)))
-    assert read_record(path, units="g").dt == 0.01
-
-
-# --- several values in a row -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("first", "per_line"),
-    [
-        ("7 0.01", 1),
-        ("7 0.01", 2),
-        ("7 0.01", 5),
-        ("title\n7 0.0100 3", 5),
-        ("title\n0.01 7", 1),
-        ("NPTS DT\n7, 0.01", 1),
-    ],
-)
-def test_a_first_line_of_points_and_step(tmp_path, first, per_line):
-    path = save(tmp_path, f"{first}\n{in_rows(VALUES, '{:12.7f}', per_line)}")
-    record = read_record(path, units="m/s2")
-    assert (record.dt, record.acceleration.tolist()) == (0.01, VALUES)
-    with pytest.raises(RecordError, match="says 8 points, it holds 7"):
-        read_record(save(tmp_path, path.read_text().replace("7", "8", 1)), units="g")
-
-
-def test_times_below_points_and_step(tmp_path):
-    path = save(tmp_path, "7 0.01\n" + ROWS.replace(",", " "))
-    assert read_record(path, units="m/s2").acceleration.tolist() == VALUES
-    with pytest.raises(RecordError, match=r"0\.01 s \(times in column 1\) and 0\.02 s"):
-        read_record(save(tmp_path, path.read_text().replace("0.01", "0.02", 1)), units="g")
-
-
-def test_rows_of_one_component(tmp_path):
-    path = save(tmp_path, in_rows(VALUES * 9))
-    with pytest.raises(
-        RecordError, match=r"line 1 has 8 columns without headings; give layout='rows' with dt= and units="
-    ):
-        read_record(path, dt=0.01, units="g")
-    record = read_record(path, dt=0.01, units="m/s2", layout="rows")
-    np.testing.assert_allclose(record.acceleration, VALUES * 9, atol=5e-5)
-    with pytest.raises(RecordError, match=r"unknown layout 'row'; did you mean 'rows'"):
-        read_record(path, layout="row")
-
-
-THREE = "".join(f"{i * 0.01:.2f},{v},{2 * v},{3 * v}\n" for i, v in enumerate(VALUES))
+        refused(path, "its time does not increase", dt=dt)
 
 
 @pytest.mark.parametrize(
@@ -477,56 +353,9 @@ def test_one_of_several_components(tmp_path, header, column, factor, unit):
     record = read_record(path, column=column)
     np.testing.assert_allclose(record.acceleration, factor * UNITS[unit] * np.array(VALUES), rtol=1e-12)
     assert record.dt == 0.01
-    with pytest.raises(RecordError, match=r"has 3 components: '.*' \(2\), '.*' \(3\)|4 columns without headings"):
-        read_record(path)
+    refused(path, r"has 3 components: '.*' \(2\), '.*' \(3\)|4 columns without headings")
     for wrong in ("z", 1, 5):
-        with pytest.raises(RecordError, match=r"has no column|is its time"):
-            read_record(path, column=wrong)
-
-
-def test_an_unclear_component(tmp_path):
-    path = save(tmp_path, f"time (s),acc_x (g),acc_y,vel (m/s)\n{THREE}")
-    with pytest.raises(RecordError, match=r"its units are not known; its header says 'acc_y' \(line 1\)"):
-        read_record(path, column="acc_y")
-    with pytest.raises(RecordError, match="holds velocity"):
-        read_record(path, column="vel", units="g")
-
-
-# --- signs, footers, files of another kind -----------------------------------------------------------------------
-
-
-def test_decimal_commas_apart_by_tabs(tmp_path):
-    text = "Zeit [s]\tBeschl. [m/s\xb2]\n" + ROWS.replace(",", "\t").replace(".", ",")
-    record = read_record(save(tmp_path, text))
-    assert (record.dt, record.acceleration.tolist()) == (0.01, VALUES)
-
-
-def test_a_typographic_minus_is_a_minus(tmp_path):
-    path = save(tmp_path, f"t,acc (g)\n{ROWS}".replace("-", "\u2212").encode())
-    assert read_record(path).acceleration.tolist() == [v * G for v in VALUES]
-
-
-def test_a_footer_behind_the_points(tmp_path):
-    assert read_record(save(tmp_path, at2() + "*** End Data ***\n1 2 3\n")).n_points == 7
-    with pytest.raises(RecordError, match=r"line 6: '\*\*\*' is not a number"):
-        read_record(save(tmp_path, at2(npts=8, per_line=7) + "*** End\n"))
-
-
-OTHERS = {
-    "an Excel workbook": b"PK\x03\x04" + bytes(40) + b"[Content_Types].xml",
-    "a page of HTML": b"\n<!DOCTYPE html><html>login</html>",
-    "a git-lfs pointer": b"version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 1\n",
-    "a SAC binary": bytes(304) + b"\x06\0\0\0" + bytes(400),
-    "miniSEED": b"000001D ABCD" + bytes(50),
-    "a file of RENADIC": b"line\n" * 7 + b"UNIVERSIDAD DE CHILE - RENADIC\n 1 2 3\n",
-    "a file of BHRC": b"* VOL1 DATA\n 1 2 3\n",
-}
-
-
-@pytest.mark.parametrize("what", OTHERS)
-def test_other_files_are_named(tmp_path, what):
-    with pytest.raises(RecordError, match=f"is {what}"):
-        read_record(save(tmp_path, OTHERS[what]), dt=0.01, units="g")
+        refused(path, r"has no column", column=wrong)
 
 
 # --- networks ----------------------------------------------------------------------------------------------------
@@ -542,49 +371,38 @@ def test_networks(tmp_path, name):
     assert record.dt == pytest.approx(0.01, rel=1e-12)
     assert read_record(path, column=column, dt=0.01) == record
     if column:
-        with pytest.raises(RecordError, match="has 3 components"):
-            read_record(path)
-    with pytest.raises(RecordError, match=r"0\.01 s, dt=0\.02 was given"):
-        read_record(path, column=column, dt=0.02)
+        refused(path, "has 3 components")
+    refused(path, r"0\.01 s, dt=0\.02 was given", column=column, dt=0.02)
 
 
 def test_several_channels_in_one_file(tmp_path):
     twice = [2 * v for v in VALUES]
     for text in (cosmos() + cosmos(values=twice).replace("Chan  1", "Chan  2"), geonet() + geonet("UP", values=twice)):
         path = save(tmp_path, text)
-        with pytest.raises(RecordError, match=r"has 2 components: '(Chan  1|N10E)' \(1\), '(Chan  2|UP)' \(2\)"):
-            read_record(path)
+        refused(path, r"has 2 components: '(Chan  1|N10E)' \(1\), '(Chan  2|UP)' \(2\)")
         assert read_record(path, column=2).pga == pytest.approx(2 * read_record(path, column=1).pga)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            NETWORKS["esm.ASC"].replace("UNITS: cm/s^2", "UNITS: cm/s").replace("ACCELERATION", "VELOCITY"),
-            "holds velocity",
-        ),
-        (NETWORKS["esm.ASC"].replace("UNITS: cm/s^2\n", ""), "its units are not known"),
-        (NETWORKS["esm.ASC"].replace("0.010", "x"), "has no time step"),
-        (NETWORKS["afad.txt"].replace("DATA : 7", "DATA : 8"), "says 8 points, it holds 7"),
-        (NETWORKS["cwa.dat"].replace("Hz): 100", "Hz): 200"), "its time step is 0.005 s|several time steps"),
-        (cosmos("velocity", "cm/sec(05)"), "holds velocity"),
-        (cosmos(unit="counts(50)"), "its units are not known; its header says 'counts'"),
-        (cosmos(ms=0.0), "has no time step"),
-        (geonet(step=0.0), "must be positive"),
-        (geonet().replace("Number of points", "Points"), "."),
-        (smc("3 VELOCITY"), "holds velocity"),
-        (smc(rate=0.0), "its header is damaged"),
-        (smc(rate=1e3).replace("|remark\n", "", 1), "holds"),
-    ],
-)
-def test_bad_files_of_networks(tmp_path, text, message):
-    with pytest.raises(RecordError, match=message):
-        read_record(save(tmp_path, text), column={"S": "N-S", "#": "U"}.get(text[0]))
+def test_knet(tmp_path):
+    """The header of NIED's own example; 3920 gal are 6182761 counts, and a mean of 8000 counts is no motion."""
+    counts = [8000 + wave for wave in (9, -9, 100, -100, 5, -5, 0, 0)] * 25
+    path = save(tmp_path, knet(counts), "MYG0020601182325.NS")
+    record = read_record(path)
+    assert (record.dt, record.n_points, record.name) == (0.01, 200, "MYG0020601182325.NS")
+    assert record.source == "MYG002 N-S, earthquake of 2006/01/18 23:25:00 (MYG0020601182325.NS)"
+    np.testing.assert_allclose(record.acceleration, (np.array(counts) - 8000) * 39.2 / 6182761, rtol=1e-12)
+    underground = save(tmp_path, knet(counts, rate=200, seconds=1, direction="3", scale="2000(gal)/8388608"), "T.UD1")
+    assert read_record(underground, name="T", units="gal").dt == 0.005
+    assert read_record(underground).pga == pytest.approx(100 * 20 / 8388608)
+    save(tmp_path, knet(counts), "MYG0020601182325.EW")
+    both = [name for name, _ in list_records(tmp_path)][1:]
+    assert both == ["MYG0020601182325.EW", "MYG0020601182325.NS", "T"]
+    assert [record.name for record in resolve_records(both, tmp_path)] == [*both[:2], "T.UD1"]
 
 
 # --- bad files --------------------------------------------------------------------------------------------------
 
+_ESM = NETWORKS["esm.ASC"]
 #: Files that are refused, by what is wrong with them.
 BAD = {
     "nothing": "",
@@ -593,7 +411,13 @@ BAD = {
     "any bytes": bytes(range(256)),
     "a null byte": b"0.1\n0.2\x00\n",
     "gzip": b"\x1f\x8b\x08abc",
-    "zip": b"PK\x03\x04abc",
+    "an Excel workbook": b"PK\x03\x04" + bytes(40) + b"[Content_Types].xml",
+    "a page of HTML": b"\n<!DOCTYPE html><html>login</html>",
+    "a git-lfs pointer": b"version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 1\n",
+    "a SAC binary": bytes(304) + b"\x06\0\0\0" + bytes(400),
+    "miniSEED": b"000001D ABCD" + bytes(50),
+    "RENADIC": b"line\n" * 7 + b"UNIVERSIDAD DE CHILE - RENADIC\n 1 2 3\n",
+    "BHRC": b"* VOL1 DATA\n 1 2 3\n",
     "half a UTF-16 character": b"\xff\xfea\x00b",
     "words": "some words\nand no numbers\n",
     "many words": "word\n" * 1001,
@@ -615,6 +439,7 @@ BAD = {
     "stars": at2().replace(fortran(0.5), " **************"),
     "underscore": at2().replace(fortran(0.5), "            1_0"),
     "a word": at2().replace(fortran(0.5), "           oops"),
+    "a word behind too few": at2(npts=8, per_line=7) + "*** End\n",
     "touching": NGA + "NPTS= 2, DT= .01 SEC\n-.1234E-02.5678E-03\n",
     "velocity": at2(header=NGA.replace("ACCELERATION", "VELOCITY").replace("OF G", "OF CM/S")),
     "displacement": at2(header=NGA.replace("ACCELERATION", "DISPLACEMENT")),
@@ -623,6 +448,8 @@ BAD = {
     "feet": "time,acc (ft/s2)\n0,0\n0.01,1\n",
     "milliseconds": "time (ms),acc (g)\n0,0\n10,1\n",
     "one column, no step": "acc (g)\n0.0\n0.1\n",
+    "two steps": f"# dt=0.02\nt,acc (g)\n{ROWS}",
+    "a step and times": "7 0.02\n" + ROWS.replace(",", " "),
     "uneven": "t,a (g)\n0,0\n0.01,1\n0.02,2\n0.035,3\n0.045,4\n",
     "a row missing": "t,a (g)\n" + "".join(f"{i / 100},0\n" for i in range(500) if i != 300),
     "a shift": "t,a (g)\n" + "".join(f"{i / 100 if i < 300 else i / 100 + 0.005},0\n" for i in range(600)),
@@ -637,11 +464,14 @@ BAD = {
     "a third cell": "t,a (g)\n0,0\n0.01,1,2\n",
     "a word in a cell": "t,a (g)\n0,0\n0.01,x\n",
     "a word in the first row": "t,a (g)\n0,1.O\n0.01,1\n0.02,1\n",
+    "digits of another script": "t,a (g)\n0,0\n0.01,\u0661\n".encode(),
     "three columns": "t,a,b (g)\n0,0,1\n0.01,1,2\n",
     "five columns": ".1 .2 .3 .4 .5\n.1 .2 .3 .4 .5\n",
     "one row": "t,a (g)\n0,1\n",
     "index and time": "index,time (s)\n0,0\n1,0.01\n2,0.02\n",
     "a count": "0 0.1\n1 0.2\n2 0.3\n",
+    "a headed count": "n,acc (g)\n1,0.1\n2,0.2\n3,0.3\n",
+    "fewer than the first line says": f"8 0.01\n{in_rows(VALUES, '{:12.7f}', 2)}",
     "K-NET, cut": knet([8000] * 99),
     "K-NET, too long": knet([8000] * 301),
     "K-NET, header cut": knet([8000] * 200).partition("Memo.")[0],
@@ -651,24 +481,33 @@ BAD = {
     "K-NET, scale 0": knet([8000] * 200, scale="3920(gal)/0"),
     "K-NET, for years": knet([8000] * 200, seconds=10**9),
     "K-NET, a word": knet([8000] * 200 + ["oops"]),
-    "a headed count": "n,acc (g)\n1,0.1\n2,0.2\n3,0.3\n",
+    "ESM, velocity": _ESM.replace("UNITS: cm/s^2", "UNITS: cm/s").replace("ACCELERATION", "VELOCITY"),
+    "ESM, no unit": _ESM.replace("UNITS: cm/s^2\n", ""),
+    "ESM, no step": _ESM.replace("0.010", "x"),
+    "AFAD, too few": NETWORKS["afad.txt"].replace("DATA : 7", "DATA : 8"),
+    "CWA, another rate": NETWORKS["cwa.dat"].replace("Hz): 100", "Hz): 200"),
+    "COSMOS, velocity": cosmos("velocity", "cm/sec(05)"),
+    "COSMOS, counts": cosmos(unit="counts(50)"),
+    "COSMOS, no step": cosmos(ms=0.0),
+    "GeoNet, step 0": geonet(step=0.0),
+    "GeoNet, no points": geonet().replace("Number of points", "Points"),
+    "SMC, velocity": smc("3 VELOCITY"),
+    "SMC, rate 0": smc(rate=0.0),
+    "SMC, no remark": smc(rate=1e3).replace("|remark\n", "", 1),
 }
 
 
 def messages(folder):
     """Return the message of each bad file."""
-    found = {}
-    for what, text in BAD.items():
-        with pytest.raises(RecordError) as caught:
-            read_record(save(folder, text, "bad.AT2"))
-        found[what] = str(caught.value).replace(str(folder), "")
-    return found
+    columns = {"AFAD, too few": "N-S", "CWA, another rate": "U"}
+    paths = {what: save(folder, text, f"{what}.AT2") for what, text in BAD.items()}
+    return {w: refused(path, column=columns.get(w)).replace(str(path), "") for w, path in paths.items()}
 
 
 def test_messages_of_bad_files(tmp_path):
     found = messages(tmp_path)
     assert found == json.loads(MESSAGES.read_text(encoding="utf-8"))
-    assert all(text.startswith("/bad.AT2: ") and len(text) < 400 for text in found.values())
+    assert all(text.startswith(": ") and len(text) < 400 for text in found.values())
 
 
 @pytest.mark.parametrize(
@@ -684,13 +523,12 @@ def test_messages_of_bad_files(tmp_path):
         ({"pga": 0.0}, "PGA to scale to .* must be positive"),
         ({"scale": 2.0, "pga": 1.0}, r"scale=2\.0 and pga=1\.0 exclude each other"),
         ({"name": ""}, "name must be a non-empty text"),
+        ({"layout": "row"}, r"unknown layout 'row'; did you mean 'rows'"),
     ],
 )
 @pytest.mark.parametrize("text", [at2(), "t,a (g)\n0,0\n0.01,0.5\n0.02,0.1\n"])
 def test_bad_arguments(tmp_path, arguments, message, text):
-    path = save(tmp_path, text)
-    with pytest.raises(RecordError, match=message):
-        read_record(path, **arguments)
+    refused(save(tmp_path, text), message, **arguments)
 
 
 @pytest.mark.parametrize(
@@ -710,22 +548,21 @@ def test_unreadable_places(tmp_path, path, message):
     os.mkfifo(tmp_path / "pipe.AT2")
     with (tmp_path / "huge.AT2").open("wb") as stream:
         stream.truncate(MAX_FILE_BYTES + 1)
-    with pytest.raises(RecordError, match=message):
-        read_record(tmp_path / path)
+    refused(tmp_path / path, message)
 
 
-def test_long_lines_are_linear(tmp_path):
-    for word, times in (
-        ("1", 2_000_000),
-        ("1-", 10**6),
-        ("units ", 300_000),
-        ("(", 500_000),
-        ("NPTS ", 300_000),
-        ("1E", 500_000),
-    ):
-        text = word * times
-        with pytest.raises(RecordError):
-            read_record(save(tmp_path, text), dt=0.1, units="g")
+@pytest.mark.parametrize("text", ["1\n" * 200, "0.1 1\n" * 200, "PEER NGA\nNPTS= 200, DT= .01 SEC\n" + "1 2\n" * 100])
+def test_too_many_points_are_refused(tmp_path, monkeypatch, text):
+    monkeypatch.setattr(reader, "MOST_POINTS", 199)
+    refused(save(tmp_path, text), "has more than 199 points; is it a record", dt=0.01, units="g")
+
+
+@pytest.mark.parametrize(
+    ("word", "times"),
+    [("1", 2_000_000), ("1-", 10**6), ("units ", 300_000), ("(", 500_000), ("NPTS ", 300_000), ("1E", 500_000)],
+)
+def test_long_lines_are_linear(tmp_path, word, times):
+    refused(save(tmp_path, word * times), dt=0.1, units="g")
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import SweepSpec, step_fault
+from pounding_sweep.spec.spec import PRECISIONS, SweepSpec, step_fault
 
 #: Variants whose motions are estimated at a time, and points of a record times variants.
 _BLOCK = 4096
@@ -49,8 +49,7 @@ def elastic_duration(exponent: float, stiffness: np.ndarray | float, mass: np.nd
 
 def highest_frequency(row: Scene | Variants) -> np.ndarray:
     """Highest natural circular frequency of the buildings (rad/s), shape (n,); one number for a scene."""
-    variants = variants_of(row)
-    return np.max([frequencies[:, -1] for frequencies, _ in variants.systems], axis=0)
+    return np.max([frequencies[:, -1] for frequencies, _ in variants_of(row).systems], axis=0)
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
@@ -74,7 +73,13 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     growth = np.exp(root * h)
     late = (growth - 1.0 - root * h) / (root**2 * h)
     early = (growth - 1.0) / root - late
-    participation = np.array([_roof_participation(building) for building in scene.buildings])[:, None] / root.imag
+    # velocity of the roof by that of the first mode, as the ground moves the building with all it stands on
+    shares = []
+    for building in scene.buildings:
+        phi, foundation = building.modes[1][:, 0], building.foundation
+        moved = building.masses if foundation is None else (*building.masses, foundation.mass)
+        shares.append(float(phi[building.n_storeys - 1] * (phi[: len(moved)] @ moved)))
+    participation = np.array(shares)[:, None] / root.imag
     fastest = np.zeros((len(moving) - 1, len(variants)))
     state, most = np.zeros(root.shape, complex), 1 + _BLOCK // len(variants)
     for first in range(1, len(ground), most):
@@ -92,13 +97,6 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     return fastest
 
 
-def _roof_participation(building: Building) -> float:
-    """Velocity of the roof by that of the first mode, as the ground moves the building with all it stands on."""
-    phi, n = building.modes[1][:, 0], building.n_storeys
-    moved = building.masses if building.foundation is None else (*building.masses, building.foundation.mass)
-    return float(phi[n - 1] * (phi[: len(moved)] @ moved))
-
-
 def shortest_contact(
     row: Scene | Variants,
     law: Law,
@@ -108,21 +106,19 @@ def shortest_contact(
     basis: str = "published",
 ) -> np.ndarray:
     """Shortest effective contact duration of each scenario (s); infinite where no contact lasts."""
-    result = np.full(len(stiffness), np.inf)
+    shortest = of_bumpers = np.full(len(stiffness), np.inf)
     if law.exponent is None:
-        return result
+        return shortest
     variants = variants_of(row)
-    beside = result
     for j, (contact, bumper) in enumerate(zip(variants.scene.contacts, variants.scene.bumper_of, strict=True)):
+        speed, mass = speeds[:, contact.pair], variants.contact_masses[:, j]
         if bumper is not None:
-            speed, mass = speeds[:, contact.pair], variants.contact_masses[:, j]
             lasting = elastic_duration(bumper.law.exponent, bumper.stiffness, mass, speed)
-            beside = np.minimum(beside, lasting / bumper.quickening(basis))
-            continue
-        own = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
-        lasting = elastic_duration(law.exponent, own, variants.contact_masses[:, j], speeds[:, contact.pair])
-        result = np.minimum(result, lasting)
-    return np.minimum(result / law.quickening(restitution, basis), beside)
+            of_bumpers = np.minimum(of_bumpers, lasting / bumper.quickening(basis))
+        else:
+            struck = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
+            shortest = np.minimum(shortest, elastic_duration(law.exponent, struck, mass, speed))
+    return np.minimum(shortest / law.quickening(restitution, basis), of_bumpers)
 
 
 #: File of measured errors beside this module.
@@ -219,120 +215,9 @@ def whole_steps(wanted: np.ndarray) -> np.ndarray:
     return np.asarray(_STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))])
 
 
-def advise(demand: Demand) -> Advice:
-    """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
-
-    Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
-    """
-    spec, laws, table = demand.spec, demand.laws, demand.table
-    assert spec.accuracy is not None
-    measured = load_measured()
-    schemes: list[SchemeAndFormat] = [
-        (method, precision)
-        for method, precision in measured.cost
-        if spec.method in (None, method)
-        and _may_have(spec, method, precision)
-        and SCHEMES[method].refuses(spec.scene, precision) is None
-    ]
-    if not schemes:
-        may_be = spec.method is None or SCHEMES[spec.method].ladder
-        how = ", or measure them, from a clone: python -m benchmarks.calibrate" if may_be else ""
-        whose = spec.method or "any scheme that runs this row"
-        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead{how}")
-    costs: dict[SchemeAndFormat, float] = {}
-    best: tuple[SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray] | None = None
-    reached: list[str] = []
-    for scheme in schemes:
-        need, (error, law) = _needed(measured, spec, scheme, laws)
-        if max(need.values()) == math.inf:
-            reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")
-            continue
-        steps, uncoupled = demand.steps(scheme[0], need)
-        costs[scheme] = demand.cost(scheme[0], measured.cost[scheme], steps, need)
-        if best is None or costs[scheme] < costs[best[0]]:
-            best = scheme, need, steps, uncoupled  # the steps of the others are let go
-    if best is None:
-        raise SweepError(
-            f"accuracy {spec.accuracy:g} was not reached when errors were measured "
-            f"({', '.join(reached)}); ask for less, for other laws or another method, or give dt and see the "
-            "audit of the cube"
-        )
-    scheme, need, steps, uncoupled = best
-    (method, precision), quantile = scheme, float(measured.about["quantile"])
-    others = {" ".join(name): cost / costs[scheme] for name, cost in costs.items() if name != scheme and costs[scheme]}
-    cheapest = min(others, key=others.__getitem__, default=None)
-    more = "" if cheapest is None else f" ({cheapest}: {others[cheapest]:.2g} times the cost)"
-    interval, used = np.array([record.dt for record in spec.records]), uncoupled[:, np.unique(table.variant)]
-    counts = np.concatenate([steps, used.ravel()])
-    lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
-    low, high = int(counts.min()), int(counts.max())
-    number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
-    own = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
-    sentence = (
-        f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
-        f"scenarios refined{more}"
-    )
-    numbers = {
-        "accuracy": spec.accuracy,
-        "method": method,
-        "precision": precision,
-        "steps_per_record_interval": [low, high],
-        "step": [float(lengths.min()), float(lengths.max())],
-        "quantile": quantile,
-        "refinement" if SCHEMES[method].flies_exactly else "steps_in_shortest_time": need,
-        "laws_not_measured": list(dict.fromkeys(law.key for law in own if LAWS.get(law.key) != law)),
-        "relative_cost_of_others": others,
-    }
-    largest = float((interval / uncoupled.min(axis=1)).max())
-    rest = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
-    return Advice(Numerics(method, largest, *rest), steps, uncoupled, sentence, numbers)
-
-
 def rounding(method: str) -> float:
     """Relative error below which that of a scheme in single precision may be one of rounding."""
     return ROUNDING if SCHEMES[method].flies_exactly else ROUNDING_OF_STEPS
-
-
-def _may_have(spec: SweepSpec, method: str, precision: str) -> bool:
-    """Whether a number format may be chosen: small differences of large numbers need the wide one."""
-    assert spec.accuracy is not None
-    if spec.precision is not None:
-        return precision == spec.precision
-    wide = "energies" in classes_of(spec.outputs) or spec.accuracy < rounding(method)
-    return precision == "float64" or not wide
-
-
-def _needed(
-    measured: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
-) -> tuple[dict[str, float], tuple[float, str]]:
-    """Return what laws need (of exact flight `refinement`, else steps in the shortest time), and the worst error."""
-    assert spec.accuracy is not None
-    bumpers = [bumper.law for bumper in spec.scene.bumpers]
-    need, worst, need_of_bumpers = dict[str, float](), (0.0, ""), 0.0
-    for law in (*bumpers, *laws):
-        # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
-        similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
-        try:
-            curves = [measured.curves[(*scheme, key, kind)] for key in similar for kind in classes_of(spec.outputs)]
-        except KeyError:
-            raise SweepError(
-                f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
-                "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
-            ) from None
-        # the run that is kept has half the step
-        ordered = not law.impulsive and spec.accuracy <= ORDERLY
-        start = EARLY * spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
-        pairs = [(curve.needed(spec.accuracy), curve.needed(start)) for curve in curves]
-        most = max(pair[0] if math.inf in pair else pair[1] for pair in pairs)
-        # steps by series hardly err: it is flight that decides
-        if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
-            most = max(most, 0.5 * flight_refinement(spec.accuracy))
-        if law in laws:
-            need[law.key] = max(most, need_of_bumpers) if law.has_contact else most
-        else:
-            need_of_bumpers = max(need_of_bumpers, most)
-        worst = max(worst, *((curve.error[-1], law.key) for curve in curves))
-    return need, worst
 
 
 def _refinement(method: str, need: dict[str, float]) -> float:
@@ -350,6 +235,12 @@ class Demand:
     repeats: np.ndarray  # how many scenarios each row of the table stands for
     variants: Variants
     initial_speed: float  # largest speed of approach at the start (m/s)
+
+    @cached_property
+    def accuracy(self) -> float:
+        """Relative error asked for."""
+        assert self.spec.accuracy is not None
+        return self.spec.accuracy
 
     @cached_property
     def mode(self) -> np.ndarray:
@@ -372,6 +263,34 @@ class Demand:
             result[rows] = shortest_contact(variants[part.variant], self.laws[i], *contact)
         return result
 
+    def needs(self, measured: Measured, scheme: SchemeAndFormat) -> tuple[dict[str, float], tuple[float, str]]:
+        """Return what laws need, `refinement` of exact flight, else steps in the shortest time, and the worst error."""
+        spec, need, worst, of_bumpers = self.spec, dict[str, float](), (0.0, ""), 0.0
+        for law in (*(bumper.law for bumper in spec.scene.bumpers), *self.laws):
+            # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
+            similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
+            try:
+                curves = [measured.curves[(*scheme, key, kind)] for key in similar for kind in classes_of(spec.outputs)]
+            except KeyError:
+                raise SweepError(
+                    f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
+                    "give method and dt instead, or measure them, from a clone: python -m benchmarks.calibrate"
+                ) from None
+            # the run that is kept has half the step
+            ordered = not law.impulsive and self.accuracy <= ORDERLY
+            start = EARLY * self.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
+            pairs = [(curve.needed(self.accuracy), curve.needed(start)) for curve in curves]
+            most = max(pair[0] if math.inf in pair else pair[1] for pair in pairs)
+            # steps by series hardly err: it is flight that decides
+            if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
+                most = max(most, 0.5 * flight_refinement(self.accuracy))
+            if law in self.laws:
+                need[law.key] = max(most, of_bumpers) if law.has_contact else most
+            else:
+                of_bumpers = max(of_bumpers, most)
+            worst = max(worst, *((curve.error[-1], law.key) for curve in curves))
+        return need, worst
+
     def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
         spec, table, scheme = self.spec, self.table, SCHEMES[method]
@@ -388,7 +307,7 @@ class Demand:
         np.maximum.at(most, table.record, wanted)
         for record, rate in zip(spec.records, most.tolist(), strict=True):
             if fault := step_fault(record, rate * record.dt):
-                raise SweepError(f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it")
+                raise SweepError(f"accuracy {self.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it")
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         one = np.ones(len(self.variants))
         limit = largest_step(self.variants, self.laws[-1], 0.0 * one, one, method=method) * (1.0 - 1e-6)
@@ -399,11 +318,10 @@ class Demand:
 
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
         """Least steps per interval at which the buildings of each variant keep their phase over so long a record."""
-        assert self.spec.accuracy is not None
         # exact flight keeps the phase, but of storeys that yield and floors that rest on each other
         stepped = any(self.spec.scene.yields) or any(law.impulsive for law in self.laws)
         flies = SCHEMES[method].flies_exactly and not stepped
-        limit = MAX_PHASE_ERROR if flies else min(self.spec.accuracy, MAX_PHASE_ERROR)
+        limit = MAX_PHASE_ERROR if flies else min(self.accuracy, MAX_PHASE_ERROR)
         result = np.zeros(len(self.variants), dtype=int)
         for steps in _STEPS.tolist():
             numerics = Numerics(method, record.dt / steps)
@@ -424,3 +342,66 @@ class Demand:
                 each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
             total += (record.n_points - 1) * float((each_interval * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * each * 1e-9
+
+
+def advise(demand: Demand) -> Advice:
+    """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
+
+    Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
+    """
+    spec, table, measured = demand.spec, demand.table, load_measured()
+    candidates: list[tuple[float, SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray]] = []
+    reached: list[str] = []
+    for scheme, cost in measured.cost.items():
+        method, precision = scheme
+        # small differences of large numbers need the wide format
+        wide = "energies" in classes_of(spec.outputs) or demand.accuracy < rounding(method)
+        formats = (spec.precision,) if spec.precision else ("float64",) if wide else PRECISIONS
+        fits = spec.method in (None, method) and precision in formats
+        if not fits or SCHEMES[method].refuses(spec.scene, precision) is not None:
+            continue
+        need, (error, law) = demand.needs(measured, scheme)
+        if max(need.values()) == math.inf:
+            reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")
+        else:
+            steps, uncoupled = demand.steps(method, need)
+            candidates.append((demand.cost(method, cost, steps, need), scheme, need, steps, uncoupled))
+    if reached and not candidates:
+        raise SweepError(
+            f"accuracy {demand.accuracy:g} was not reached when errors were measured ({', '.join(reached)}); ask for "
+            "less, for other laws or another method, or give dt and see the audit of the cube"
+        )
+    if not candidates:
+        may_be = spec.method is None or SCHEMES[spec.method].ladder
+        how = ", or measure them, from a clone: python -m benchmarks.calibrate" if may_be else ""
+        whose = spec.method or "any scheme that runs this row"
+        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead{how}")
+    least, scheme, need, steps, uncoupled = min(candidates, key=lambda candidate: candidate[0])
+    (method, precision), quantile = scheme, float(measured.about["quantile"])
+    others = {" ".join(name): cost / least for cost, name, *_ in candidates if name != scheme and least}
+    cheapest = min(others, key=others.__getitem__, default=None)
+    more = "" if cheapest is None else f" ({cheapest}: {others[cheapest]:.2g} times the cost)"
+    interval, used = np.array([record.dt for record in spec.records]), uncoupled[:, np.unique(table.variant)]
+    counts = np.concatenate([steps, used.ravel()])
+    lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
+    low, high = int(counts.min()), int(counts.max())
+    number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
+    laws = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
+    numbers = {
+        "accuracy": demand.accuracy,
+        "method": method,
+        "precision": precision,
+        "steps_per_record_interval": [low, high],
+        "step": [float(lengths.min()), float(lengths.max())],
+        "quantile": quantile,
+        "refinement" if SCHEMES[method].flies_exactly else "steps_in_shortest_time": need,
+        "laws_not_measured": list(dict.fromkeys(law.key for law in laws if LAWS.get(law.key) != law)),
+        "relative_cost_of_others": others,
+    }
+    largest = float((interval / uncoupled.min(axis=1)).max())
+    rest = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
+    sentence = (
+        f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
+        f"scenarios refined{more}"
+    )
+    return Advice(Numerics(method, largest, *rest), steps, uncoupled, sentence, numbers)

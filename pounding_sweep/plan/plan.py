@@ -75,24 +75,20 @@ class Plan:
         Building properties by the index that `unique` uses; row 0 is the scene as given.
     inverse : ndarray of int, shape (n_asked,)
         Row of `unique` that answers each asked scenario, in the order of the cube.
-    refused : ndarray of bool
-        Rows whose step is beyond the stability limit (none with ``force_unstable``).
-    limit : ndarray of float
-        Largest stable step (s) of each row.
+    refused, limit, steps : ndarray of bool, float and int
+        Of each row of `unique`: whether its step is beyond the stability limit (of none with ``force_unstable``), the
+        largest stable step (s), and the steps per record interval.
     numerics : Numerics
         Scheme and largest step of the sweep.
-    steps : ndarray of int
-        Steps per record interval of each row.
     uncoupled_steps : ndarray of int, shape (records, variants)
         Steps per record interval of the runs without pounding.
     uncoupled_runs : Scenarios
         Distinct runs without pounding of all rows of `unique`.
     uncoupled_of : ndarray of int
         Row of `uncoupled_runs` for each row of `unique`.
-    choice : str
-        What was chosen for the accuracy asked for; "" where the sweep gives scheme and step.
-    choice_numbers : dict, optional
-        The numbers that led to it.
+    choice, choice_numbers : str and dict
+        What was chosen for the accuracy asked for, and the numbers that led to it; "" and None where the sweep gives
+        scheme and step.
     """
 
     spec: SweepSpec
@@ -143,16 +139,18 @@ class Plan:
 
         With so many `steps` per interval of a `record`; else with the largest step of the sweep.
         """
-        numerics = self.numerics
+        numerics, own = self.numerics, self.laws[law]
         if record is not None and steps is not None:
             numerics = replace(numerics, dt=self.spec.records[record].dt / steps)
-        reducers = reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset())
+        # the law of this sweep whose kernel an undamped law can run in
+        damped = (item for item in self.laws if item.damper and item.elastic == own.elastic)
+        plain = (item for item in damped if not (item.approach_only or item.rebound_only or item.tension))
         return RowKernel(
             self.spec.scene,
-            self.laws[law],
+            own,
             numerics,
-            reducers,
-            host=self._host(law),
+            reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset()),
+            host=next(plain, None) if own.has_contact and not own.damper else None,
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
             windows=self._shares_flight,
@@ -174,25 +172,12 @@ class Plan:
         compiled in the middle of a run.
         """
         last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
-        if not len(laws):
-            return []
-        found = []
-        for law in np.unique(laws[laws != last]).tolist():
-            kernel = self.kernel(law)
-            found.append(kernel.shape)
-            if self.spec.accuracy is not None:
-                found.append(kernel.in_double.shape)
-        if len(self.uncoupled_to_run):
-            found.append(self.kernel(last, closing=True).shape)
-        return list(dict.fromkeys(found))
-
-    def _host(self, law: int) -> Law | None:
-        """Return the law of this sweep whose kernel an undamped law can run in."""
-        own = self.laws[law]
-        if not own.has_contact or own.damper:
-            return None
-        both = (item for item in self.laws if item.damper and item.elastic == own.elastic)
-        return next((item for item in both if not (item.approach_only or item.rebound_only or item.tension)), None)
+        kernels = [self.kernel(law) for law in np.unique(laws[laws != last]).tolist()]
+        if self.spec.accuracy is not None:
+            kernels = [precise for kernel in kernels for precise in (kernel, kernel.in_double)]
+        if len(laws) and len(self.uncoupled_to_run):
+            kernels.append(self.kernel(last, closing=True))
+        return list(dict.fromkeys(kernel.shape for kernel in kernels))
 
     @cached_property
     def uncoupled_to_run(self) -> np.ndarray:
@@ -201,23 +186,18 @@ class Plan:
         Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
         other scenarios whether they touch: fewer are as soon run themselves.
         """
-        runnable = ~self.refused
-        count = np.bincount(self.uncoupled_of[runnable & ~self.no_contact], minlength=len(self.uncoupled_runs))
-        asked = np.bincount(self.uncoupled_of[runnable & self.no_contact], minlength=len(self.uncoupled_runs))
+        asked, count = (
+            np.bincount(self.uncoupled_of[~self.refused & rows], minlength=len(self.uncoupled_runs))
+            for rows in (self.no_contact, ~self.no_contact)
+        )
         return np.flatnonzero((asked > 0) | (count >= LEAST_SHARED))
 
-    def chunks(self, rows: np.ndarray) -> list[Chunk]:
-        """Cut `rows` of the unique table into chunks; depends on nothing but the sweep and the rows."""
-        name = f"{self.digest}:{self.numerics.method}"
-        return self._cut(self.unique, rows, self.steps, name)
-
-    def uncoupled_chunks(self, rows: np.ndarray) -> list[Chunk]:
-        """Cut runs without pounding into chunks; `rows` are those of `uncoupled_runs`."""
-        steps = self.uncoupled_steps[self.uncoupled_runs.record, self.uncoupled_runs.variant]
-        name = f"{self.digest}:{self.numerics.method}:without pounding"
-        return self._cut(self.uncoupled_runs, rows, steps, name)
-
-    def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
+    def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[Chunk]:
+        """Cut rows of `unique`, or of `uncoupled_runs`, into chunks; depends on nothing but the sweep and the rows."""
+        name, table, steps = f"{self.digest}:{self.numerics.method}", self.unique, self.steps
+        if uncoupled:
+            name, table = f"{name}:without pounding", self.uncoupled_runs
+            steps = self.uncoupled_steps[table.record, table.variant]
         flights = np.broadcast_to(np.int16(0), len(table))
         if self.numerics.scheme.flies_exactly and len(self.variants) > 1:
             flights = np.zeros(len(table), np.int32)
@@ -225,8 +205,7 @@ class Plan:
                 kernel = self.kernel(len(self.laws) - 1, record=index, steps=count)
                 variants = self.variants[table.variant[rows_of]]
                 flights[rows_of] = kernel.flight_substeps(self.spec.records[index], variants)
-        most = CHUNK_BYTES // self.bytes_per_scenario
-        seconds = self.scenario_seconds
+        most, seconds = CHUNK_BYTES // self.bytes_per_scenario, self.scenario_seconds
         return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
 
     def scenario_seconds(self, record: int, steps: Any) -> Any:
@@ -251,11 +230,10 @@ class Plan:
         rows = np.flatnonzero(~self.refused)
         seconds, most, least = 0.0, {}, {}
         for index, record in enumerate(self.spec.records):
-            mine = self.steps[rows[self.unique.record[rows] == index]]
-            seconds += float(self.scenario_seconds(index, mine).sum())
-            each = mine if len(mine) else self.uncoupled_steps[index]
-            most[record.name] = (record.n_points - 1) * int(each.max())
-            least[record.name] = (record.n_points - 1) * int(each.min())
+            steps = self.steps[rows[self.unique.record[rows] == index]]
+            seconds += float(self.scenario_seconds(index, steps).sum())
+            steps = (record.n_points - 1) * (steps if len(steps) else self.uncoupled_steps[index])
+            most[record.name], least[record.name] = int(steps.max()), int(steps.min())
         return {
             "asked": self.n_asked,
             "at_most": self.n_unique,

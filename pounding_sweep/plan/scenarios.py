@@ -18,7 +18,7 @@ from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import CHANGE
 from pounding_sweep.records import Record
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
+from pounding_sweep.spec.axes import FACTOR_KINDS, Case
 from pounding_sweep.spec.spec import SweepSpec
 
 #: Rows of a law that are worked out at once.
@@ -66,13 +66,72 @@ class Requested:
     """What a sweep asks for: columns that broadcast over the dimensions of its cube, or over its listed cases."""
 
     shape: tuple[int, ...]
-    #: index into the laws and records of the sweep; int
+    #: index into the laws and records of the sweep, and into `variants`; int
     law: np.ndarray
     record: np.ndarray
+    variant: np.ndarray
     values: dict[str, np.ndarray]  # scale, stiffness, restitution, and gap, with one more dimension for pairs
     ranks: dict[str, np.ndarray]  # places of these when sorted, gaps last; int
-    variant: np.ndarray
     variants: Variants  # building properties
+
+
+def requested_scenarios(spec: SweepSpec) -> Requested:
+    """Return the scenarios of a sweep, of its axes or its listed cases."""
+    scene, places = spec.scene, {record.name: i for i, record in enumerate(spec.records)}
+    if spec.cases is not None:
+        cases = spec.cases
+        gaps = [np.broadcast_to(scene.gaps if case.gap is None else case.gap, len(scene.gaps)) for case in cases]
+        values = {
+            "scale": np.array([spec.case_value(case, "scale") for case in cases], float),
+            "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
+            "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
+            "gap": np.array(gaps, float),
+        }
+        law = np.array([spec.laws.index(case.law) for case in cases])
+        record = np.array([0 if case.record is None else places[case.record] for case in cases], np.int32)
+        variants, variant = case_variants(scene, cases)
+        ranks = {name: _rank(column) for name, column in values.items()}
+        return Requested((len(cases),), law, record, variant, values, ranks, variants)
+
+    grids = np.meshgrid(*(axis.values for axis in spec.property_axes), indexing="ij")
+    settings = [(axis.kind, axis.building, grid.ravel()) for axis, grid in zip(spec.property_axes, grids, strict=True)]
+    variants = _variants(scene, grids[0].size if grids else 1, settings)
+    if len(variants) == 2 and all(np.array_equal(a, b, equal_nan=True) for a, b in variants.columns):
+        variants = variants_of(scene)
+    variant = np.arange(len(variants) > 1, len(variants), dtype=np.int32)
+    (stiffness, stiffnesses), (scale, scales) = spec.needed_axis("stiffness"), spec.needed_axis("scale")
+    axes: dict[str, Sequence[float]] = {
+        "law": range(len(spec.laws)),
+        "gap": spec.gaps or (0.0,),
+        "stiffness": stiffnesses,
+        "restitution": spec.restitutions,
+        "record": range(len(places)),
+        "scale": scales,
+        "variant": range(len(variant)),
+    }
+
+    def along(values: Any, *dims: str) -> np.ndarray:
+        """Return values by some dimensions as a column."""
+        values = np.asarray(values)
+        sizes = [len(values_of) if dim in dims else 1 for dim, values_of in axes.items()]
+        return values.reshape(*sizes, *values.shape[len(dims) :])
+
+    factors = [[spec.scale(scale, v, record) for v in scales] for record in spec.records]
+    contact = [[stiffness.value(v, scene=scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
+    return Requested(
+        shape=tuple(map(len, axes.values())),
+        law=along(axes["law"], "law"),
+        record=along(np.arange(len(places), dtype=np.int32), "record"),
+        variant=along(variant, "variant"),
+        values={
+            "scale": along(factors, "record", "scale"),
+            "stiffness": along(contact, "law", "stiffness"),
+            "restitution": along(np.array(spec.restitutions, float), "restitution"),
+            "gap": along(np.array([scene.gaps] if spec.gaps is None else [[v] for v in spec.gaps], float), "gap"),
+        },
+        ranks={name: along(_rank(axes[name]), name) for name in ("scale", "stiffness", "restitution", "gap")},
+        variants=variants,
+    )
 
 
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
@@ -89,102 +148,31 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
     }
     variants = np.argsort(np.lexsort(np.column_stack(requested.variants.columns).T[::-1]))[requested.variant]
     ranks = {"variant": variants, **requested.ranks}
-    ranks = {name: np.where(matters.get(name, True), column, 0) for name, column in ranks.items()}
     # the column with most values innermost; sorted() is stable, so that gaps are innermost among equals
-    inner = sorted(((column, int(column.max()) + 1) for column in ranks.values()), key=lambda item: item[1])
-    codes = _combine([(requested.record, len(spec.records)), (law, len(laws)), *inner])
-    first, inverse = _distinct(np.broadcast_to(codes, requested.shape).reshape(-1))
-    del codes, inner, ranks
-    steps = [math.prod(requested.shape[i + 1 :]) for i in range(len(requested.shape))]
+    inner = sorted((np.where(matters.get(name, True), rank, 0) for name, rank in ranks.items()), key=np.max)
+    codes = np.broadcast_to(_codes([requested.record, law, *inner]), requested.shape).reshape(-1)
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    del codes
 
-    def column(values: np.ndarray) -> np.ndarray:
+    def column(name: str, values: np.ndarray, ignored: float = 0.0) -> np.ndarray:
         """Return what a column has in each unique scenario; of one value, as one row of memory."""
-        varies = [size > 1 for size in values.shape[: len(steps)]]
-        if not any(varies):
-            return np.broadcast_to(values[(0,) * len(steps)], (len(first), *values.shape[len(steps) :]))
-        places = zip(varies, steps, values.shape, strict=False)
-        return values[tuple(first // step % size if several else 0 for several, step, size in places)]
-
-    def effective(name: str, ignored: float) -> np.ndarray:
-        values, used = requested.values[name], matters[name]
-        return column(np.where(used[..., None] if name == "gap" else used, values, ignored))
+        used = matters.get(name, np.True_)
+        values = np.where(used[..., None] if name == "gap" else used, values, ignored).astype(values.dtype)
+        inner = values.shape[len(requested.shape) :]
+        if values.size == math.prod(inner):
+            return np.broadcast_to(values.reshape(inner), (len(first), *inner))
+        return np.broadcast_to(values, (*requested.shape, *inner)).reshape(-1, *inner)[first]
 
     table = Scenarios(
-        law=column(law),
-        record=column(requested.record),
-        scale=column(requested.values["scale"]),
-        stiffness=effective("stiffness", 0.0),
-        restitution=effective("restitution", 1.0),
-        gaps=np.broadcast_to(effective("gap", math.inf), (len(first), len(scene.pair_names))),
-        variant=column(requested.variant),
+        law=column("law", law),
+        record=column("record", requested.record),
+        scale=column("scale", requested.values["scale"]),
+        stiffness=column("stiffness", requested.values["stiffness"]),
+        restitution=column("restitution", requested.values["restitution"], 1.0),
+        gaps=np.broadcast_to(column("gap", requested.values["gap"], math.inf), (len(first), len(scene.pair_names))),
+        variant=column("variant", requested.variant),
     )
-    return table, requested.variants, inverse
-
-
-def requested_scenarios(spec: SweepSpec) -> Requested:
-    """Return the scenarios of a sweep, of its axes or its listed cases."""
-    return _product(spec) if spec.cases is None else _listed(spec)
-
-
-def _product(spec: SweepSpec) -> Requested:
-    dims = ("law", "gap", "stiffness", "restitution", "record", "scale", "variant")
-
-    def along(*own: str, values: Any) -> np.ndarray:
-        """Return values by some dimensions as a column."""
-        values = np.asarray(values)
-        sizes = dict(zip(own, values.shape, strict=False))
-        return values.reshape([sizes.get(dim, 1) for dim in dims] + list(values.shape[len(own) :]))
-
-    (stiffness, stiffnesses), (scale, scales) = spec.needed_axis("stiffness"), spec.needed_axis("scale")
-    contact = [[stiffness.value(v, scene=spec.scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
-    factors = np.array([[spec.scale(scale, v, record) for v in scales] for record in spec.records])
-    gaps = np.array([spec.scene.gaps] if spec.gaps is None else np.array(spec.gaps)[:, None], float)
-    variants = _product_variants(spec.scene, spec.property_axes)
-    variant = np.arange(len(variants) > 1, len(variants), dtype=np.int32)
-    ranks = {
-        "scale": _ranks(scales),
-        "stiffness": _ranks(stiffnesses),
-        "restitution": _ranks(spec.restitutions),
-        "gap": np.zeros(1, np.int64) if spec.gaps is None else _ranks(spec.gaps),
-    }
-    law, record = np.arange(len(spec.laws)), np.arange(len(spec.records), dtype=np.int32)
-    lengths = {name: len(own) for name, own in (ranks | {"law": law, "record": record, "variant": variant}).items()}
-    return Requested(
-        shape=tuple(lengths[dim] for dim in dims),
-        law=along("law", values=law),
-        record=along("record", values=record),
-        values={
-            "scale": along("record", "scale", values=factors),
-            "stiffness": along("law", "stiffness", values=contact),
-            "restitution": along("restitution", values=np.array(spec.restitutions, float)),
-            "gap": along("gap", values=gaps),
-        },
-        ranks={name: along(name, values=own) for name, own in ranks.items()},
-        variant=along("variant", values=variant),
-        variants=variants,
-    )
-
-
-def _listed(spec: SweepSpec) -> Requested:
-    cases, places = spec.cases or (), {record.name: i for i, record in enumerate(spec.records)}
-    variants, variant = case_variants(spec.scene, cases)
-    n_pairs, own = len(spec.scene.pair_names), spec.scene.gaps
-    gaps = np.array([np.broadcast_to(own if case.gap is None else case.gap, n_pairs) for case in cases], float)
-    values = {
-        "scale": np.array([spec.case_value(case, "scale") for case in cases], float),
-        "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
-        "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
-    }
-    return Requested(
-        shape=(len(cases),),
-        law=np.array([spec.laws.index(case.law) for case in cases]),
-        record=np.array([0 if case.record is None else places[case.record] for case in cases], np.int32),
-        values=values | {"gap": gaps},
-        ranks={name: np.unique(own, return_inverse=True)[1] for name, own in values.items()}
-        | {"gap": np.unique(gaps, axis=0, return_inverse=True)[1].reshape(-1)},
-        variant=variant,
-        variants=variants,
-    )
+    return table, requested.variants, inverse.astype(np.int32)
 
 
 def joined(parts: Sequence[Scenarios]) -> Scenarios:
@@ -194,26 +182,11 @@ def joined(parts: Sequence[Scenarios]) -> Scenarios:
     )
 
 
-def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each code is first, by rising codes, and which of them each place has."""
-    order = np.argsort(codes, kind="stable")
-    new = np.ones(len(order), bool)
-    rising = codes[order]
-    np.not_equal(rising[1:], rising[:-1], out=new[1:])
-    del rising
-    inverse = np.empty(len(order), np.int32)
-    inverse[order] = np.cumsum(new, dtype=np.int32) - np.int32(1)
-    return order if new.all() else order[new], inverse
-
-
 def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
     """Return one row for each stretch of rows that differ in their gaps alone, and how many rows that has."""
+    columns = [getattr(table, name) for name in Scenarios.__dataclass_fields__ if name != "gaps"]
     new = np.ones(len(table), bool)
-    new[1:] = False
-    for name in Scenarios.__dataclass_fields__:
-        column = getattr(table, name)
-        if name != "gaps" and column.strides[0]:  # else one value for all
-            new[1:] |= column[1:] != column[:-1]
+    new[1:] = np.any([column[1:] != column[:-1] for column in columns if column.strides[0]], axis=0)  # 0: one for all
     if new.all():
         return table, np.broadcast_to(np.int32(1), len(table))
     first = np.flatnonzero(new)
@@ -233,39 +206,33 @@ def stable_steps(spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variant
 
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
     """Return the distinct runs without pounding of a table of scenarios."""
-    columns = (table.record, table.variant, table.scale)
-    if len(table) and not any(column.strides[0] for column in columns):  # one run for all
-        first, inverse = np.zeros(1, np.int64), np.broadcast_to(np.int32(0), len(table))
-    else:
-        first, inverse = _distinct(_combine([_factors(column) for column in columns]))
+    codes = _codes([table.record, table.variant, table.scale])
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     runs, n = table[first], len(first)
     ignored = {"stiffness": np.zeros(n), "restitution": np.ones(n), "gaps": np.full(runs.gaps.shape, np.inf)}
-    return replace(runs, law=np.full(n, no_pounding, np.int16), **ignored), inverse
+    runs = replace(runs, law=np.full(n, no_pounding, np.int16), **ignored)
+    return runs, np.broadcast_to(np.int32(0), len(table)) if n == 1 else inverse.astype(np.int32)
 
 
-def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:
-    """Codes of a column, rising with its values, and how many there are."""
-    if len(column) and (column == column[0]).all():
-        return np.zeros(len(column), np.int64), 1
-    found, inverse = np.unique(column, return_inverse=True)
-    return inverse.reshape(-1), len(found)
-
-
-def _combine(columns: Sequence[tuple[np.ndarray, int]]) -> np.ndarray:
-    """Make one code of several, the last varying fastest."""
-    codes, size = np.zeros(1, dtype=np.int64), 1
-    for index, count in columns:
-        if size * count >= 2**62:  # renumber before the codes overflow
-            found, codes = np.unique(codes, return_inverse=True)
-            size = len(found)
-        codes = codes * count + index
-        size *= count
+def _codes(columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Make one code of columns that broadcast, rising with their values, the last varying fastest."""
+    codes, size = np.zeros(1, np.int64), 1
+    for column in columns:
+        if column.size and (column == column.flat[0]).all():
+            codes = codes + np.zeros(column.shape, np.int64)
+            continue
+        values, index = np.unique(column, return_inverse=True)
+        if size * len(values) >= 2**62:  # renumber before the codes overflow
+            found, ranks = np.unique(codes, return_inverse=True)
+            codes, size = ranks.reshape(codes.shape), len(found)
+        codes = codes * len(values) + index.reshape(column.shape)
+        size *= len(values)
     return codes
 
 
-def _ranks(values: Sequence[float]) -> np.ndarray:
-    """Places of the values of an axis when sorted."""
-    return np.argsort(np.argsort(np.asarray(values, float), kind="stable"))
+def _rank(values: Any) -> np.ndarray:
+    """Places of values, or of rows of values, when sorted."""
+    return np.unique(np.asarray(values, float), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
@@ -276,15 +243,6 @@ def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
         stiffness=table.stiffness * (1.0 + change),
         gaps=table.gaps * (1.0 + change),
     )
-
-
-def _product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
-    """Return the scene as given, and behind it every combination of the values of axes, the last varying fastest."""
-    grids = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
-    settings = [(axis.kind, axis.building, grid.ravel()) for axis, grid in zip(axes, grids, strict=True)]
-    table = _variants(scene, grids[0].size if axes else 0, settings)
-    same = len(table) <= 2 and all(np.array_equal(own[0], own[-1], equal_nan=True) for own in table.columns)
-    return variants_of(scene) if same else table
 
 
 def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
@@ -302,20 +260,21 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
 
 
 def _variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np.ndarray]]) -> Variants:
-    """Return the scene as given and behind it `n` variants: values of a property of a building, or of all."""
-    shape = (n + 1, len(scene.buildings))
-    columns = {kind: np.broadcast_to(math.nan if kind == "hardening" else 1.0, shape) for kind in FACTOR_KINDS.values()}
-    ratio, ratios = np.full(n + 1, math.nan), {building.damping_ratio for building in scene.buildings}
-    for kind, name, values in settings:  # NaN: the scene's own
+    """Return the scene and behind it `n` variants: values of a property of a building, or of all; NaN: the scene's."""
+    names = [building.name for building in scene.buildings]
+    columns = {
+        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0) for kind in FACTOR_KINDS.values()
+    }
+    ratio = np.full(n + 1, math.nan)
+    for kind, name, values in settings:
         if name is None:
-            (own,) = ratios if len(ratios) == 1 else (None,)
+            ratios = {building.damping_ratio for building in scene.buildings}
+            own = ratios.pop() if len(ratios) == 1 else None
             ratio[1:] = np.where(values == own, math.nan, values) if isinstance(own, float) else values
-            continue
-        index = [building.name for building in scene.buildings].index(name)
-        columns[kind] = columns[kind].copy()
-        columns[kind][1:, index] = values
-        if kind == "hardening":
-            columns[kind][columns[kind] == [building.uniform_hardening for building in scene.buildings]] = math.nan
+        else:
+            columns[kind][1:, names.index(name)] = values
+    hardening = columns["hardening"]
+    hardening[hardening == [building.uniform_hardening for building in scene.buildings]] = math.nan
     return Variants(scene, damping_ratio=ratio, **columns)
 
 
@@ -348,19 +307,18 @@ def cut(
     seconds: Callable[[int, int], float],
 ) -> list[Chunk]:
     """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
-    codes = _combine([_factors(column[rows]) for column in (table.record, table.law, steps, flights)])
+    codes = _codes([column[rows] for column in (table.record, table.law, steps, flights)])
     order = np.argsort(codes, kind="stable")
-    found = []
+    parts = []
     for part in np.split(rows[order], np.flatnonzero(np.diff(codes[order])) + 1) if len(rows) else ():
         record, law, count = (int(values[part[0]]) for values in (table.record, table.law, steps))
-        found.append((max(seconds(record, count), 1e-12), record, law, count, part))
-    found.sort(key=lambda kind: -kind[0])
-    result = []
-    for each, record, law, count, part in found:
-        size = LANES * max(1, int(min(longest / each, most) / LANES))
-        for own in np.split(part, range(size, len(part), size)):
-            result.append(Chunk(chunk_key(f"{name}:{record}:{law}:{count}:", own), law, record, own, count))
-    return result
+        parts.append((max(seconds(record, count), 1e-12), record, law, count, part))
+    chunks = []
+    for cost, record, law, count, part in sorted(parts, key=lambda part: -part[0]):
+        size = LANES * max(1, int(min(longest / cost, most) / LANES))
+        for chunk in np.split(part, range(size, len(part), size)):
+            chunks.append(Chunk(chunk_key(f"{name}:{record}:{law}:{count}:", chunk), law, record, chunk, count))
+    return chunks
 
 
 class ChunkTask(NamedTuple):

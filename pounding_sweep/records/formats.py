@@ -107,7 +107,7 @@ def _read_header(source: RecordText) -> tuple[Lines, int, str]:
     header: Lines = []
     for line, text in enumerate(source.lines[: _MOST_HEADER + 1], 1):
         row = text.strip()
-        if _numbers(row):
+        if floats(row) if source.layout == "rows" else _numbers(row):
             return header, line, row
         header += [(line, row)] if row else []
     if len(source.lines) > _MOST_HEADER:

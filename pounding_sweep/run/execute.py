@@ -217,10 +217,9 @@ class _Stages:
         """
         plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
         self.progress.stage(stage, len(rows))
-        closing, table, outputs, cut = False, plan.unique, plan.outputs, plan.chunks
+        closing, table, outputs = False, plan.unique, plan.outputs
         if stage == "no pounding":
             closing, table, outputs = True, plan.uncoupled_runs, (*plan.outputs, "closing_max")
-            cut = plan.uncoupled_chunks
         missing, stored = np.zeros(len(table), bool), list[Chunk]()
         missing[rows] = True
 
@@ -256,7 +255,7 @@ class _Stages:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
                 yield answer("taken", chunk, found, origin=self.earlier.origin)
                 stored.append(chunk)
-        waiting = cut(np.flatnonzero(missing))
+        waiting = plan.chunks(np.flatnonzero(missing), uncoupled=closing)
         if store is not None:
             store.expect(plan, stage, [*stored, *waiting])
 
