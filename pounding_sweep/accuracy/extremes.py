@@ -93,10 +93,11 @@ class Batch:
 
     def kernel(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> RowKernel:
         """Return the kernel that runs it."""
-        numerics = Numerics(method, dt, precision=precision, refinement=refinement)
-        return RowKernel(
-            self.scene, self.law, numerics, reducers_for(self.outputs), initial_velocity=self.initial_velocity
+        numerics, reducers = (
+            Numerics(method, dt, precision=precision, refinement=refinement),
+            reducers_for(self.outputs),
         )
+        return RowKernel(self.scene, self.law, numerics, reducers, initial_velocity=self.initial_velocity)
 
     def step(self, method: str, dt: float) -> float:
         """Return the time step (s) that is taken for a largest one."""
@@ -108,20 +109,17 @@ class Batch:
 
     def run(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> Values:
         """Run every scenario at a step; those beyond the stability limit are refused."""
-        rows = np.flatnonzero(self.step(method, dt) <= self.stable_step(method))
+        rows, scene = np.flatnonzero(self.step(method, dt) <= self.stable_step(method)), self.scene
         values = {
-            name: np.full((len(self), *inner_shape(name, self.scene)), np.nan) for name in cube_variables(self.outputs)
+            name: np.full((len(self), *inner_shape(name, scene)), np.nan) for name in cube_variables(self.outputs)
         }
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             kernel = self.kernel(method, dt, precision, refinement)
-            part = run_once(kernel, self.record, self.table[rows], variants_of(self.scene), self.outputs)
+            part = run_once(kernel, self.record, self.table[rows], variants_of(scene), self.outputs)
             for name, column in values.items():
                 column[rows] = part[name]
         return mask_invalid(values)
-
-
-# --- rows and ground motions ------------------------------------------------------------------------------------------
 
 
 def oscillator(name: str, period: float, mass: float = 100.0, storeys: int = 1, damping: float = 0.05) -> Building:
@@ -204,27 +202,25 @@ def earthquake(duration: float = 2.0, dt: float = 0.01) -> Record:
     return synthetic_record(7, duration=duration, dt=dt, pga=4.0, rise=0.1, strong=0.6)
 
 
-_SAMPLES = np.arange(101)
 #: Ground motions of families: name, accelerations (m/s2) and time step (s).
 RECORDS = {
     name: Record(name, dt, np.asarray(values, float))
-    for name, values, dt in (
-        ("slow", 3.0 * np.sin(np.arange(81) * 1.7), 0.5),
-        ("one point", [3.0], 0.01),
-        ("two points", [3.0, -3.0], 0.01),
-        ("constant", np.full(101, 4.0), 0.01),
-        ("one spike", 50.0 * (_SAMPLES == 20), 0.01),
-        ("all spikes", np.resize([20.0, -20.0], 101), 0.01),
-        ("two points, far apart", [0.0, 5.0], 2.0),
-        ("ramp", -np.linspace(0.0, 3.0, 151), 0.01),
-        ("push", np.full(151, -5.0), 0.01),
-        ("push and rest", np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0), 0.01),
-        ("quiet", np.zeros(101), 0.01),
-        ("short", earthquake(duration=0.3).acceleration, 0.01),
+    for name, dt, values in (
+        ("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7)),
+        ("one point", 0.01, [3.0]),
+        ("two points", 0.01, [3.0, -3.0]),
+        ("constant", 0.01, np.full(101, 4.0)),
+        ("one spike", 0.01, 50.0 * (np.arange(101) == 20)),
+        ("all spikes", 0.01, np.resize([20.0, -20.0], 101)),
+        ("two points, far apart", 2.0, [0.0, 5.0]),
+        ("ramp", 0.01, -np.linspace(0.0, 3.0, 151)),
+        ("push", 0.01, np.full(151, -5.0)),
+        ("push and rest", 0.01, np.where(np.linspace(0.0, 2.0, 201) < 0.5, -6.0, 0.0)),
+        ("quiet", 0.01, np.zeros(101)),
+        ("short", 0.01, earthquake(duration=0.3).acceleration),
     )
 }
 
-# --- the families -----------------------------------------------------------------------------------------------------
 
 #: Least coefficient of restitution tried for laws whose formula divides by it.
 LEAST_RESTITUTION = 1.0e-3
@@ -283,10 +279,14 @@ def _last_hairs() -> np.ndarray:
     return float(alone["displacement_max"].max()) * (1.0 - np.array([-1e-9, 1e-12, 1e-9, 1e-6, 1e-3, 1e-2]))
 
 
+#: A case of a family: its name, its row, and the arguments of `make_batch` that are not as usual.
+Case = tuple[str, Scene, dict[str, Any]]
+
+
 @cache
-def all_families() -> dict[str, list[tuple[str, Scene, dict[str, Any]]]]:
-    """Return the cases of every family, from ``data/extremes.toml``: name, row and arguments of `make_batch`."""
-    families: dict[str, list[tuple[str, Scene, dict[str, Any]]]] = {}
+def all_families() -> dict[str, list[Case]]:
+    """Return the cases of every family, from ``data/extremes.toml``."""
+    families: dict[str, list[Case]] = {}
     text = files("pounding_sweep").joinpath("data", "extremes.toml").read_text("utf-8")
     for family, cases in tomllib.loads(text).items():
         families[family] = []
@@ -316,8 +316,7 @@ def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
         rng, law = np.random.default_rng([seed, i]), laws[i % len(laws)]
         scene = _random_scene(rng, ("left", "right") if (i // len(laws)) % 2 == 0 else ("left",))
         # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
-        period = max(float(b.periods[0]) for b in scene.buildings)
-        pga = _log(rng, 0.05, 20.0)
+        period, pga = max(float(b.periods[0]) for b in scene.buildings), _log(rng, 0.05, 20.0)
         reach = pga * (period / (2.0 * math.pi)) ** 2
         gaps = reach * 10.0 ** rng.uniform(-3.0, 0.5, (LANES, len(scene.pair_names)))
         gaps[rng.random(gaps.shape) < 0.1] = 0.0
@@ -360,8 +359,6 @@ def _random_motion(rng: np.random.Generator, pga: float) -> Record:
         return Record("pulse", dt, pga * np.where(t < width, np.sin(2.0 * np.pi * t / width), 0.0))
     return synthetic_record(int(rng.integers(10**6)), duration=2.0, dt=dt, pga=pga, rise=0.1, strong=0.6)
 
-
-# --- the judge --------------------------------------------------------------------------------------------------------
 
 #: A reference run is believed where one of half the step agrees with it this closely.
 CONVERGED = 0.1 * OK_CLAIM
@@ -469,13 +466,13 @@ def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.asarray(np.abs(work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
 
 
-def judge(run: Run, reference: Reference) -> pd.DataFrame:
+def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     """Judge what a run of a batch gave; a row per scenario.
 
-    Columns say which scenario it is, its status, and ``error``: largest relative error of a peak (NaN where it is not
-    judged); ``missed``: ok, but off by more than the claim; ``told``, ``sensitive``: those of them that half the step
-    gives away, and that are sensitive; ``unknown``: ok, but without a reference; ``created``: energy by contacts over
-    the largest of the balance; ``energy``: over what the ground can have brought in; ``faults``: demands not met.
+    ``error``: largest relative one of a peak, NaN where it is not judged; ``missed``: ok, but off by more than the
+    claim; ``told``, ``sensitive``: those of them that half the step gives away, and that are sensitive; ``unknown``:
+    ok, but without a reference; ``created``: energy by contacts over the largest of the balance; ``energy``: over what
+    the ground can have brought in; ``faults``: demands that are not met.
     """
     batch, values, status = run.batch, run.values, run.values["status"]
     ok, has_values, known = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
@@ -507,20 +504,18 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
         (missed & ~told & ~sensitive, off, error),
         ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
-    scenarios = {name: getattr(batch.table, name).tolist() for name in ("gaps", "stiffness", "restitution", "scale")}
-    return pd.DataFrame(
-        {
-            **{"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method},
-            **{"precision": run.precision, "dt": run.dt, "status": [STATUS[int(code)].label for code in status]},
-            **scenarios,
-            **{"error": error, "missed": missed, "told": told, "sensitive": sensitive},
-            **{"unknown": ok & sound & ~known, "created": created, "energy": share},
-            "seconds": run.seconds / len(batch),
-            "faults": [
-                [text.format(float(number[i])) for rows, text, number in demands if rows[i]] for i in range(len(batch))
-            ],
-        }
-    )
+    about: dict[str, Any] = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
+    about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
+    columns = {name: getattr(batch.table, name) for name in ("gaps", "stiffness", "restitution", "scale")}
+    columns |= {"error": error, "missed": missed, "told": told, "sensitive": sensitive, "created": created}
+    columns |= {"unknown": ok & sound & ~known, "energy": share}
+    rows_of = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [
+        about
+        | {"status": STATUS[int(status[i])].label, **dict(zip(columns, cells, strict=True))}
+        | {"faults": [text.format(float(number[i])) for rows, text, number in demands if rows[i]]}
+        for i, cells in enumerate(rows_of)
+    ]
 
 
 def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
@@ -534,7 +529,7 @@ def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     return np.ones(values.shape[1:], bool)
 
 
-def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[pd.DataFrame]:
+def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[dict[str, Any]]:
     """Run a batch in each scheme at every step, and judge all runs against one reference."""
     runs, wanted, shortest = [], np.zeros(len(batch), bool), np.full(len(batch), np.inf)
     for method in batch.schemes(measured_schemes() if methods is None else methods):
@@ -546,10 +541,8 @@ def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] 
             wanted |= ok
             shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
     reference = make_reference(batch, wanted, shortest)
-    return [judge(run, reference) for run in runs]
+    return [verdict for run in runs for verdict in judge(run, reference)]
 
-
-# --- the suite --------------------------------------------------------------------------------------------------------
 
 #: Name of the family of random scenes, and how many there are where no number is given.
 RANDOM, DEFAULT_SCENES = "random", 320
@@ -595,12 +588,12 @@ def run_extremes(
     progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
     ready = time.perf_counter()
-    verdicts = []
+    verdicts: list[dict[str, Any]] = []
     progress.stage("batches", len(batches))
     for batch in batches:
         verdicts += run_judged(batch, precision, schemes)
         progress.advance(1)
-    results = summarise(pd.concat(verdicts, ignore_index=True)) if verdicts else []
+    results = summarise(pd.DataFrame(verdicts)) if verdicts else []
     return {
         "claim": OK_CLAIM,
         "results": results,
@@ -666,14 +659,20 @@ def stability_map(
     expected = np.concatenate([reference.peaks[name] for reference in references])
     known = np.isfinite(np.concatenate([reference.step for reference in references]))
     errors = np.array([[relative_error(name, run[name], expected) for run in line] for line in runs])
-    dims = ("scheme", "dt", "stiffness")
-    error = xr.DataArray(np.where(known & np.isin(status, _WITH_VALUES), errors, np.nan), dims=dims)
-    made = xr.Dataset(
-        {"peak_force_error": error, "status": (dims, status)},
+    shown = known & np.isin(status, _WITH_VALUES)
+    dims, codes = ("scheme", "dt", "stiffness"), np.arange(len(STATUS), dtype=np.int8)
+    about = {"units": "1", "long_name": "relative error of the peak contact force"}
+    flags = {"flag_values": codes, "flag_meanings": " ".join(s.label for s in STATUS)}
+    unit = {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}
+    return xr.Dataset(
+        {
+            "peak_force_error": (dims, np.where(shown, errors, np.nan), about),
+            "status": (dims, status, {"long_name": "status of the scenario", **flags}),
+        },
         {
             "scheme": [f"{method} {precision}" for method, precision in SHOWN],
-            "stiffness": list(stiffnesses),
-            "dt": list(steps),
+            "stiffness": ("stiffness", list(stiffnesses), unit),
+            "dt": ("dt", list(steps), {"units": "s", "long_name": "time step"}),
         },
         {
             **made_here(f"Stability map: {chosen.title}"),
@@ -682,12 +681,3 @@ def stability_map(
             "ok_claim": OK_CLAIM,
         },
     ).transpose("scheme", "stiffness", "dt")
-    made.peak_force_error.attrs = {"units": "1", "long_name": "relative error of the peak contact force"}
-    made.status.attrs = {
-        "long_name": "status of the scenario",
-        "flag_values": np.arange(len(STATUS), dtype=np.int8),
-        "flag_meanings": " ".join(s.label for s in STATUS),
-    }
-    made.stiffness.attrs = {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}
-    made["dt"].attrs = {"units": "s", "long_name": "time step"}
-    return made
