@@ -25,12 +25,7 @@ _ORDINATES = {
 }
 
 
-@figure_of(
-    "ground-motion",
-    "spectra",
-    "acceleration histories and response spectra of records, as 'records plot' draws them",
-    "record, time, ground_acceleration, period, pseudo_acceleration, damping_ratio",
-)
+@figure_of("ground-motion")
 def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
     n = motions.sizes["record"]
@@ -68,12 +63,7 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     return figure
 
 
-@figure_of(
-    "response-spectra",
-    "spectra",
-    "response or floor spectra: pseudo-acceleration and displacement against period",
-    "period, pseudo_acceleration, spectral_displacement",
-)
+@figure_of("response-spectra")
 def response_spectra(spectra: xr.Dataset) -> Figure:
     """Draw pseudo-acceleration and displacement spectra against period."""
     title = [str(spectra.attrs.get("title", "Response spectra"))]
@@ -85,12 +75,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     return _draw_both(spectra, *title)
 
 
-@figure_of(
-    "floor-spectra",
-    "histories",
-    "5 % response spectra of the floors' total accelerations, from 'simulate'",
-    "time, acceleration",
-)
+@figure_of("floor-spectra")
 def floor_response(histories: xr.Dataset) -> Figure:
     """Draw the 5 % spectra of the total acceleration of every floor."""
     return _draw_both(floor_spectra(histories), scenario_title(histories), "floor spectra, damping ratio 0.05")
