@@ -69,43 +69,27 @@ def simulate(
         Contact stiffness (kN/m**exponent); the scene's reference where not given.
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
-    method : str, optional
-        Scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the cheapest that reaches it.
-    dt : float, optional
-        Largest time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
-    locate : bool
-        Locate contacts and peaks inside the step.
+    method, dt, locate, beta, gamma, force_unstable, restitution_basis, precision, accuracy
+        As of `pounding_sweep.spec.build.build_spec`: by default the scheme "rk4" at steps of 1e-3 s in "float64", with
+        an accuracy the cheapest that reaches it.
     initial_velocity : sequence, optional
-        Velocity (m/s) of the floors relative to the ground at the start: one
-        sequence (or number for all floors) per building, left to right.
-    beta, gamma : float, optional
-        Newmark's parameters.
-    force_unstable : bool
-        Run beyond the stability limit.
-    restitution_basis : {"published", "realised"}
-        Whether damping follows from the restitution by the law's published formula,
-        or so that two free masses rebound at exactly it.
-    precision : {"float64", "float32"}, optional
-        Number format of the kernel; "float64" by default, with `accuracy` the cheaper that reaches it.
-    accuracy : float, optional
-        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+        Velocity (m/s) of the floors relative to the ground at the start: one sequence (or number for all floors) per
+        building, left to right.
     output_step : float, optional
-        Largest time (s) from one instant of the histories to the next; by default the step. Where it is shorter
-        than the step, the run takes steps as short. Peaks are located between instants whatever it is: variables
-        of a cube may be larger than what the histories show, see `peaks_shown`.
+        Largest time (s) from one instant of the histories to the next; by default the step. Where it is shorter than
+        the step, the run takes steps as short. Peaks are located between instants whatever it is: variables of a cube
+        may be larger than what the histories show, see `pounding_sweep.run.histories.peaks_shown`.
 
     Returns
     -------
     xarray.Dataset
-        On ``time`` (s): ``displacement``, ``velocity`` (m, m/s, relative to the
-        ground), ``acceleration`` (m/s2, total), ``ground_acceleration``,
-        ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
-        (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
-        building and ``work`` per pair; where storeys yield ``storey_drift``, ``plastic_drift``
-        (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); where neighbours are linked
-        ``link_force`` (kN) and ``given_to_links`` (kN m); of foundations ``foundation_sway`` (m) and
-        ``foundation_rotation`` (rad); beside them every variable of a cube that the row can have. The attribute
-        ``scene`` holds the row as JSON.
+        On ``time`` (s): ``displacement``, ``velocity`` (m, m/s, relative to the ground), ``acceleration`` (m/s2,
+        total), ``ground_acceleration``, ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
+        (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per building and ``work`` per pair;
+        where storeys yield ``storey_drift``, ``plastic_drift`` (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m);
+        where neighbours are linked ``link_force`` (kN) and ``given_to_links`` (kN m); of foundations
+        ``foundation_sway`` (m) and ``foundation_rotation`` (rad); beside them every variable of a cube that the row
+        can have. The attribute ``scene`` holds the row as JSON.
 
     Raises
     ------
@@ -165,39 +149,32 @@ def simulate(
         )
     kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
     values = run_scenarios(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step"))
-    variables = {name: value[0] for name, value in values.items()}
-    states, step = variables.pop(STATES), float(variables["time_step"])
+    states, step = values.pop(STATES)[0], float(values["time_step"][0])
     kernel = ended(kernel, motion, round(motion.dt / step))
-    e, attributes = (
-        spec.restitutions[0],
-        {
-            "title": spec.title or f"{motion.name}: {contact.title}",
-            "law": contact.key,
-            "stiffness": contact_stiffness(row, contact, stiffness=stiffness),
-            "restitution": "none",
-            "restitution_realised": "none",
-            "restitution_basis": restitution_basis,
-            "record": motion.name,
-            "method": kernel.numerics.method,
-            "precision": kernel.numerics.precision,
-            "time_step": step,
-            "located": spec.locate,
-            "unit_system": "kN, t, m, s",
-            "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
-        },
-    )
-    if contact.takes_restitution:
-        attributes["restitution"] = e
-    if contact.has_contact:
-        attributes["restitution_realised"] = float(realised_restitution(contact, e, restitution_basis))
+    e, has, takes = spec.restitutions[0], contact.has_contact, contact.takes_restitution
+    attributes = {
+        "title": spec.title or f"{motion.name}: {contact.title}",
+        "law": contact.key,
+        "stiffness": contact_stiffness(row, contact, stiffness=stiffness),
+        "restitution": e if takes else "none",
+        "restitution_realised": float(realised_restitution(contact, e, restitution_basis)) if has else "none",
+        "restitution_basis": restitution_basis,
+        "record": motion.name,
+        "method": kernel.numerics.method,
+        "precision": kernel.numerics.precision,
+        "time_step": step,
+        "located": spec.locate,
+        "unit_system": "kN, t, m, s",
+        "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
+    }
     if accuracy is not None:
         attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}
     gap: Coordinates = {}
     if row.pair_labels:
         pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]
         gap["pair_gap"] = (("pair",), pair_gaps, {"units": "m", "long_name": "gap of the pair"})
-    shown = {name: value for name, value in variables.items() if name not in NOT_OF_ONE}
-    dataset = assemble(row, {}, shown, attributes, gap)
+    variables = {name: value[0] for name, value in values.items() if name not in NOT_OF_ONE}
+    dataset = assemble(row, {}, variables, attributes, gap)
     if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
         time = np.linspace(0.0, motion.duration, len(states))
@@ -233,10 +210,10 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
         raise InputError(f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}")
     case = case or next((i for i, item in enumerate(spec.cases, 1) if spec.law(item.law).has_contact), 1)
     listed = spec.cases[case - 1]
-    values = {name: _value(listed, *field) for name, field in selectors(spec).items()}
     axes = [pair[0].dimension for column in COLUMNS if (pair := listed.axis(column))]  # not the scale where a PGA is
     ignored = {dim for column in COLUMNS for dim in DIMENSIONS[column]} - {*axes}
-    return {"case": case} | {name: v for name, v in values.items() if v is not None and name not in ignored}
+    values = {name: _value(listed, *field) for name, field in selectors(spec).items() if name not in ignored}
+    return {"case": case} | {name: value for name, value in values.items() if value is not None}
 
 
 def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:

@@ -139,10 +139,9 @@ class Sweep:
         Parameters
         ----------
         out : path, optional
-            netCDF file for the cube; None keeps it in memory. Finished chunks wait in
-            ``OUT.parts`` until the cube is written, those of the first two seconds in memory,
-            and an interrupted run continues there; no more than 16 MiB and a few chunks are in
-            memory at a time. ``OUT.log`` tells what ran.
+            netCDF file for the cube; None keeps it in memory. Finished chunks wait in ``OUT.parts`` until the cube is
+            written, those of the first two seconds in memory, and an interrupted run continues there. ``OUT.log``
+            tells what ran.
         scheduler : str or distributed.Client
             "threads", "processes", "synchronous", the address of a dask scheduler, or a client of a dask cluster.
         workers : int, optional
@@ -152,10 +151,9 @@ class Sweep:
         progress : Progress, optional
             Display.
         extend : path, optional
-            Cube of the same scene, numerics and outputs, over other values of the axes or of other
-            listed cases: scenarios that it holds are taken from it, and the cube is the one that
-            running all of them gives. It may be `out` itself, with `overwrite`. The attribute
-            ``extended_from`` says how many, and what that cube says of itself.
+            Cube of the same scene, numerics and outputs, over other values of the axes or other listed cases:
+            scenarios that it holds are taken from it, and the cube is the one that running all of them gives. It may
+            be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many, and of which cube.
 
         Warns
         -----
@@ -174,8 +172,8 @@ class Sweep:
         SweepError
             The cube does not fit into memory, without `out`.
         OutputError
-            The file can't be written, exists, does not fit on the disk, belongs to another
-            sweep, or another process is making it.
+            The file can't be written, exists, does not fit on the disk, belongs to another sweep, or another process
+            is making it.
         WriteError
             The disk is full or failed, or the folder was removed; what is finished is kept.
         RunError
@@ -185,11 +183,10 @@ class Sweep:
 
         Notes
         -----
-        Several sweeps may run at once, in threads of one process, and the values of their cubes be read meanwhile. The
-        netCDF library is not made for threads: who opens or reads a file by other means than this package, such as
-        ``xarray.open_dataset``, or closes one, while a sweep may be writing, does so holding
-        ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
-        may be waited for meanwhile: they would wait for the lock.
+        Several sweeps may run at once, in threads of one process, and the values of their cubes be read meanwhile.
+        Whoever opens, reads or closes a netCDF file by other means than this package while a sweep may be writing
+        does so holding ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash: the netCDF library
+        is not made for threads. Nothing that dask computes in threads may be waited for meanwhile.
         """
         from pounding_sweep.output.netcdf import open_cube
 
