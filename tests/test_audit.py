@@ -105,14 +105,6 @@ def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
     assert not all(np.array_equal(cube[f"audit_{n}"], other[f"audit_{n}"]) for n in ("law", "stiffness", "restitution"))
 
 
-def test_chunks_change_nothing(audited, monkeypatch):
-    monkeypatch.setattr(audit, "LONGEST_CHUNK", 0.0)
-    _, cube = audited
-    again = make(**LARGER).run(workers=2)
-    for name in ("audit_error", "audit_sensitivity", "audit_sensitive", "audit_undecided", "audit_gap"):
-        np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=name)
-
-
 # -- its cost ----------------------------------------------------------------------------------------------------------
 
 
@@ -293,16 +285,6 @@ def test_nothing_to_audit(stub_engine):
         cube = sweep.run(scheduler="synchronous")
         assert sweep.last_audit is None
         assert "audit" not in cube.dims
-
-
-def test_listed_cases():
-    cases = [
-        {"law": "kelvin_voigt", "gap": (g, 2 * g), "record": r} for g in (0.002, 0.004, 0.5) for r in ("one", "two")
-    ]
-    sweep = Sweep(row(), motions(), cases=cases, dt=0.005, outputs=OUTPUTS)
-    cube = sweep.run(scheduler="synchronous")
-    assert cube.sizes["audit"] == 2  # half of the touching four, of one record
-    assert cube["audit_gap"].values[:, 1].tolist() == (2 * cube["audit_gap"].values[:, 0]).tolist()
 
 
 def test_the_file_holds_it(audited, tmp_path):

@@ -27,11 +27,9 @@ from pounding_sweep.engine.compile import (
     source_digest,
     still_to_compile,
 )
-from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes
-from pounding_sweep.kernel.group import BENDS
-from pounding_sweep.model.laws import LAWS, get_law
+from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
@@ -175,19 +173,6 @@ def test_what_a_kernel_is_made_of_is_in_its_name(monkeypatch, tmp_path):
     assert name() == before
 
 
-@pytest.mark.parametrize("content", [b"def run(*args):\n    pass\n", b"", b"\xff\x00"])
-def test_a_file_that_is_not_what_its_name_says_is_replaced(filled, content):
-    before = peak()
-    path = filled / f"{source_digest(kernel_of().shape)}.py"
-    text = path.read_text(encoding="utf-8")
-    path.write_bytes(content)
-    forget()
-    assert peak() == before
-    assert path.read_text(encoding="utf-8") == text
-    # equal text is the same kernel, whoever wrote it and when: nothing was compiled again
-    assert hits_and_misses(kernel_of().shape) == (1, 0)
-
-
 @pytest.mark.usefixtures("forgetful")
 def test_a_folder_that_cannot_be_written_costs_the_cache_not_the_run(tmp_path, monkeypatch):
     regular = tmp_path / "regular"
@@ -283,17 +268,6 @@ def test_another_law_compiles_its_contacts_alone(folder):
     forget()
     get_kernel(second)
     assert compile._COMPILED[flight].cache_hits == 1
-
-
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_flight_finds_its_rows_under_all_laws(law):
-    """Rows that depend on a law come last: one with neither a series nor memory has but those of its stages."""
-    if law.has_contact:
-        shape, plain = exact(law.key), exact("hertz_damped")
-        assert shape.flight == plain.flight
-        rows, fewest = (make_group(each, None, 8, None).state.first for each in (shape, plain))
-        assert tuple(fewest)[-len(BENDS) :] == BENDS
-        assert rows.items() >= set(tuple(fewest.items())[: -len(BENDS)])
 
 
 def test_kernels_are_compiled_side_by_side(folder, monkeypatch):

@@ -20,10 +20,8 @@ from scenes import AXES, OUTPUTS, motions, row
 from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import block_shape, slabs, write_cube
 from pounding_sweep.outputs.variables import cube_variables
-from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.diagnosis import FreeMemory
 from pounding_sweep.run.sweep import Sweep
 
@@ -164,18 +162,6 @@ def test_slabs_change_no_bit(reference, tmp_path):
             assert not file[name].filters()["zlib"]
 
 
-@pytest.mark.usefixtures("small_slabs")
-def test_a_large_cube_is_described_in_parts(reference, tmp_path, monkeypatch):
-    with make(stiffness_factors=[1.0, 1e3]).run(tmp_path / "out.nc") as stored:
-        text = describe(stored)
-    monkeypatch.undo()
-
-    def body(lines):
-        return [line for line in lines.splitlines() if "made by" not in line]
-
-    assert body(text) == body(describe(reference))
-
-
 # -- results that stand in several tables ------------------------------------------------------------------------------
 
 
@@ -189,23 +175,6 @@ def test_a_cube_that_does_not_fit_on_the_disk(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match=needs):
         make().run(tmp_path / "out.nc")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_chunks_that_are_there_need_no_room_again(tmp_path, monkeypatch):
-    def stop(*arguments, **more):
-        raise KeyboardInterrupt
-
-    sweep, out = make(), tmp_path / "out.nc"
-    with monkeypatch.context() as patch:
-        patch.setattr(filling, "write_cube_of", stop)
-        with pytest.raises(KeyboardInterrupt):
-            sweep.run(out)
-    there, asked = sum(p.stat().st_size for p in (tmp_path / "out.nc.parts").glob("chunk-*")), []
-    assert there > 0
-    monkeypatch.setattr(writing, "check_space", lambda folder, needed, what: asked.append(needed))
-    sweep.run(out).close()
-    plan = sweep.plan()
-    assert asked == [(plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - there]
 
 
 KILLED = """

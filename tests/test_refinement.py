@@ -10,14 +10,12 @@ from scenes import AXES, EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, Status, comparable, relative_errors
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement
 from pounding_sweep.run.refinement import APART, apart, differences, halved, leeway
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.schemes.stability import longest_substep
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
 
@@ -109,17 +107,6 @@ def test_two_runs_in_single_precision_do_not_round_alike():
     np.testing.assert_allclose(moved.scale / table.scale - 1.0, -APART, rtol=1e-6)
     np.testing.assert_allclose(moved.stiffness / table.stiffness - 1.0, APART, rtol=1e-6)
     assert apart(kernel.in_double, table, {}) is table
-
-
-def test_where_energies_are_asked_for_half_the_step_halves_all_of_a_row():
-    """Sub-steps of stages may be two steps long else, and end at points of the record: both runs may have the same."""
-    variants = variants_of(row())
-    of = {
-        reducers: [longest_substep(variants, dt, False, frozenset(reducers)) for dt in (1e-3, 5e-4)]
-        for reducers in (("peak",), ("peak", "energy"))
-    }
-    np.testing.assert_allclose(of["peak", "energy"], [[1e-3], [5e-4]], rtol=1e-3)
-    np.testing.assert_allclose(of["peak",], [[2e-3], [1e-3]], rtol=1e-3)
 
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):

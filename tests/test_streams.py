@@ -12,7 +12,6 @@ import sys
 import pytest
 from test_cli import TINY, cli, environment, same_data, write
 
-from pounding_sweep.cli.app import reporting
 from pounding_sweep.output import describe
 from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run import cube_writer
@@ -104,11 +103,7 @@ with reporting():
 
 @pytest.mark.parametrize(
     "names",
-    [
-        "SIGINT SIGINT",
-        pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow),
-        pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow),
-    ],
+    ["SIGINT SIGINT", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)],
 )
 def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     first, second = (signal.Signals[name] for name in names.split())
@@ -120,27 +115,6 @@ def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
         process.send_signal(second)
         assert process.communicate(timeout=300) == ("", "")
     assert process.returncode == 130
-
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@pytest.fixture
-def usual():
-    """Signals that nobody deals with, as in a process that was started from a terminal."""
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    found = dict(zip(SIGNALS, (signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL), strict=True))
-    for number, handler in found.items():
-        signal.signal(number, handler)
-    yield found
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-def test_a_command_leaves_signals_as_they_were(usual):
-    with reporting():
-        assert all(signal.getsignal(number) not in usual.values() for number in SIGNALS)
-    assert {number: signal.getsignal(number) for number in SIGNALS} == usual
 
 
 #: A command that sends itself a signal which it was started to ignore, and one which it was not.
@@ -166,11 +140,7 @@ except typer.Exit as ended:
 
 @pytest.mark.parametrize(
     "names",
-    [
-        "SIGINT SIGHUP",
-        pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow),
-        pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow),
-    ],
+    ["SIGINT SIGHUP", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)],
 )
 def test_what_is_ignored_stays_ignored(tmp_path, names):
     """As SIGHUP under nohup, or SIGINT in the background of a script; the others end the command."""
