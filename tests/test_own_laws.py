@@ -111,24 +111,13 @@ def test_a_law_that_is_complete_stays_as_it_is():
     ("given", "said"),
     [
         ({"exponent": 0.5}, r"exponent: 0\.5 won't do; it must be greater than or equal to 1"),
-        ({"exponent": True}, "exponent: True won't do; it must be a valid number"),
         (
             {"key": "my law"},
             r"Law 'my law': key: 'my law' won't do; it must match pattern '\^\[A-Za-z\]\[A-Za-z0-9_\]\*\$'",
         ),
         ({"elastic": "k*w"}, "'w' at column 3 is not allowed in a contact-law formula; allowed: numbers, d, r, k,"),
-        (
-            {"elastic": "k*d**d"},
-            r"'d \*\* d' at column 3 is not allowed in a contact-law formula; allowed: numbers, d, ",
-        ),
-        (
-            {"elastic": "k*d if d else 0"},
-            r"'k \* d if d else 0' at column 1 is not allowed in a contact-law formula; allowed: n",
-        ),
-        (
-            {"elastic": "k*exp(d)"},
-            r"'exp\(d\)' at column 3 is not allowed in a contact-law formula; allowed: numbers, d, ",
-        ),
+        ({"elastic": "k*d**d"}, r"'d \*\* d' at column 3 is not allowed in a contact-law formula"),
+        ({"elastic": "k*exp(d)"}, r"'exp\(d\)' at column 3 is not allowed in a contact-law formula"),
         ({"elastic": "__import__('os').getpid()*k*d"}, "at column 1 is not allowed in a contact-law formula"),
         ({"elastic": "k*"}, "the formula 'k\\*' is no formula: invalid syntax"),
         ({"elastic": "d"}, "elastic 'd' must be proportional to k, which carries the unit"),
@@ -162,8 +151,6 @@ def test_a_law_that_is_none_says_why(given, said):
     [
         ("x = 1\ny = 1 / 0\n", r"mylaws\.py:2: ZeroDivisionError: division by zero"),
         ("x = (1\n", r"mylaws\.py:1: SyntaxError: '\(' was never closed"),
-        ("import sys\nsys.exit(3)\n", r"mylaws\.py:2: SystemExit: 3"),
-        ("def f():\n    raise OSError('gone')\n\n\nf()\n", r"mylaws\.py:2: OSError: gone"),
         (
             "from pounding_sweep import Law\n\nLaw(key='a',\n    exponent=0)\n",
             r"mylaws\.py:3: LawError: Law 'a': exponent: 0 won't do",
@@ -178,10 +165,6 @@ def test_a_law_that_is_none_says_why(given, said):
         (
             "import dataclasses, pounding_sweep as ps\nmy_law = dataclasses.replace(ps.LAWS['hysteretic'], key='g')\n",
             "a law of your own has a force",
-        ),
-        (
-            "import pounding_sweep as ps\nmy_law = ps.Law(key='g', exponent=2, reference_stiffness=-1)\n",
-            "reference_stiffness: -1 won't do; it must be greater than 0",
         ),
     ],
 )
