@@ -345,7 +345,6 @@ def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, sta
 
 def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch):
     """No number of the cube is from such a chunk."""
-    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
 
     def damages():
         path = max((tmp_path / "out.nc.parts").glob("chunk-*"), key=lambda path: path.stat().st_size)

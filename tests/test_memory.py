@@ -127,7 +127,6 @@ def test_slabs_are_whole_blocks_and_together_the_cube(sizes, block_most, slab_mo
 @pytest.fixture
 def small_slabs(monkeypatch):
     """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
-    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
     for module in (describing, writing):
         monkeypatch.setattr(module, "SLAB_BYTES", 2000)
     monkeypatch.setattr(writing, "BLOCK_BYTES", 100)
@@ -160,9 +159,6 @@ def test_slabs_change_no_bit(reference, tmp_path):
         for name in cube_variables(OUTPUTS):
             assert file[name].chunking() == [1, 1, 1, 2, 2, 1, *file[name].shape[6:]], name
             assert not file[name].filters()["zlib"]
-
-
-# -- results that stand in several tables ------------------------------------------------------------------------------
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------

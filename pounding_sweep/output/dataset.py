@@ -203,7 +203,7 @@ def assemble(
 
 def unfilled(name: str, shape: Sequence[int]) -> np.ndarray:
     """Return an array of a variable, whose values are still to come, that takes no memory."""
-    return np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), shape)
+    return np.broadcast_to(np.zeros((), np.float64 if VARIABLES[name].fill is not None else np.int8), shape)
 
 
 def label(

@@ -68,15 +68,11 @@ class _ReadLock:
             NETCDF_LOCK.release()
         return False
 
-    def release(self) -> None:
+    def release(self, *_: object) -> None:
         self._xarray.release()
         NETCDF_LOCK.release()
 
-    def __enter__(self) -> None:
-        self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
+    __enter__, __exit__ = acquire, release
 
 
 def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:

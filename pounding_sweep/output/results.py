@@ -16,9 +16,6 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.variables import Status, get_variable, inner_shape
 
-#: Most bytes of tables that stay in memory though they are in files: those of a small sweep are not read again.
-KEPT_BYTES = 2**24
-
 
 def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
     """Return the type of a table of results: one row per scenario, one field per variable."""
@@ -45,7 +42,7 @@ class Results:
         missing = {name: np.full((1, *inner_shape(name, scene)), get_variable(name).fill or 0) for name in self.names}
         # the first has what stands for scenarios without an answer
         self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
-        self._slot, self._first, self._kept = np.zeros(n, np.int32), [0, 1], 0
+        self._slot, self._first = np.zeros(n, np.int32), [0, 1]
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
         """Take up a table; returns its number, and where its rows stand."""
@@ -57,13 +54,8 @@ class Results:
         return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
 
     def move(self, index: int, read: Callable[[], np.ndarray]) -> None:
-        """Let go of a table that is now in a file, from which it is to be read, unless there is room for it."""
-        table = self._tables[index]
-        assert isinstance(table, np.ndarray)
-        self._kept += table.nbytes
-        if self._kept > KEPT_BYTES:
-            self._kept -= table.nbytes
-            self._tables[index] = read
+        """Let go of a table that is now in a file, from which it is to be read."""
+        self._tables[index] = read
 
     def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
         """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
