@@ -8,6 +8,7 @@ import json
 import os
 import re
 from concurrent.futures import ThreadPoolExecutor
+from unittest.mock import Mock
 
 import netCDF4
 import numpy as np
@@ -27,7 +28,7 @@ from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, unit_attributes
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
 from pounding_sweep.outputs.variables import (
@@ -292,11 +293,6 @@ class TestAssemble:
         with open_cube(tmp_path / "one.nc") as again:
             xr.testing.assert_identical(again.load(), cube)
 
-    def test_a_row_in_which_no_floors_meet(self):
-        scene = Scene([building("a", 1), building("b", 1, height=2.0)], gaps=[0.01], allow_unmet=True)
-        cube = assemble(scene, AXES[1:2], results(scene, AXES[1:2]))
-        assert cube["impact_count"].isnull().all()
-
     def test_listed_cases(self, tmp_path):
         axes = [CubeAxis("case", np.arange(3), "1", "listed case")]
         extra = {
@@ -315,10 +311,6 @@ class TestAssemble:
         write_cube(cube, tmp_path / "cases.nc")
         with open_cube(tmp_path / "cases.nc") as again:
             xr.testing.assert_identical(again.load(), cube)
-
-    @pytest.mark.parametrize("text", ["m", "m s-2", "kN m-1", "1", "m.s-1", "kN m"])
-    def test_units_that_udunits_spells(self, text):
-        assert unit_attributes(text) == {"units": text}
 
 
 class TestFile:
@@ -525,39 +517,27 @@ class TestFile:
         ("number", "reason"),
         [
             (errno.ENOLCK, "its drive grants no locks: set HDF5_USE_FILE_LOCKING=FALSE or copy the cube"),
-            (errno.ENOSYS, "its drive grants no locks"),
             (errno.EIO, "Input/output error; check the permissions of the file, and its drive"),
         ],
     )
     def test_a_drive_that_refuses(self, cube, tmp_path, monkeypatch, number, reason):
-        """Neither opening, nor reading values, nor writing calls a sound file damaged, or has it made again."""
+        """Neither opening nor reading values calls a sound file damaged, or has it made again."""
         path = write_cube(cube, tmp_path / "cube.nc")
-
-        def refused(*_, **__):
-            raise OSError(number, os.strerror(number))
-
-        def unknown(*_, **__):
-            raise OSError(-101, "NetCDF: HDF error")
-
-        with open_cube(path) as sound, monkeypatch.context() as patch:
-            patch.setattr(fcntl, "flock", refused)
-            sound.close()
-            with pytest.raises(OutputError, match=reason) as caught, writing.reading(str(path)):
-                raise RuntimeError("NetCDF: HDF error")
-            assert not re.search("damaged|again", str(caught.value))
-            patch.setattr(xr.backends.NetCDF4DataStore, "open", unknown)
-            with pytest.raises(OutputError, match=reason) as caught:
-                open_cube(path)
-            assert not re.search("damaged|again", str(caught.value))
-            patch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
-            with pytest.raises(OutputError, match=r"HDF error\): it is damaged"):
-                open_cube(path)
+        monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(number, os.strerror(number))))
+        with pytest.raises(OutputError, match=reason) as values, writing.reading(str(path)):
+            raise RuntimeError("NetCDF: HDF error")
+        failing = Mock(side_effect=OSError(-101, "NetCDF: HDF error"))
+        monkeypatch.setattr(xr.backends.NetCDF4DataStore, "open", failing)
+        with pytest.raises(OutputError, match=reason) as opening:
+            open_cube(path)
+        assert not re.search("damaged|again", f"{values.value}{opening.value}")
+        monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
+        with pytest.raises(OutputError, match=r"HDF error\): it is damaged"):
+            open_cube(path)
 
     def test_opening_what_is_not_finished(self, cube, tmp_path):
         path, parts = tmp_path / "night.nc", tmp_path / "night.nc.parts"
         parts.mkdir()
-        with pytest.raises(OutputError, match="does not exist"):  # a folder of something else
-            open_cube(path)
         (parts / MANIFEST).write_text("{}")
         with pytest.raises(OutputError, match=r"night\.nc' is not finished: its chunks wait in '.*night\.nc\.parts'"):
             open_cube(path)

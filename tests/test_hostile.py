@@ -185,9 +185,7 @@ def places(tmp_path):
     return inside, outside
 
 
-@pytest.mark.parametrize(
-    "name", ["../outside/secret", "../outside/secret.at2", "/{}", "..", ".", "*", "mine/../../x", "\0"]
-)
+@pytest.mark.parametrize("name", ["../outside/secret", "../outside/secret.at2", "/{}", "..", "*", "\0"])
 def test_a_name_never_leaves_the_folders(places, name):
     inside, outside = places
     assert find_record("mine", folders=inside).n_points == len(VALUES)
@@ -203,31 +201,23 @@ def _sweep_file(folder, records, axes=""):
     return path
 
 
-@pytest.mark.parametrize("path", ["\0", "~nobody-of-this-name/x.toml", "x" * 5000])
-def test_a_sweep_file_of_an_impossible_name(path):
-    with pytest.raises(SweepError, match="can't be read"):
-        ps.load_sweep(path)
-
-
 def test_a_sweep_file_that_is_none(tmp_path):
     """Nothing waits for a pipe, and nothing reads a device or a file without end."""
     os.mkfifo(tmp_path / "pipe.toml")
     huge = tmp_path / "huge.toml"
     with huge.open("wb") as file:
         file.truncate(MAX_FILE_BYTES + 1)
-    for path, why in (
-        (tmp_path / "pipe.toml", "not a regular"),
-        ("/dev/zero", "not a regular"),
-        (tmp_path, "Is a directory"),
-    ):
+    impossible = dict.fromkeys(["\0", "~nobody-of-this-name/x.toml", "x" * 5000], "can't be read")
+    others = {tmp_path / "pipe.toml": "not a regular", "/dev/zero": "not a regular", tmp_path: "Is a directory"}
+    for path, why in (impossible | others).items():
         with pytest.raises(SweepError, match=why):
             ps.load_sweep(path)
     with pytest.raises(SweepError, match="at most 67,108,864 are read; give axes as ranges"):
         ps.load_sweep(huge)
 
 
-def test_text_of_files_is_never_run(tmp_path):
-    """Nothing in the package evaluates text or unpickles; names that would run code are names."""
+def test_text_of_files_is_never_run():
+    """Nothing in the package evaluates text or unpickles."""
     banned = {"eval", "exec", "pickle", "marshal", "shelve", "dill", "cloudpickle"}
     found = []
     for file in ROOT.rglob("*.py"):
@@ -241,29 +231,12 @@ def test_text_of_files_is_never_run(tmp_path):
             if called in banned or banned & set(names) or allowed:
                 found.append((file.name, node.lineno))
     assert found == []
-    marker = tmp_path / "ran"
-    text = f"__import__('pathlib').Path('{marker}').touch()"
-    hostile = (SWEEPS / "quickstart.toml").read_text().replace("Three buildings", f"{text} {{{text}}} %s $({text})", 1)
-    path = tmp_path / "s.toml"
-    path.write_text(hostile)
-    assert text in ps.load_sweep(path).spec.title
-    assert not marker.exists()
 
 
 # --- a sweep of 10^12 scenarios -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "axes",
-    [
-        {"gaps": 10**6, "scales": 10**6},
-        pytest.param({"gaps": 10**4, "restitutions": 10**4, "scales": 10**4}, marks=pytest.mark.slow),
-        pytest.param(
-            dict.fromkeys(("gaps", "restitutions", "scales", "stiffness_factors"), 10**6), marks=pytest.mark.slow
-        ),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("axes", [{"gaps": 10**6, "scales": 10**6}], ids=str)
 def test_too_large_a_sweep_is_refused_before_anything_is_made(axes, tmp_path):
     size = math.prod(axes.values())
     given = {name: Range(0.5, 0.9, n) for name, n in axes.items()}
@@ -306,20 +279,13 @@ def test_values_of_a_cube_are_read_under_the_lock(tmp_path, lock):
             cube["displacement_max"].load()  # of the same thread
 
 
-@pytest.mark.parametrize(
-    "ending", ["nc", *(pytest.param(e, marks=pytest.mark.slow) for e in ("zarr", "csv", "parquet"))]
-)
-def test_a_cube_in_chunks_is_written(tmp_path, ending):
+def test_a_cube_in_chunks_is_written(tmp_path):
     """By threads of dask, or by this one, as each must have the lock to read."""
-    if ending in (needs := {"zarr": "zarr", "parquet": "pyarrow"}):
-        pytest.importorskip(needs[ending])
     path = write_cube(small_cube(), tmp_path / "cube.nc")
-    write = write_cube if ending == "nc" else export_cube
     with open_cube(path) as cube:
-        write(cube.chunk(gap=1), tmp_path / f"again.{ending}")
-        if ending == "nc":
-            with open_cube(tmp_path / "again.nc") as again:
-                assert again.identical(cube)
+        export_cube(cube.chunk(gap=1), tmp_path / "again.csv")
+        with open_cube(write_cube(cube.chunk(gap=1), tmp_path / "again.nc")) as again:
+            assert again.identical(cube)
 
 
 def test_a_closed_cube_is_closed(tmp_path):
@@ -351,21 +317,17 @@ def test_what_is_written_anew_with_xarray_is_a_cube_again(tmp_path):
 
 
 def test_attributes_beyond_ascii_are_characters_too(tmp_path):
+    """Also of a cube that was sent to another process."""
     cube = small_cube().assign_attrs(title="Étude № 5")
     cube["gap"].attrs["comment"] = "größer"
     path = write_cube(cube, tmp_path / "cube.nc")
     with h5py.File(path) as file:
         for attributes, name in ((file.attrs, "title"), (file["gap"].attrs, "comment")):
             assert not attributes.get_id(name).get_type().is_variable_str()
-    with open_cube(path) as again:
+    with open_cube(path) as again, pickle.loads(pickle.dumps(again)) as sent:
         assert (again.attrs["title"], again["gap"].attrs["comment"]) == ("Étude № 5", "größer")
         assert again.identical(cube)
-
-
-def test_a_cube_can_be_sent_to_another_process(tmp_path):
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    with open_cube(path) as cube, pickle.loads(pickle.dumps(cube)) as again:
-        assert again.identical(cube)
+        assert sent.identical(cube)
 
 
 def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):

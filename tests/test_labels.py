@@ -86,12 +86,7 @@ def test_buildings_of_listed_cases(tmp_path):
 
 @pytest.mark.parametrize(
     ("more", "beside"),
-    [
-        ({"gaps": [0.0001, 0.0002], "audit": 1.0}, ["law_title", "law_formula", "audit_law", "audit_record"]),
-        pytest.param(
-            *({"laws": None, "cases": [{"law": "none"}, {"law": "linear"}]}, ["law", "record"]), marks=pytest.mark.slow
-        ),
-    ],
+    [({"gaps": [0.0001, 0.0002], "audit": 1.0}, ["law_title", "law_formula", "audit_law", "audit_record"])],
 )
 def test_cubes_are_read_in_chunks(more, beside, tmp_path):
     """By xarray too, which can't cut texts that it reads as objects: those beside the axes are read as bytes."""
