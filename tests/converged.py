@@ -15,13 +15,11 @@ import naive
 import numpy as np
 
 import pounding_sweep as ps
-from pounding_sweep.model.presets import get_preset
 
 FILE = Path(ps.__file__).parent / "data" / "converged.json"
 PRESET, RECORD = "mate2015", "el_centro"
-LAWS = ("linear", "kelvin_voigt", "hertz_damped", "none")
-GAPS = (0.008, 0.016)  # m
-#: Outputs that are compared, each with the dimension that its lists run over.
+LAWS, GAPS = ("linear", "kelvin_voigt", "hertz_damped", "none"), (0.008, 0.016)  # m
+#: Outputs that are compared: by building, and by pair.
 OUTPUTS = ("displacement_max", "displacement_min", "drift_max", "storey_shear_max")
 CONTACT_OUTPUTS = ("impact_force_max", "impact_count", "penetration_max", "first_impact_time")
 TOLERANCES = ((1e-11, 1e-13), (1e-9, 1e-11))  # relative and absolute, the tighter first
@@ -29,27 +27,27 @@ TOLERANCES = ((1e-11, 1e-13), (1e-9, 1e-11))  # relative and absolute, the tight
 
 def values(law: str, gap: float, rtol: float, atol: float) -> dict[str, list[list[float | None]]]:
     """Run one scenario; lists by building or pair, then by storey."""
-    scene, record = get_preset(PRESET), ps.find_record(RECORD)
+    scene, record = ps.get_preset(PRESET), ps.find_record(RECORD)
     row = [
         naive.NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio, storey_heights=list(b.storey_heights))
         for b in scene.buildings
     ]
     k = scene.contact.hertz_stiffness if law == "hertz_damped" else scene.contact.linear_stiffness
-    found = naive.run(
-        row, [gap, gap], record.acceleration, record.dt, law, k, scene.contact.restitution, rtol=rtol, atol=atol
-    )
+    motion = record.acceleration, record.dt
+    run = naive.run(row, [gap, gap], *motion, law, k, scene.contact.restitution, rtol=rtol, atol=atol)
     names = OUTPUTS if law == "none" else (*OUTPUTS, *CONTACT_OUTPUTS)
     return {
-        name: [[None if v is None or np.isnan(v) else float(v) for v in part] for part in found[name]] for name in names
+        name: [[None if v is None or np.isnan(v) else float(v) for v in part] for part in run[name]] for name in names
     }
 
 
 def difference(one: dict[str, list[list[float | None]]], other: dict[str, list[list[float | None]]]) -> float:
     """Return the largest difference, relative to the largest value of each output."""
-    flat = {
-        name: [np.array([v for part in run[name] for v in part], dtype=float) for run in (one, other)] for name in one
-    }
-    return max(float(np.nanmax(np.abs(a - b), initial=0.0) / (np.nanmax(np.abs(a)) or 1.0)) for a, b in flat.values())
+    off = []
+    for name in one:
+        a, b = (np.array([v for part in run[name] for v in part], dtype=float) for run in (one, other))
+        off.append(float(np.nanmax(np.abs(a - b), initial=0.0) / (np.nanmax(np.abs(a)) or 1.0)))
+    return max(off)
 
 
 def main() -> None:
@@ -57,19 +55,15 @@ def main() -> None:
     for law in LAWS:
         for gap in GAPS if law != "none" else GAPS[:1]:
             tight, loose = (values(law, gap, *tolerance) for tolerance in TOLERANCES)
-            error = difference(tight, loose)
-            scenarios.append({"law": law, "gap": gap, "error": error, "values": tight})
-            print(f"{law} {gap} m: tolerances differ by {error:.1e}", flush=True)
+            scenarios.append({"law": law, "gap": gap, "error": difference(tight, loose), "values": tight})
+            print(f"{law} {gap} m: tolerances differ by {scenarios[-1]['error']:.1e}", flush=True)
     (rtol, atol), (rtol_2, atol_2) = TOLERANCES
     made = {
         "made_by": "tests/converged.py, from tests/naive.py: DOP853 restarted at every record point and contact event",
         "tolerances": f"rtol {rtol:g}, atol {atol:g}; error: largest relative difference to rtol {rtol_2:g}, "
         f"atol {atol_2:g}",
-        "scipy": version("scipy"),
-        "numpy": version("numpy"),
-        "python": platform.python_version(),
-        "preset": PRESET,
-        "record": RECORD,
+        **{name: version(name) for name in ("scipy", "numpy")},
+        **{"python": platform.python_version(), "preset": PRESET, "record": RECORD},
         "record_sha256": ps.find_record(RECORD).sha256,
         "scenarios": scenarios,
     }
