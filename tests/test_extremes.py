@@ -37,7 +37,7 @@ from pounding_sweep.accuracy.extremes import (
     staggered,
     yielding_pair,
 )
-from pounding_sweep.base.errors import InputError, StabilityError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.engine.postprocess import (
     MAX_PHASE_ERROR,
@@ -237,17 +237,18 @@ def test_a_wrong_peak_is_found(honest, names, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "row", "change", "faults"),
+    ("lies", "faults"),
     [
-        ("status", 0, lambda _: Status.DIVERGED, [(0, "has no result by its status, but finite values")]),
-        ("energy_damping", 0, lambda x: x * np.nan, [(0, "has values that are not finite")]),
-        ("energy_damping", 0, lambda x: x * np.inf, [(0, "has values that are not finite")]),
-        ("contact_work", 0, lambda x: -x, [(0, "its contacts created energy: ")]),
+        ({}, []),
+        ({"status": (0, lambda _: Status.DIVERGED)}, [(0, "has no result by its status, but finite values")]),
+        ({"energy_damping": (0, lambda x: x * np.nan)}, [(0, "has values that are not finite")]),
+        ({"energy_damping": (0, lambda x: x * np.inf)}, [(0, "has values that are not finite")]),
+        ({"contact_work": (0, lambda x: -x)}, [(0, "its contacts created energy: ")]),
     ],
 )
-def test_lies_are_found(honest, name, row, change, faults):
-    lies = faults_of(honest, **{name: changed(honest[0].values[name], row, change)})
-    assert [(row, text[: len(faults[0][1])]) for row, text in lies] == faults
+def test_lies_are_found(honest, lies, faults):
+    told = faults_of(honest, **{name: changed(honest[0].values[name], *lie) for name, lie in lies.items()})
+    assert [(row, text.partition(": ")[0] + text.partition(": ")[1]) for row, text in told] == faults
 
 
 def test_of_what_is_not_resolved_only_impossible_motion_is_a_fault(honest):
@@ -277,17 +278,16 @@ def test_an_implicit_scheme_may_not_diverge(honest):
     lost = {name: np.full(np.shape(values), np.nan) for name, values in honest[0].values.items()}
     lost["status"] = np.full(3, Status.DIVERGED)
     assert faults_of(honest, **lost) == []
-    faults = faults_of(honest, "newmark", **lost)
-    assert faults == [(row, "diverged, though its contact is implicit") for row in range(3)]
+    implicit = [(row, "diverged, though its contact is implicit") for row in range(3)]
+    assert faults_of(honest, "newmark", **lost) == implicit
 
 
 def test_slowness_is_found_and_what_has_no_reference_counted(honest):
-    assert faults_of(honest) == []
-    assert np.isfinite(verdict(honest).error).tolist() == [True, True, False]
-    assert faults_of(honest, seconds=suite.TIME_LIMIT + 1.0) == [(0, "took 61 s")]
-    assert not verdict(honest).unknown.any()
     run, reference = honest
-    assert verdict((run, Reference(reference.peaks, np.full(3, np.nan)))).unknown.tolist() == [True, True, False]
+    assert faults_of(honest, seconds=suite.TIME_LIMIT + 1.0) == [(0, "took 61 s")]
+    known, unknown = verdict(honest), verdict((run, Reference(reference.peaks, np.full(3, np.nan))))
+    assert np.isfinite(known.error).tolist() == unknown.unknown.tolist() == [True, True, False]
+    assert not known.unknown.any()
 
 
 @pytest.mark.slow
@@ -329,19 +329,6 @@ def test_the_displacement_limit_is_reached_by_a_swing():
     assert float(got.displacement_max[0, 0]) == pytest.approx(limit[0, 0], rel=1e-8)
 
 
-@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
-def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
-    scene, coarse = pair(), ps.Record("coarse", 0.1, np.sin(np.arange(21.0)))
-    settings = {"law": law, "stiffness": 1e9, "restitution": 0.6, "method": "rk4"}
-    with pytest.raises(StabilityError, match="beyond the stability limit of rk4") as caught:
-        ps.simulate(scene, coarse, dt=0.1, **settings)
-    largest = float(str(caught.value).split("give dt <= ")[1].split(" s")[0])
-    limit = float(batch_of(scene, coarse, law, stiffness=1e9).stable_step("rk4")[0])
-    assert largest == pytest.approx(limit, rel=1e-5)
-    one = ps.simulate(scene, coarse, dt=largest * (1 - 1e-5), **settings)
-    assert int(one.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT, Status.UNDER_RESOLVED_MOTION)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "dts"),
@@ -353,12 +340,10 @@ def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
 )
 def test_newmark_stays_bounded_at_any_step(law, dts):
     """In twelve decades of stiffness no scenario holds more energy than the ground can have brought in."""
-    motion = ps.Record("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7))
-    batch = batch_of(pair(), motion, law, stiffness=np.logspace(1, 12, 12), gaps=[0.0, 1e-3])
+    batch = batch_of(pair(), suite.RECORDS["slow"], law, stiffness=np.logspace(1, 12, 12), gaps=[0.0, 1e-3])
+    nothing = reference_of(batch, wanted=False)
     for dt in dts:
-        bounded = verdict(
-            (Run(batch, "newmark", dt, batch.run("newmark", dt)), reference_of(batch, wanted=False)), "newmark"
-        )
+        bounded = verdict((Run(batch, "newmark", dt, batch.run("newmark", dt)), nothing), "newmark")
         assert not any(bounded.faults)
         assert 0.0 < bounded.energy.max() < 1.0
 
@@ -404,12 +389,11 @@ def test_strong_dampers_need_more_steps():
 
 def test_quickening_by_damping():
     e = np.array([1.0, 0.6, 0.1])
-    for law in LAWS.values():
-        if law.has_contact:
-            factors = law.quickening(e)
-            assert factors.shape == e.shape
-            assert (np.diff(factors) >= 0).all()
-            assert (factors >= 1).all()
+    for law in (law for law in LAWS.values() if law.has_contact):
+        factors = law.quickening(e)
+        assert factors.shape == e.shape
+        assert factors[0] >= 1
+        assert (np.diff(factors) >= 0).all()
     np.testing.assert_array_equal(LAWS["linear"].quickening(e), 1.0)
     # D = 3 (1 - e^2) / (2 e^2)
     np.testing.assert_allclose(LAWS["modified_kelvin_voigt"].quickening(e), np.sqrt(1 + 1.5 * (1 / e**2 - 1)))
@@ -430,17 +414,13 @@ def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping)
     quiet = ps.Record("quiet", dt, np.zeros(points))
     numerics = Numerics(method, dt, beta=beta, gamma=gamma)
     told = phase_error(ps.Scene([building]), quiet, numerics)
-    one = ps.simulate(
-        ps.Scene([building]), quiet, method=method, dt=dt, beta=beta if method == "newmark" else None,
-        gamma=gamma if method == "newmark" else None, initial_velocity=[[1.0]],
-    )  # fmt: skip
+    settings = {"beta": beta, "gamma": gamma} if method == "newmark" else {}
+    one = ps.simulate(ps.Scene([building]), quiet, method=method, dt=dt, initial_velocity=[[1.0]], **settings)
     naive = NaiveBuilding([1.0], [w * w], rayleigh=building.rayleigh)
     exact, _ = modal_exact(naive, np.zeros(points), dt, velocity=np.array([1.0]))
     missed = np.abs(one.displacement.values.ravel() - exact.ravel()).max() * w  # of an amplitude of 1 / w
-    memory = min(w * quiet.duration, 1.0 / damping) if damping else w * quiet.duration
     # a motion that decays like exp(-t) is missed most by 1/e of the phase error gathered within its memory
-    most = told if not damping else told / np.e
-    assert missed == pytest.approx(most, rel=0.35), (told, missed, memory)
+    assert missed == pytest.approx(told / np.e if damping else told, rel=0.35)
 
 
 @pytest.mark.slow
