@@ -47,16 +47,16 @@ def info_command(
     from pounding_sweep.resume import MANIFEST, parts_folder, survey
 
     parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
-    alone = os.path.isdir(parts) and not os.path.isfile(cube)
-    content, unfinished = None, survey(parts) if alone else None
-    if not alone:
+    content = unfinished = None
+    if os.path.isdir(parts) and not os.path.isfile(cube):
+        unfinished = survey(parts)
+    else:
         with open_cube(cube) as dataset:
             content = about(dataset) if as_json else describe(dataset)
-        if os.path.exists(parts / MANIFEST):
-            try:
-                unfinished = survey(parts)
-            except OutputError as error:
-                say(f"warning: {error}")
+        try:
+            unfinished = survey(parts) if os.path.exists(parts / MANIFEST) else None
+        except OutputError as error:
+            say(f"warning: {error}")
     if as_json:
         rest = unfinished and asdict(unfinished) | {"folder": str(unfinished.folder)}
         print_json({"cube": content, "unfinished": rest})
@@ -69,28 +69,27 @@ def info_command(
 def _sidecar(survey: Survey) -> str:
     """Say that a cube is older than a sweep that is not finished, and how much of that is done."""
     done, planned = (sum(getattr(part, name) for part in survey.parts) for name in ("scenarios_done", "scenarios"))
-    most = planned if survey.planned else f"at most {survey.at_most}" if survey.at_most else "an unknown number of"
+    total = planned if survey.planned else f"at most {survey.at_most}" if survey.at_most else "an unknown number of"
     state = f", {survey.now} is at work on it" if survey.now else ""
-    return f"An unfinished run stands beside this cube, {done} of {most} scenarios done{state}: {survey.folder}"
+    return f"An unfinished run stands beside this cube, {done} of {total} scenarios done{state}: {survey.folder}"
 
 
 def _print_unfinished(survey: Survey) -> None:
     """Print what is done and what is missing of a sweep."""
     state = f"{survey.now} is at work on it" if survey.now else "not running; run the same command to resume"
+    asked = "no run came as far as its first stage"
+    if survey.asked is not None:
+        asked = f"{survey.asked} asked, at most {survey.at_most} to run"
     rows = [("unfinished", str(survey.folder)), *([("title", survey.title)] if survey.title else [])]
-    rows += [*survey.details.items(), ("state", state)]
-    if survey.asked is None:
-        rows.append(("scenarios", "no run came as far as its first stage"))
-    else:
-        rows.append(("scenarios", f"{survey.asked} asked, at most {survey.at_most} to run"))
-        if not survey.planned:
-            rows.append(("", "(which of them have to is known after the runs without pounding)"))
+    rows += [*survey.details.items(), ("state", state), ("scenarios", asked)]
+    if survey.asked is not None and not survey.planned:
+        rows.append(("", "(which of them have to is known after the runs without pounding)"))
     print_pairs(rows)
     cells = []
     for part in survey.parts:
         counts = (part.chunks, part.chunks_done), (part.scenarios, part.scenarios_done)
-        numbers = (number for all_, done in counts for number in (all_, done, all_ - done))
-        cells.append([part.stage, part.law, part.record, *map(str, numbers)])
+        numbers = (str(number) for total, done in counts for number in (total, done, total - done))
+        cells.append([part.stage, part.law, part.record, *numbers])
     if cells:
         print()
         headings = ["stage", "law", "record", "chunks", "done", "missing", "scenarios", "done", "missing"]
@@ -153,12 +152,10 @@ def _print_figures(dataset: xr.Dataset) -> None:
     """Print which figures a dataset allows, and what the others lack."""
     from pounding_sweep.figures import FIGURES
 
-    lacks = {kind.key: kind.missing(dataset) for kind in FIGURES.values()}
-    possible = [[key, FIGURES[key].title] for key, missing in lacks.items() if not missing]
-    others = [[key, ", ".join(missing)] for key, missing in lacks.items() if missing]
-    if possible:
+    lacks = {kind: kind.missing(dataset) for kind in FIGURES.values()}
+    if possible := [[kind.key, kind.title] for kind, missing in lacks.items() if not missing]:
         print_table(["figure", "shows"], possible)
-    if others:
+    if others := [[kind.key, ", ".join(missing)] for kind, missing in lacks.items() if missing]:
         print()
         print_table(["not possible", "lacks"], others)
 
@@ -220,20 +217,20 @@ def export_command(
         raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
     with open_cube(cube) as dataset:
         part = select(dataset, axis_values(at or []))
+        paths: list[Any] = [out]
         if pelicun is not None:
             samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
             say(f"{samples} samples of building {pelicun}")
-            print(out)
         elif fragility:
             states = dict(map(_limit_state, limit_states or ["touch=touch"]))
             measure = next(iter(intensities or ()), None)
             skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None)
             for name, why in skipped.items():
                 say(f"warning: {name} is left out: {why}")
-            print(out)
         else:
             part = with_intensities(part, intensities or (), folders=folders or None)
-            print(*export_tables(part, out, names or (), overwrite=overwrite, table=table), sep="\n")
+            paths = export_tables(part, out, names or (), overwrite=overwrite, table=table)
+        print(*paths, sep="\n")
 
 
 def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
@@ -275,10 +272,8 @@ def merge_command(
 
     limit = TOLERANCE if tolerance is None else tolerance
     merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=limit, mix_sources=mix_sources)
-    rows = [
-        ("cubes", f"{len(cubes)}"),
-        ("scenarios", f"{merged.scenarios}, {merged.overlapping} of them in several cubes"),
-    ]
+    overlap = f"{merged.scenarios}, {merged.overlapping} of them in several cubes"
+    rows = [("cubes", str(len(cubes))), ("scenarios", overlap)]
     if merged.missing:
         more = ", ..." if merged.missing > len(merged.named) else ""
         rows.append(("missing", f"{merged.missing} (status not_run): {', '.join(merged.named)}{more}"))

@@ -214,19 +214,13 @@ def _print_run(report: dict[str, Any]) -> None:
         ("kernels", f"{report['kernels_compiled']} compiled, ready after {seconds_text(report['compile_seconds'])}"),
         ("run", seconds_text(report["run_seconds"]) + speed),
     ]
-    if report["accuracy_choice"]:
-        lines.append(("accuracy", report["accuracy_choice"]))
-    if report["audit"]:
-        lines.append(("audit", report["audit_sentence"]))
+    lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
+    lines += [("audit", report["audit_sentence"])] if report["audit"] else []
     largest = {row["output"]: row["error_max"] for row in report["audit"] if row["scenarios"]}
-    errors = [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in largest.items()]
-    if errors:
+    if errors := [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in largest.items()]:
         lines.append(("errors", f"relative, up to: {', '.join(errors)}"))
-    lines += [
-        (item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}")
-        for item in report["statuses"]
-        if item["remedy"]
-    ]
+    bad = [item for item in report["statuses"] if item["remedy"]]
+    lines += [(item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}") for item in bad]
     print_pairs(lines)
     print(report["cube"])
 
