@@ -30,13 +30,7 @@ class Point:
 
 
 def measure(
-    tools: Sequence[Peer],
-    work: Work,
-    reference: Peaks,
-    *,
-    short: bool,
-    rounds: int,
-    notify: Callable[[str], None],
+    tools: Sequence[Peer], work: Work, reference: Peaks, *, short: bool, rounds: int, notify: Callable[[str], None]
 ) -> list[Point]:
     """Run every tool at each of its settings: once for the error, then in turns for the time."""
     found, jobs = [], []

@@ -9,16 +9,7 @@ import pytest
 import pounding_sweep as ps
 from benchmarks.paper_found import report as paper_found
 from benchmarks.paper_found import search as paper_search
-from benchmarks.paper_found.fit import (
-    Squares,
-    held_out,
-    likelihood,
-    of_paper,
-    quantiles,
-    resampled,
-    rounding,
-    squares,
-)
+from benchmarks.paper_found.fit import Squares, held_out, likelihood, of_paper, quantiles, resampled, rounding, squares
 from benchmarks.paper_found.plain import plain_program
 from benchmarks.paper_found.report import figure, find, grids, verdict
 from benchmarks.paper_found.search import (

@@ -18,18 +18,11 @@ MODULES = [
     if any(">>> " in line and "+SKIP" not in line for line in path.read_text(encoding="utf-8").splitlines())
 ]
 #: Those whose examples run kernels.
-RUN = {
-    "accuracy.certificate",
-    "accuracy.tradeoff",
-    "analysis.spectra",
-    "figures.gallery.scenario",
-    "run.simulate",
-}
+RUN = {"accuracy.certificate", "accuracy.tradeoff", "analysis.spectra", "figures.gallery.scenario", "run.simulate"}
 
 
 @pytest.mark.parametrize(
-    "module",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name.partition(".")[2] in RUN)) for name in MODULES],
+    "module", [pytest.param(name, marks=[pytest.mark.slow] * (name.partition(".")[2] in RUN)) for name in MODULES]
 )
 def test_examples_run(module):
     result = doctest.testmod(importlib.import_module(module))

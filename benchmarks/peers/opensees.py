@@ -16,11 +16,7 @@ from pounding_sweep.model.laws import damping_number
 #: Convergence of Newton's method, as a norm of displacement increments (m), and its most iterations.
 INCREMENT, ITERATIONS = 1e-12, 50
 #: Material of each contact law.
-MATERIALS = {
-    "linear": "ElasticPPGap",
-    "hertz_damped": "Hertzdamp",
-    "nonlinear_viscoelastic": "JankowskiImpact",
-}
+MATERIALS = {"linear": "ElasticPPGap", "hertz_damped": "Hertzdamp", "nonlinear_viscoelastic": "JankowskiImpact"}
 
 
 def _material(work: Work, contact: int, gap: float) -> tuple[Any, ...]:

@@ -28,15 +28,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.output.identity import library_versions
-from pounding_sweep.outputs.variables import (
-    CHANGE,
-    OK_CLAIM,
-    STATUS,
-    Status,
-    comparable,
-    inner_shape,
-    relative_errors,
-)
+from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import changed
