@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.deferred import attribute
+from pounding_sweep.base import attribute
 
 _HOME = {
     name: f"pounding_sweep.{module}"

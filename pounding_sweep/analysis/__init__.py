@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.base.deferred import attribute
+from pounding_sweep.base import attribute
 
 #: Public names and the modules that have them.
 _HOME = {

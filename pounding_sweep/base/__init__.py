@@ -1,4 +1,17 @@
-"""What every other part stands on: errors, text, files."""
+"""What every other part stands on: errors, text, files, and names that are loaded where they are first used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
 
 STANDARD_GRAVITY = 9.81
 """Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
+
+
+def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
+    """Return a name of a package: its module-level ``__getattr__`` (PEP 562), so that importing it is fast."""
+    if name in home:
+        return getattr(import_module(home[name]), name)
+    raise AttributeError(f"module {package!r} has no attribute {name!r}")

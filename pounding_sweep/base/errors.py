@@ -79,10 +79,8 @@ class UnlikelyWarning(UserWarning):
     """A value that can be computed with, but that no real building has; most likely a slip of units."""
 
 
-#: Characters of a value that a message shows.
-SHOWN_CHARACTERS = 200
-#: Names that `unknown` lists.
-SHOWN_NAMES = 50
+#: Characters of a value that a message shows, and names that `unknown` lists.
+SHOWN_CHARACTERS, SHOWN_NAMES = 200, 50
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel = 3
@@ -99,12 +97,10 @@ def shown(value: object) -> str:
     return text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}..."
 
 
-def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
-    """Say that `given` is no known `kind`, suggest the closest, list all, or the first ones of very many."""
-    names = sorted(valid)
-    word = given if isinstance(given, str) else shown(given)
+def unknown(kind: str, value: object, valid: Iterable[str]) -> str:
+    """Say that `value` is no known `kind`, suggest the closest, list all, or the first ones of very many."""
+    names, word = sorted(valid), value if isinstance(value, str) else shown(value)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.6) if len(word) <= SHOWN_CHARACTERS else []
-    hint = f"; did you mean {close[0]!r}? " if close else "; "
-    listing = "valid: " if not close else "Valid: "
+    hint = f"; did you mean {close[0]!r}? Valid: " if close else "; valid: "
     more = f", and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return f"unknown {kind} {shown(given)}{hint}{listing}{', '.join(names[:SHOWN_NAMES])}{more}"
+    return f"unknown {kind} {shown(value)}{hint}{', '.join(names[:SHOWN_NAMES])}{more}"

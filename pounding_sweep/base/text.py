@@ -28,11 +28,9 @@ def printable(text: str, keep: str = "") -> str:
 
 def label_fault(text: str, longest: int = LONGEST_LABEL) -> str:
     """Say why a text is no label: several lines, control characters, no UTF-8, or too long; "" where it is one."""
-    found = _UNSAFE.search(text)
-    if found:
-        return (
-            f"has the character {printable(found[0])}, which labels can't have: no line breaks, no control characters"
-        )
+    if unsafe := _UNSAFE.search(text):
+        sign = printable(unsafe[0])
+        return f"has the character {sign}, which labels can't have: no line breaks, no control characters"
     return f"has {len(text)} characters; at most {longest} will do" if len(text) > longest else ""
 
 
@@ -56,21 +54,23 @@ def terminal_width() -> int:
     return shutil.get_terminal_size((100, 24)).columns
 
 
-def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | None = None) -> None:
-    """Print names with their texts, aligned; long texts are folded, by default on a terminal only."""
-    width = max((len(printable(name)) for name, _ in rows), default=0)
+def pairs_text(rows: Sequence[tuple[str, str]], indent: int = 0, columns: int | None = None) -> str:
+    """Return names with their texts, aligned, a line each; long texts are folded to so many columns."""
+    width, lines = max((len(printable(name)) for name, _ in rows), default=0), []
     for name, text in rows:
         lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
-        if sys.stdout.isatty() if fold is None else fold:
-            columns = max(len(lead) + 20, terminal_width())
-            line = textwrap.fill(line, columns, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
-        print(lead + line)
+        if columns is not None:
+            space = max(len(lead) + 20, columns)
+            line = textwrap.fill(line, space, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
+        lines.append(lead + line)
+    return "\n".join(lines)
 
 
-def pairs_text(rows: Sequence[tuple[str, str]]) -> str:
-    """Return names with their texts, aligned, a line each."""
-    width = max((len(name) for name, _ in rows), default=0)
-    return "\n".join(f"{printable(name):{width}}  {printable(text)}" for name, text in rows)
+def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | None = None) -> None:
+    """Print names with their texts, aligned; long texts are folded, by default on a terminal only."""
+    if rows:
+        folds = sys.stdout.isatty() if fold is None else fold
+        print(pairs_text(rows, indent, terminal_width() if folds else None))
 
 
 def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), caption: str = "") -> str:
@@ -88,14 +88,11 @@ def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), capt
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
     """Print a table, its texts folded to the terminal's width (100 without one); row by row if it is too narrow."""
     lines = [[printable(cell) for cell in line] for line in (headings, *rows)]
-    columns = list(zip(*lines, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    # of texts and headings words stay together, of numbers the cell
-    parts = [
-        [*column[0].split(), *(column[1:] if i in right else " ".join(column[1:]).split())]
-        for i, column in enumerate(columns)
-    ]
-    words = [max(map(len, column), default=0) for column in parts]
+    widths, words = [], []  # of texts and headings words stay together, of numbers the cell
+    for i, (heading, *cells) in enumerate(zip(*lines, strict=True)):
+        parts = cells if i in right else " ".join(cells).split()
+        widths.append(max(map(len, (heading, *cells))))
+        words.append(max(map(len, (*heading.split(), *parts)), default=0))
     free = terminal_width() - 2 * (len(widths) - 1)
     while sum(widths) > free and widths != words:  # the widest column that can be folded gives way
         widths[max((i for i in range(len(widths)) if widths[i] > words[i]), key=widths.__getitem__)] -= 1
@@ -104,13 +101,11 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
         for line in lines
     ]
     if sum(widths) > free or max(len(cell) for row in folded for cell in row) > _MOST_LINES:
-        for number, row in enumerate(lines[1:]):
-            print("\n" * bool(number), end="")
-            print_pairs(list(zip(lines[0], row, strict=True)), fold=True)
+        print("\n\n".join(pairs_text(list(zip(lines[0], row, strict=True)), 0, terminal_width()) for row in lines[1:]))
         return
     for wrapped in folded:
         for texts in itertools.zip_longest(*wrapped, fillvalue=""):
-            cells = (f"{part:{'>' if i in right else '<'}{widths[i]}}" for i, part in enumerate(texts))
+            cells = [f"{part:{'>' if i in right else '<'}{widths[i]}}" for i, part in enumerate(texts)]
             print("  ".join(cells).rstrip())
 
 
