@@ -78,7 +78,7 @@ _WORDS = {
     "Annotated[Number": "a number",
     "ContactProperties": "a table",
     "Foundation": "a table",
-    "Annotated[BoucWen | None": "a table",
+    "BoucWen": "a table",
     "Annotated[Any": "a name, or FILE.py:NAME",
     "Any": "a text or a table",
 }

@@ -78,8 +78,13 @@ LEANING_YIELDS = ps.Scene(
 #: The row that leans, with storeys of Bouc and Wen; and the schemes that run it.
 SMOOTH = ps.Scene(
     [
-        replace(LEANING.buildings[0], yield_strengths=[150.0, 90.0], hardening=0.1, bouc_wen=(1.0, 0.6, 0.3)),
-        replace(LEANING.buildings[1], yield_strengths=[180.0, 140.0], hardening=0.05, bouc_wen=(2.0, 0.5, 0.5)),
+        replace(
+            LEANING.buildings[0],
+            yield_strengths=[150.0, 90.0],
+            hardening=0.1,
+            bouc_wen={"n": 1.0, "beta": 0.6, "gamma": 0.3},
+        ),
+        replace(LEANING.buildings[1], yield_strengths=[180.0, 140.0], hardening=0.05, bouc_wen={"n": 2.0}),
     ],
     [0.005],
     LEANING.contact,

@@ -156,7 +156,7 @@ def test_the_sharper_the_nearer_to_bilinear():
     want = lanes(bilinear, [1.5])[1]
     far = []
     for n in (5.0, 20.0, 80.0):
-        sharp = ps.Scene([replace(b, bouc_wen=(n, 0.5, 0.5)) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
+        sharp = ps.Scene([replace(b, bouc_wen={"n": n}) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
         got = lanes(sharp, [1.5])[1]
         far.append(np.abs(got["drift_max"] / want["drift_max"] - 1.0).max())
     assert far[0] > 2.0 * far[1] > 4.0 * far[2], far

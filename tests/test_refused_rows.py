@@ -40,7 +40,6 @@ REFUSED = {
             {"bouc_wen": {"beta": 0.3, "gamma": -0.3}},
             r"bouc_wen: gamma is -0\.3 beside beta 0\.3; it must be above -beta",
         ),
-        ({"bouc_wen": [1.0, "x", 0.5]}, "bouc_wen: BoucWen 'x': beta: 'x' won't do; it must be a valid number"),
         ({"bouc_wen": BoucWen(), "yield_strengths": None}, r"bouc_wen is that of storeys that yield"),
         ({"bouc_wen": BoucWen(), "damping_stiffness": "tangent"}, r"bouc_wen has no tangent stiffness that is one"),
     ],

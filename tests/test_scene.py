@@ -99,7 +99,6 @@ def changed(**changes):
         (lambda given: changed(masses=given), [1.0, 2.0]),
         (lambda given: changed(damping_ratio=given), [0.05, 0.04]),
         (lambda given: changed(yield_strengths=given), [3.0, INF]),
-        (lambda given: changed(yield_strengths=[1.0, 2.0], bouc_wen=given), [1.0, 0.5, 0.5]),
         (lambda given: Scene(changed().row, given), [0.1]),
         (lambda given: replace(changed(), row=given), list(changed().row)),
         (lambda given: replace(changed(), storeys={"a-b": given}), [1, 2]),

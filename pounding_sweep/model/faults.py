@@ -6,7 +6,8 @@ import functools
 import inspect
 import numbers
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import field
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
@@ -126,19 +127,27 @@ def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | Non
     return place, f"{shown(error['input'])} won't do{' in ' if described and len(place) > 1 else f'; {must}'}{what}"
 
 
+@contextmanager
+def _wording(taker: Any, descriptions: Mapping[str, str | None]) -> Iterator[None]:
+    """Raise the faults that pydantic finds in our own words."""
+    with Faults() as faults:
+        try:
+            yield
+        except ValidationError as error:
+            details = error.errors(include_url=False)
+            faults.entries += dict.fromkeys(worded(detail, taker, descriptions) for detail in details)
+
+
 def _check(cls: Any, given: Any, read: Callable[[Any], Any]) -> Any:
     """Validate a table, or the arguments of a class; `FILE_KEYS` are keys that a file's reader replaces."""
-    keys = {name: each.description for name, each in cls.__pydantic_fields__.items() if each.init is not False}
-    with Faults() as faults:
-        if isinstance(given, dict):
-            keys |= dict.fromkeys(getattr(cls, "FILE_KEYS", ()))
-        elif not isinstance(given, (cls, ArgsKwargs)):
-            name = cls.__name__.removesuffix("Table")
-            raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(given)}")
-        try:
-            return read(given)
-        except ValidationError as error:
-            faults.entries += dict.fromkeys(worded(each, cls, keys) for each in error.errors(include_url=False))
+    keys = {name: field.description for name, field in cls.__pydantic_fields__.items() if field.init is not False}
+    if isinstance(given, dict):
+        keys |= dict.fromkeys(getattr(cls, "FILE_KEYS", ()))
+    elif not isinstance(given, (cls, ArgsKwargs)):
+        name = cls.__name__.removesuffix("Table")
+        raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(given)}")
+    with _wording(cls, keys):
+        return read(given)
 
 
 class Table(BaseModel):
@@ -249,13 +258,9 @@ def called(function: Callable[..., T], table: Any, first: str = "", also: Collec
     if first:
         keys[first] = meanings(function).get(names[0])
     named = {key: value for key, value in table.items() if key != first} | more
-    with Faults() as faults:
-        try:
-            given = ArgsKwargs((table[first],) if first else (), named)
-            return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
-        except ValidationError as error:
-            faults.entries += [worded(each, function, keys) for each in error.errors(include_url=False)]
-    raise AssertionError
+    with _wording(function, keys):
+        given = ArgsKwargs((table[first],) if first else (), named)
+        return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
 
 
 _BOUNDS = {"gt": "above {:g}", "ge": "at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}

@@ -38,6 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -94,8 +95,9 @@ def _log_loss(z: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(off > 0.0, z * angle / root, 1.0))
 
 
-def _log_stored(x: np.ndarray, log1p_x: np.ndarray) -> np.ndarray:
-    """Return ln S(x), x > -1; ln(1 + x) is given beside it because it outlasts x near -1."""
+def _log_stored(x: np.ndarray, log1p_x: np.ndarray | None = None) -> np.ndarray:
+    """Return ln S(x), x > -1; ln(1 + x) may be given because it outlasts x near -1."""
+    log1p_x = np.log1p(x) if log1p_x is None else log1p_x
     near = np.abs(x) < 0.25
     series = np.zeros(np.shape(x))
     if near.any():
@@ -108,45 +110,23 @@ def _log_stored(x: np.ndarray, log1p_x: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far)))
 
 
-def _log_stored_approach(number: np.ndarray) -> np.ndarray:
-    return _log_stored(number, np.log1p(number))
+def _damped_rebound(log_stored: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """Make the relation of a damper on rebound, of the share of the energy that is stored at the deepest point."""
+    # the unknown is w = -ln(1 - y) of y = e D, which tells apart the y that round to 1
 
+    def share(w: np.ndarray) -> np.ndarray:
+        return np.asarray(-np.expm1(-w))
 
-def _log_stored_rebound(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return y = e D and ln S(-y) of w = -ln(1 - y), which tells apart the y that round to 1."""
-    y = -np.expm1(-w)
-    return y, _log_stored(-y, -w)
+    def restitution(number: np.ndarray) -> np.ndarray:
+        stored = 2.0 * np.log(number) + log_stored(number)
+        root = _root(lambda w: 2.0 * np.log(share(w)) + _log_stored(-share(w), -w) - stored, number)
+        return np.asarray(share(root) / number)
 
+    def number(e: np.ndarray) -> np.ndarray:
+        root = _root(lambda w: _log_stored(-share(w), -w) - log_stored(share(w) / e) + 2.0 * np.log(e), e)
+        return np.asarray(share(root) / e)
 
-def _both_phases_restitution(number: np.ndarray) -> np.ndarray:
-    stored = 2.0 * np.log(number) + _log_stored_approach(number)
-
-    def excess(w: np.ndarray) -> np.ndarray:
-        y, rebound = _log_stored_rebound(w)
-        return np.asarray(2.0 * np.log(y) + rebound - stored)
-
-    return np.asarray(_log_stored_rebound(_root(excess, number))[0] / number)
-
-
-def _both_phases_number(e: np.ndarray) -> np.ndarray:
-    def excess(w: np.ndarray) -> np.ndarray:
-        y, rebound = _log_stored_rebound(w)
-        return np.asarray(rebound - _log_stored_approach(y / e) + 2.0 * np.log(e))
-
-    return np.asarray(_log_stored_rebound(_root(excess, e))[0] / e)
-
-
-def _rebound_restitution(number: np.ndarray) -> np.ndarray:
-    def excess(w: np.ndarray) -> np.ndarray:
-        y, stored = _log_stored_rebound(w)
-        return np.asarray(2.0 * np.log(y) + stored - 2.0 * np.log(number))
-
-    return np.asarray(_log_stored_rebound(_root(excess, number))[0] / number)
-
-
-def _rebound_number(e: np.ndarray) -> np.ndarray:
-    w = _root(lambda w: _log_stored_rebound(w)[1] + 2.0 * np.log(e), e)
-    return np.asarray(_log_stored_rebound(w)[0] / e)
+    return {"restitution": restitution, "number": number}
 
 
 def _tension_restitution(z: np.ndarray) -> np.ndarray:
@@ -188,13 +168,13 @@ RELATIONS: dict[str, Relation] = {
         lambda z: np.exp(-_log_loss(z)),
         lambda e: _root(lambda z: _log_loss(z) + np.log(e), e),
     ),
-    "both_phases": Relation("D (1 + e) = ln((1 + D) / (1 - e D))", _both_phases_restitution, _both_phases_number),
+    "both_phases": Relation("D (1 + e) = ln((1 + D) / (1 - e D))", **_damped_rebound(_log_stored)),
     "approach": Relation(
         "e^2 = 2 (D - ln(1 + D)) / D^2",
-        lambda number: np.exp(0.5 * _log_stored_approach(number)),
-        lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored_approach(number), e),
+        lambda number: np.exp(0.5 * _log_stored(number)),
+        lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored(number), e),
     ),
-    "rebound": Relation("D^2 = -2 (e D + ln(1 - e D))", _rebound_restitution, _rebound_number),
+    "rebound": Relation("D^2 = -2 (e D + ln(1 - e D))", **_damped_rebound(np.zeros_like)),
     "yielding": Relation(
         "1 - e^2 = B (x - a) / 0.4, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a), a = 0.1",
         lambda lost: np.sqrt(1.0 - _yielding_lost(lost * 0.4 / (1.0 - YIELD_SHARE))),

@@ -111,10 +111,6 @@ class BoucWen:
         return float((self.beta + self.gamma) ** (-1.0 / self.n))
 
 
-#: Before a law of Bouc and Wen, which JSON has as a list.
-_ListedLaw = BeforeValidator(lambda given: BoucWen(*given) if isinstance(given, (list, tuple, np.ndarray)) else given)
-
-
 @checked
 class Foundation:
     """A rigid foundation under a building, free to sway and to rock on the soil's springs and dashpots.
@@ -243,7 +239,7 @@ class Building:
     slab_depths: NotNegatives | None = field(default=None, kw_only=True)
     column_stiffnesses: Positives | None = field(default=None, kw_only=True)
     p_delta: Flag = field(default=False, kw_only=True)
-    bouc_wen: Annotated[BoucWen | None, _ListedLaw] = field(default=None, kw_only=True)
+    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
     dashpots: NotNegatives | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
 
@@ -720,13 +716,7 @@ class Contact:
 class Contacts(tuple[Contact, ...]):
     """All contacts of a scene, and which of `CONTACTS` was asked for."""
 
-    asked: str
-
-    def __new__(cls, found: Iterable[Contact] = (), asked: str = CONTACTS[0]) -> Contacts:
-        """Keep what was asked for beside what was found."""
-        self = super().__new__(cls, found)
-        self.asked = asked
-        return self
+    asked: str = CONTACTS[0]
 
 
 def _kind_of(item: Any) -> str:
@@ -913,7 +903,8 @@ class Scene:
         object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
         object.__setattr__(self, "pair_labels", tuple(label for label, _ in labels))
         object.__setattr__(self, "pair_of_label", tuple(pair for _, pair in labels))
-        object.__setattr__(self, "contacts", Contacts(contacts, asked))
+        object.__setattr__(self, "contacts", Contacts(contacts))
+        self.contacts.asked = asked
 
     @cached_property
     def buildings(self) -> tuple[Building, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -177,10 +177,6 @@ def step_fault(record: Record, per_interval: float) -> str:
     return f"record {record.name!r} would take {steps:.3g} steps; at most {MAX_STEPS} are possible"
 
 
-#: Elevations that a line lists one by one.
-_LISTED = 8
-
-
 def overview(scene: Scene) -> list[tuple[str, str]]:
     """Describe a row: names of buildings and pairs, and of each what is to be known before anything is run.
 
@@ -213,60 +209,45 @@ def overview_of(attributes: Mapping[Any, Any]) -> list[tuple[str, str]]:
 
 
 def _building(item: Building) -> str:
-    periods = ", ".join(f"{period:.3g}" for period in item.periods[:2])
-    several = item.n_storeys > 1
+    first, fixed = (
+        ", ".join(f"{period:.3g}" for period in building.periods[:2]) for building in (item, item.on_fixed_base)
+    )
+    plural = "s" * (item.n_storeys > 1)
     weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
     if item.p_delta:
         weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
     if item.foundation is not None:
-        fixed = ", ".join(f"{period:.3g}" for period in item.on_fixed_base.periods[:2])
         weight += f", on a foundation (on a fixed base {fixed} s)"
-    return (
-        f"{item.n_storeys} storey{'s' * several}, {item.elevations[-1]:g} m high, period{'s' * several} {periods} s, "
-        f"{weight}"
-    )
+    return f"{item.n_storeys} storey{plural}, {item.elevations[-1]:g} m high, period{plural} {first} s, {weight}"
 
 
 def _pair(scene: Scene, pair: int) -> str:
     left, right = scene.row[pair : pair + 2]
     elevations = [z for item in scene.buildings for z in item.elevations]
-    met = [c for c in scene.contacts if c.pair == pair]
-    meets = [elevations[c.right if c.left < 0 else c.left] for c in met if c.struck < 0]
+    contacts = [contact for contact in scene.contacts if contact.pair == pair]
+    meets = [elevations[c.right if c.left < 0 else c.left] for c in contacts if c.struck < 0]
     limited = " (limited by the scene)" if scene.pair_names[pair] in dict(scene.storeys) else ""
-    parts = [
-        f"floors meet at {_metres(meets)}{limited}" if meets else f"no floors meet{limited}",
-        *_bumpers(scene, pair),
-    ]
+    parts = [f"floors meet at {_listed(sorted(meets))} m{limited}" if meets else f"no floors meet{limited}"]
+    for bumper in (bumper for bumper in scene.bumpers if bumper.pair == scene.pair_names[pair]):
+        places = zip(scene.contacts, scene.bumper_of, strict=True)
+        storeys = _listed([contact.storey for contact, other in places if other is bumper])
+        thick = f"{1e3 * bumper.thickness:g} mm, " if bumper.thickness else ""
+        text = f"{thick}k = {bumper.stiffness:.4g} {bumper.law.stiffness_unit}"
+        text += f", e = {bumper.restitution:g}" if bumper.restitution is not None else ""
+        parts.append(f"storeys {storeys} with bumpers {bumper.law.key!r}: {text}")
     for side, facing in enumerate(scene.faced(pair)):
         item, other = (left, right)[:: 1 - 2 * side]
-        struck = {contact.storey for contact in met if contact.struck == 1 - side}
+        struck = {contact.storey for contact in contacts if contact.struck == 1 - side}
         for does in ("strikes", "passes through"):
             floors = [f.floor for f in facing if (f.floor + 1 in struck) is (does == "strikes")]
             if floors and isinstance(item, Building):
-                parts.append(f"{item.name} {does} columns of {other.name} at {_metres(item.elevations[floors])}")
+                levels = _listed(sorted(item.elevations[floors]))
+                parts.append(f"{item.name} {does} columns of {other.name} at {levels} m")
     return "; ".join(parts)
 
 
-def _bumpers(scene: Scene, pair: int) -> list[str]:
-    """Say of each bumper of a pair at which storeys it stands, its law and numbers."""
-    found = []
-    for bumper in scene.bumpers:
-        if bumper.pair == scene.pair_names[pair]:
-            each = zip(scene.contacts, scene.bumper_of, strict=True)
-            storeys = [contact.storey for contact, own in each if own is bumper]
-            thick = f"{1e3 * bumper.thickness:g} mm, " if bumper.thickness else ""
-            stiff = f"k = {bumper.stiffness:.4g} {bumper.law.stiffness_unit}"
-            text = f"storeys {_listed(storeys)} with bumpers {bumper.law.key!r}: {thick}{stiff}"
-            found.append(text + (f", e = {bumper.restitution:g}" if bumper.restitution is not None else ""))
-    return found
-
-
 def _listed(values: Sequence[float]) -> str:
-    """List numbers; of very many the first and the last, and how many they are."""
-    if len(values) <= _LISTED:
+    """List numbers; of more than eight the first and the last, and how many they are."""
+    if len(values) <= 8:
         return ", ".join(f"{value:g}" for value in values)
     return f"{values[0]:g} to {values[-1]:g} ({len(values)})"
-
-
-def _metres(elevations: Iterable[float]) -> str:
-    return f"{_listed(sorted(elevations))} m"
