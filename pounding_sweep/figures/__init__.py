@@ -7,12 +7,10 @@ package, by the paper's figures, and nowhere else.
 from __future__ import annotations
 
 import os
-import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
 from importlib import import_module
-from importlib.resources import files
 from inspect import cleandoc, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +33,9 @@ SOURCES: dict[str, str] = {
 }
 #: A law with contact, and the one without, as needs.
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
+#: A need in words: a variable, coordinate or dimension, `CONTACT` or `NO_CONTACT`, or of alternatives separated by
+#: ``|`` any one; "several " before axes means one with more than one value; or what says in words what is missing.
+Need = str | Callable[["xr.Dataset"], str]
 #: What several values of an axis are called.
 _PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
@@ -49,62 +50,53 @@ _OPTIONS = {
     "end": ("float, optional", "Last instant that is drawn (s)."),
     "ax": ("matplotlib.axes.Axes, optional", "Axes for a figure of one panel."),
 }
-#: Functions of figures by name, of the modules of the gallery that were loaded.
-_FUNCTIONS: dict[str, Callable[..., Figure]] = {}
+_FIGURES: dict[str, Kind] = {}
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A figure by name, as ``data/figures.toml`` declares it."""
+    """A figure by name, what draws it, and what a dataset must have for that."""
 
     key: str
-    module: str  # of `pounding_sweep.figures.gallery`
+    draw: Callable[..., Figure]
     source: str  # what it is drawn from, a key of `SOURCES`
     title: str  # what it shows
-    needs: Sequence[str]  # what a dataset must have for it
-
-    @property
-    def draw(self) -> Callable[..., Figure]:
-        """Function that draws it."""
-        import_module(f"pounding_sweep.figures.gallery.{self.module}")
-        return _FUNCTIONS[self.key]
-
-    @property
-    def options(self) -> list[str]:
-        """What of it may be chosen: the arguments of its function that are given by name."""
-        return [*signature(self.draw).parameters][1:]
+    needs: tuple[Need, ...]
+    options: tuple[str, ...]  # what of it may be chosen: the arguments of its function that are given by name
 
     def missing(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what a dataset lacks of what the figure needs."""
         from pounding_sweep.analysis.scenarios import law_keys
-        from pounding_sweep.figures.select import plot_axes
 
-        laws = {*law_keys(dataset)} or {"", "none"}  # of both kinds if the dataset does not say
-        contact = laws - {"none"}
-        several = {dim for dim, size in dataset.sizes.items() if size > 1 and (dim != "law" or len(contact) > 1)}
-        checks = {
-            CONTACT: contact,
-            NO_CONTACT: "none" in laws,
-            "two axes of several numbers, such as gap and restitution": (
-                len({axis.dim for axis in plot_axes(dataset).values()}) > 1
-            ),
-            "the storeys from the first on": "storey" not in dataset.coords or 1 in dataset["storey"],
-            'a design of kind "saltelli"': not {"input", "design_block"}.isdisjoint(dataset.coords),
-        }
-        present = {*dataset.variables, *dataset.sizes, *(text for text, is_met in checks.items() if is_met)}
-        present |= {f"several {_PLURAL.get(str(dim), f'{dim}s')}" for dim in several}
-        return tuple(" or ".join(names) for need in self.needs if present.isdisjoint(names := need.split("|")))
+        laws = law_keys(dataset) or ("", "none")  # of both kinds if the dataset does not say
+        present = {*dataset.variables, *dataset.sizes, *(NO_CONTACT if law == "none" else CONTACT for law in laws)}
+        several = {dim for dim, size in dataset.sizes.items() if size > 1}
+        if "law" in dataset.dims and len({*laws} - {"none"}) < 2:
+            several -= {"law"}
+        missing = []
+        for need in self.needs:
+            if not isinstance(need, str):
+                missing.append(need(dataset))
+                continue
+            plural, names = need.startswith("several "), need.removeprefix("several ").split("|")
+            if (several if plural else present).isdisjoint(names):
+                words = " or ".join(_PLURAL.get(axis, f"{axis}s") if plural else axis for axis in names)
+                missing.append(f"several {words}" if plural else words)
+        return tuple(filter(None, missing))
 
 
 @cache
 def _figures() -> dict[str, Kind]:
-    """Return all figures by name, in alphabetical order."""
-    text = files("pounding_sweep").joinpath("data", "figures.toml").read_text("utf-8")
-    return {key: Kind(key, **about) for key, about in tomllib.loads(text).items()}
+    """Return all figures by name, in alphabetical order: modules of the gallery register theirs."""
+    for module in ("cubes", "scenario", "spectra", "studies"):
+        import_module(f"pounding_sweep.figures.gallery.{module}")
+    return dict(sorted(_FIGURES.items()))
 
 
-def figure_of(key: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
-    """Register a function of a dataset as what draws that figure, in our style.
+def figure_of(
+    key: str, source: str, title: str, needs: str, *lacking: Callable[[xr.Dataset], str]
+) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+    """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
     Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
     axes it was given. Its docstring gets sections on them.
@@ -132,14 +124,15 @@ def figure_of(key: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]
             return result
 
         first, *options = signature(draw).parameters
-        about = {first: ("xarray.Dataset", f"From {SOURCES[_figures()[key].source]}.")}
-        about |= {name: _OPTIONS[name] for name in options}
-        parameters = "\n".join(f"{name} : {kind}\n    {text}" for name, (kind, text) in about.items())
-        drawn.__doc__ = (
-            f"{cleandoc(draw.__doc__ or '')}\n\nParameters\n----------\n{parameters}\n\n"
-            "Returns\n-------\nmatplotlib.figure.Figure\n"
+        about = {first: ("xarray.Dataset", f"{SOURCES[source]}."), **{name: _OPTIONS[name] for name in options}}
+        drawn.__doc__ = "\n".join(
+            [
+                *(cleandoc(draw.__doc__ or ""), "", "Parameters", "----------"),
+                *(f"{name} : {kind}\n    {text[0].upper()}{text[1:]}" for name, (kind, text) in about.items()),
+                *("", "Returns", "-------", "matplotlib.figure.Figure"),
+            ]
         )
-        _FUNCTIONS[key] = drawn
+        _FIGURES[key] = Kind(key, drawn, source, title, (*filter(None, needs.split(", ")), *lacking), tuple(options))
         return drawn
 
     return register

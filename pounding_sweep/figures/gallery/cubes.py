@@ -22,7 +22,7 @@ from pounding_sweep.analysis.comparisons.responses import needed_for
 from pounding_sweep.analysis.comparisons.suites import NO_FRACTILES, directions
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, pounding_only
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
 from pounding_sweep.figures.select import (
     PlotAxis,
     check_value,
@@ -71,6 +71,8 @@ _AMPLIFIED = {
     "displacement_max_ratio": "displacement to the right",
     "displacement_min_ratio": "displacement to the left",
 }
+_RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
+_RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 #: Outputs by which laws are compared, the first that is there.
 _COMPARED = {
     "impact_force_max": "peak impact force",
@@ -79,6 +81,7 @@ _COMPARED = {
     "approach_speed_max": "approach speed",
     "impact_count": "number of impacts",
 }
+_COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)])
 
 
 def _draw_laws(
@@ -97,7 +100,12 @@ def _draw_laws(
     return figure, axes
 
 
-@figure_of("force-gap")
+@figure_of(
+    "force-gap",
+    "cube",
+    "peak impact force and impacts of each pair against the gap, or another axis, law by law",
+    f"law, gap, pair, impact_force_max, impact_count, {CONTACT}",
+)
 def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw peak impact force and impacts of each pair, of its storeys the largest, law by law.
 
@@ -116,7 +124,12 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     return finish(figure, axes, axis.label, [*rows.values()], shown)
 
 
-@figure_of("amplification")
+@figure_of(
+    "amplification",
+    "cube",
+    "responses with pounding over responses without, by building and law",
+    f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}",
+)
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the amplification of each building's responses by pounding.
 
@@ -145,7 +158,12 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     return finish(figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], shown, over)
 
 
-@figure_of("law-comparison")
+@figure_of(
+    "law-comparison",
+    "cube",
+    "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
+    f"law, pair, {_COMPARISONS}, several law",
+)
 def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     """Draw the peak impact force of each law over that of the reference law.
 
@@ -185,7 +203,16 @@ _WRITTEN = 16
 _LEVELS = (0.1, 0.2, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 
 
-@figure_of("map")
+@figure_of(
+    "map",
+    "cube",
+    "a response or its amplification over two axes of the sweep, pair by pair and law by law",
+    "",
+    lambda cube: (
+        "two axes of several numbers, such as gap and restitution"
+        * (len({axis.dim for axis in plot_axes(cube).values()}) < 2)
+    ),
+)
 def response_map(
     cube: xr.Dataset,
     *,
@@ -297,7 +324,12 @@ _MARKS: dict[Status, tuple[str, str, str]] = {
 }
 
 
-@figure_of("stability-map")
+@figure_of(
+    "stability-map",
+    "map",
+    "error and status over contact stiffness and time step, from 'extremes --map'",
+    "peak_force_error, status, scheme, stiffness, dt",
+)
 def stability_map(cube: xr.Dataset) -> Figure:
     """Draw a map of `pounding_sweep.accuracy.extremes`: one panel per scheme and number format."""
     schemes = cube.scheme.values.tolist()
@@ -337,7 +369,13 @@ _ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
 _TOGETHER = 3
 
 
-@figure_of("profiles")
+@figure_of(
+    "profiles",
+    "cube",
+    "peak displacement, drift, storey shear and acceleration over the height, law by law",
+    f"law, floor_elevation, {_RESPONSES}",
+    lambda cube: "the storeys from the first on" if 1 not in np.atleast_1d(cube.get("storey", 1)) else "",
+)
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height.
 
@@ -404,7 +442,12 @@ _PARTS: dict[str, dict[str, Any]] = {
 }
 
 
-@figure_of("energy-budget")
+@figure_of(
+    "energy-budget",
+    "cube",
+    "where the energy of each building went, law by law",
+    "building, energy_input, energy_damping, energy_kinetic, energy_strain",
+)
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
 
@@ -482,7 +525,12 @@ def _name_records(result: xr.Dataset) -> str:
     return coord_text(result, "record") if "record" in result.coords else ""
 
 
-@figure_of("fragility")
+@figure_of(
+    "fragility",
+    "cube",
+    "probability that a pair touches, against intensity, with its confidence",
+    f"pair, {CONTACT}, several {'|'.join(TRIALS)}",
+)
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
 
@@ -537,7 +585,12 @@ def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marke
     ax.plot(*([values[group].mean() for group in groups if group.size] for values in (x, happened)), **mark)
 
 
-@figure_of("incremental")
+@figure_of(
+    "incremental",
+    "cube",
+    "response against intensity, record by record, with the fractiles of the suite",
+    f"several {'|'.join(MOTION_DIMS[1:])}",
+)
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up; of one record its curve alone, without fractiles."""
     name, label, factor, per = choose_response(cube, "incremental")
@@ -578,7 +631,12 @@ def incremental(cube: xr.Dataset) -> Figure:
     return figure
 
 
-@figure_of("gap-for-probability")
+@figure_of(
+    "gap-for-probability",
+    "cube",
+    "probability that a pair touches, and its annual rate, against the gap",
+    "pair, several record",
+)
 def gap_for_probability(cube: xr.Dataset) -> Figure:
     """Draw the probability that a pair touches against its gap, and the rate where the result has a hazard.
 
@@ -626,7 +684,12 @@ def _draw_gaps(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, style: dict[
     ax.plot(part[name].values * 1e3, y, label=label, **style)
 
 
-@figure_of("required-gap")
+@figure_of(
+    "required-gap",
+    "cube",
+    "the gap that each pair needs, exactly and by separation rules",
+    "pair, record|case|exact",
+)
 def required_gap(cube: xr.Dataset) -> Figure:
     """Draw the required gap of each pair, record by record, and what separation rules ask for over it.
 

@@ -34,7 +34,12 @@ from pounding_sweep.model.scene import Wall
 _STOREYS = 4
 
 
-@figure_of("histories")
+@figure_of(
+    "histories",
+    "histories",
+    "ground acceleration, floor displacements and contact forces against time, peaks marked, from 'simulate'",
+    "several time, ground_acceleration, displacement",
+)
 def histories(one: xr.Dataset, *, start: float | None = None, end: float | None = None) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces.
 
@@ -90,7 +95,12 @@ def _say_no_contact(ax: Any) -> None:
         ax.text(0.5, 0.5, "no contact", transform=ax.transAxes, ha="center", va="center", color="0.35")
 
 
-@figure_of("closing")
+@figure_of(
+    "closing",
+    "histories",
+    "relative displacement of the floors that can meet against time, beside their gap, onsets marked, from 'simulate'",
+    "several time, pair, displacement",
+)
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
 
@@ -125,7 +135,12 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
-@figure_of("phase")
+@figure_of(
+    "phase",
+    "histories",
+    "velocity against displacement of the top floors, in contact and out of it, from 'simulate'",
+    "several time, displacement, velocity",
+)
 def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the velocity of each building's top floor against its displacement, bold where it is in contact."""
     part, scene = time_slice(one, start, end), stored_scene(one)
@@ -145,7 +160,12 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     return finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
 
 
-@figure_of("force-penetration")
+@figure_of(
+    "force-penetration",
+    "histories",
+    "contact force against penetration, pair by pair, from 'simulate'",
+    "several time, contact_force, penetration",
+)
 def force_penetration(
     one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None
 ) -> Figure:
@@ -167,7 +187,12 @@ def force_penetration(
     return finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
 
 
-@figure_of("hysteresis")
+@figure_of(
+    "hysteresis",
+    "histories",
+    "storey shear against drift of the storeys that yield, from 'simulate'",
+    "time, storey_drift, storey_shear, plastic_drift",
+)
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw the hysteresis loops of each building's storeys."""
     figure, axes = subplots(1, one.sizes["building"], (1.0 + 3.1 * one.sizes["building"], 3.9), sharey=True)
@@ -193,7 +218,12 @@ _ALONG = np.linspace(0.0, 1.0, 9)
 _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
 
 
-@figure_of("row")
+@figure_of(
+    "row",
+    "histories",
+    "the row at the instant of its strongest impact, from 'simulate'",
+    "several time, floor_elevation, displacement",
+)
 def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
     number = find_strongest(one)

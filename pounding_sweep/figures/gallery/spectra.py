@@ -25,7 +25,12 @@ _ORDINATES = {
 }
 
 
-@figure_of("ground-motion")
+@figure_of(
+    "ground-motion",
+    "spectra",
+    "acceleration histories and response spectra of records, as 'records plot' draws them",
+    "record, time, ground_acceleration, period, pseudo_acceleration, damping_ratio",
+)
 def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
     n = motions.sizes["record"]
@@ -63,7 +68,12 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     return figure
 
 
-@figure_of("response-spectra")
+@figure_of(
+    "response-spectra",
+    "spectra",
+    "response or floor spectra: pseudo-acceleration and displacement against period",
+    "period, pseudo_acceleration, spectral_displacement",
+)
 def response_spectra(spectra: xr.Dataset) -> Figure:
     """Draw pseudo-acceleration and displacement spectra against period."""
     title = [str(spectra.attrs.get("title", "Response spectra"))]
@@ -75,7 +85,12 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     return _draw_both(spectra, *title)
 
 
-@figure_of("floor-spectra")
+@figure_of(
+    "floor-spectra",
+    "histories",
+    "5 % response spectra of the floors' total accelerations, from 'simulate'",
+    "time, acceleration",
+)
 def floor_response(histories: xr.Dataset) -> Figure:
     """Draw the 5 % spectra of the total acceleration of every floor."""
     return _draw_both(floor_spectra(histories), scenario_title(histories), "floor spectra, damping ratio 0.05")

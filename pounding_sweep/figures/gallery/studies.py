@@ -38,7 +38,13 @@ _INDICES = {
 }
 
 
-@figure_of("sensitivity")
+@figure_of(
+    "sensitivity",
+    "design",
+    "which inputs of a design matter: first and total Sobol indices",
+    "",
+    lambda cube: "" if {"input", "design_block"} & {*cube.coords} else 'a design of kind "saltelli"',
+)
 def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the Sobol indices of an output with their intervals; inputs that matter most are at the top.
 
@@ -97,7 +103,12 @@ def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
     return join_nonempty(law_name(group, law) if law else "", of, beside.replace("_", " "))
 
 
-@figure_of("work-precision")
+@figure_of(
+    "work-precision",
+    "trade",
+    "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
+    "scheme, located, error, cost",
+)
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
 
