@@ -65,7 +65,8 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
 from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
 from pounding_sweep.spec.spec import (
-    ARGUMENTS,
+    ACCURACY_RANGE,
+    AUDIT_SHARE,
     MAX_SCENARIOS,
     METHODS,
     PRECISIONS,
@@ -88,24 +89,32 @@ def _check_title(value: str) -> str:
     return value
 
 
-#: Checks of arguments by their types.
-_TYPES: dict[str, Any] = {
-    "any": Any,
-    "flag": Flag,
-    "number": Number,
-    "title": Annotated[str, AfterValidator(_check_title)],
-    "method": Annotated[Any, one_of("method", METHODS)],
-    "precision": Annotated[Any, one_of("precision", PRECISIONS)],
-    "restitution basis": Annotated[Any, one_of("restitution basis", RESTITUTION_BASES)],
-}
+class _Settings(Table):
+    """Arguments but for the axes; those of type Any are checked together with others."""
 
-
-def _argument(table: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return the type and the field of an argument."""
-    kind, takes = _TYPES[table.get("type", "any")], table.get("takes", "")
-    default = table.get("default", None if "optional" in table else ...)
-    field = number(takes, default, **table["bounds"]) if "bounds" in table else key(takes, default)
-    return (kind | None if default is None else kind), field
+    scene: Any = key("a table [scene]")
+    records: Any = key("a list of names, files and tables")
+    laws: Any = key("a name or a list of names", None)
+    folders: Any = None
+    base: Any = None
+    skip_missing_records: Flag = key("true or false", False)
+    title: Annotated[str, AfterValidator(_check_title)] = key("a text", "")
+    restitution_basis: Annotated[Any, one_of("restitution basis", RESTITUTION_BASES)] = key("a text", "published")
+    sa_period: Number | None = number("a number in s", None, ge=0.01, le=20.0)
+    cases: Any = key("tables [[sweep.cases]]", None)
+    design: Any = key("a table [design]", None)
+    accuracy: Number | None = number(
+        "a number, the relative error asked for", None, ge=ACCURACY_RANGE[0], le=ACCURACY_RANGE[1]
+    )
+    method: Annotated[Any, one_of("method", METHODS)] | None = key("a text", None)
+    precision: Annotated[Any, one_of("precision", PRECISIONS)] | None = key("a text", None)
+    dt: Number | None = number("a number in s", None, gt=0.0)
+    audit: Number = number("a number, the share of the cost spent on the audit", AUDIT_SHARE, ge=0.0, le=1.0)
+    locate: Flag = key("true or false", True)
+    force_unstable: Flag = key("true or false", False)
+    beta: Number | None = number("a number", None, ge=0.0, le=0.5)
+    gamma: Number | None = number("a number", None, ge=0.5, le=1.0)
+    outputs: Any = key("a name or a list of names", "default")
 
 
 _KINDS = f"tables building.NAME of {', '.join(FACTOR_KINDS.values())}"
@@ -118,10 +127,9 @@ _OF_BUILDINGS: dict[str, Any] = {
     "building": (dict[str, dict[str, Any]] | None, key(_KINDS, None)),
 }
 _AXIS = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
-_FIELDS: dict[str, Any] = {name: _argument(table) for name, table in ARGUMENTS.items()}
-_FIELDS |= {name: _OF_BUILDINGS.get(name, _AXIS) for name in (*AXES, "building")}
+_AXES: dict[str, Any] = {name: _OF_BUILDINGS.get(name, _AXIS) for name in (*AXES, "building")}
 #: All arguments: what each takes, and its default.
-Arguments = create_model("Arguments", __base__=Table, **_FIELDS)
+Arguments = create_model("Arguments", __base__=_Settings, **_AXES)
 _OF_CASES: dict[str, Any] = {name: (Any, None) for name in Case.__dataclass_fields__ if name not in FACTOR_KINDS}
 _OF_CASES |= {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "scale": (Any, 1.0)}
 #: A listed case: its keys in Python and in files, which have `building`.
@@ -658,7 +666,9 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
 
 
 #: Arguments that are those of the sweep.
-_SETTINGS = ({*ARGUMENTS} & {*SweepSpec.__dataclass_fields__}) - {"scene", "records", "laws", "cases", "design"}
+_SETTINGS = {*_Settings.model_fields} & {*SweepSpec.__dataclass_fields__} - {
+    *("scene", "records", "laws", "cases", "design")
+}
 #: Digits of the factors that are found: more than any result shows, and fewer than tell machines apart.
 DIGITS = 9
 
@@ -713,8 +723,54 @@ def build_spec(**arguments: Any) -> SweepSpec:
 
     Parameters
     ----------
-    **arguments
-        ARGUMENTS
+    scene : Scene or str
+        The row, or the name of a preset.
+    records : Record, str, path, or several
+        Ground motions: records, names or files.
+    laws : str, Law, or several, optional
+        Contact laws; "all" stands for every law, "mate2015" for the paper's seven models. Needed without `cases`.
+    **axes
+        AXES
+    cases : iterable of Case or dict, optional
+        Listed scenarios instead of laws and axes.
+    design : dict, optional
+        Inputs drawn from distributions, instead of axes over them: ``kind`` and ``samples``, ``seed`` (0 by default)
+        and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
+        law, each record and each value of the other axes.
+    method : str, optional
+        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the cheapest
+        that reaches it.
+    dt : float, optional
+        Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
+    locate : bool
+        Split steps where a pair touches or separates.
+    outputs : str or several, optional
+        Variables; "default" (as by default), "all", or names.
+    beta, gamma : float, optional
+        Newmark's parameters, in [0, 0.5] and [0.5, 1]; 0.25 and 0.5 by default.
+    force_unstable : bool
+        Run even beyond the stability limit.
+    title : str
+        Title of the cube.
+    precision : {"float64", "float32"}, optional
+        Number format of the kernels; "float64" by default, with `accuracy` the cheaper that reaches it.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by each law's published formula, or so that two free masses
+        rebound at exactly it.
+    accuracy : float, optional
+        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+    audit : float
+        Share of the sweep's cost, in [0, 1], spent on running a sample of its own scenarios again at a finer step, to
+        measure their error; 0 for none.
+    sa_period : float, optional
+        Period (s) at which the spectral accelerations `sas` are meant; needed with them.
+    folders : path or several, optional
+        Where to find records by name.
+    base : path, optional
+        Folder that relative record paths start from.
+    skip_missing_records : bool
+        Go on without the records that are not found, with a warning for each, as long as one is left. A file that is
+        found but can't be read is always an error.
 
     Returns
     -------
@@ -738,16 +794,14 @@ def build_spec(**arguments: Any) -> SweepSpec:
     return spec
 
 
-def _document(function: Callable[..., SweepSpec]) -> None:
-    """Give a function the signature of `Arguments`, and what is said of each in the place of ``ARGUMENTS``."""
-    lines: list[str] = []
-    axis_type = "float, Range, or several, optional"
-    texts = [(name, table["doc"], table["meaning"]) for name, table in ARGUMENTS.items()]
-    texts += [(name, "mapping of str to " * axis.by_building + axis_type, axis.meaning) for name, axis in AXES.items()]
-    for name, kind, meaning in texts:
-        lines += [f"{name} : {kind}", textwrap.fill(meaning, 110, initial_indent="    ", subsequent_indent="    ")]
-    section = textwrap.indent("\n".join(lines), "    ").strip()
-    function.__doc__ = str(function.__doc__).replace("**arguments\n        ARGUMENTS", section)
+def _sign(function: Callable[..., SweepSpec]) -> None:
+    """Give a function the signature of `Arguments`, and every axis of the registry in the place of ``**axes``."""
+    texts = []
+    for name, axis in AXES.items():
+        kind = f"{'mapping of str to ' * axis.by_building}float, Range, or several, optional"
+        texts += [f"{name} : {kind}", textwrap.fill(axis.meaning, 110, initial_indent="    ", subsequent_indent="    ")]
+    doc = str(function.__doc__).replace("    **axes\n        AXES\n", textwrap.indent("\n".join(texts) + "\n", "    "))
+    function.__doc__ = doc
     keyword, missing = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
     parameters = [
         inspect.Parameter(name, keyword, default=missing if field.is_required() else field.default)
@@ -757,4 +811,4 @@ def _document(function: Callable[..., SweepSpec]) -> None:
     function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
 
 
-_document(build_spec)
+_sign(build_spec)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SceneError, SweepError
-from pounding_sweep.base.files import data_tables
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Contacts, Scene
 from pounding_sweep.model.variants import variants_of
@@ -26,10 +25,10 @@ from pounding_sweep.spec.design import Design, Distribution
 METHODS = tuple(SCHEMES)
 #: Number formats of the kernels.
 PRECISIONS = ("float64", "float32")
-#: Arguments of `build_spec` but for the axes.
-ARGUMENTS = data_tables("arguments")
+#: Range of the relative error that ``accuracy`` may ask for.
+ACCURACY_RANGE = (1e-6, 1e-2)
 #: Share of a sweep's own cost that its audit may take, by default.
-AUDIT_SHARE: float = ARGUMENTS["audit"]["default"]
+AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
 MAX_SCENARIOS = 1_000_000_000
 #: What a sweep's JSON tells of each record.
@@ -112,7 +111,7 @@ class SweepSpec(AxisValues):
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
     """Return a sweep that asks for a relative error in place of its own step; its scheme is kept."""
-    low, high = ARGUMENTS["accuracy"]["bounds"].values()
+    low, high = ACCURACY_RANGE
     if not low <= accuracy <= high:
         raise SweepError(f"accuracy is {accuracy!r}; it must be in [{low:g}, {high:g}], the range that was measured")
     return replace(spec, accuracy=accuracy, dt=None)

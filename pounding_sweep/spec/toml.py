@@ -19,10 +19,10 @@ from pounding_sweep.model.faults import Faults, spell
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.records.catalogue import Folders
-from pounding_sweep.spec.axes import AXES, FACTOR_KINDS
+from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.build import read_sweep
 from pounding_sweep.spec.design import DesignTable
-from pounding_sweep.spec.spec import ARGUMENTS, SweepSpec, sweep_error
+from pounding_sweep.spec.spec import SweepSpec, sweep_error
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
@@ -173,12 +173,21 @@ def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
 
 #: Tables of a file that hold arguments of `build_spec`: key -> argument.
 SECTIONS: dict[str, dict[str, str]] = {
-    section: {table.get("key", name): name for name, table in ARGUMENTS.items() if table.get("table") == section}
-    for section in ("sweep", "solver", "output")
+    "sweep": {
+        name: name
+        for name in (
+            *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
+            *(name for name, axis in AXES.items() if not axis.by_building),
+        )
+    },
+    "solver": {
+        name: name
+        for name in ("method", "dt", "accuracy", "precision", "locate", "beta", "gamma", "force_unstable", "audit")
+    },
+    "output": {"variables": "outputs"},
 }
-SECTIONS["sweep"] |= {name: name for name in ("building", *AXES) if name not in FACTOR_KINDS}
 #: Arguments that stand outside of them.
-_PLAIN = [name for name, table in ARGUMENTS.items() if table.get("table") == ""]
+_PLAIN = ("title", "scene", "design")
 _HOMES: dict[str, Iterable[str]] = {
     "[scene]": (*(each.name for each in fields(Scene)), *Scene.FILE_KEYS),
     "[scene.contact]": (*(each.name for each in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
