@@ -1,7 +1,8 @@
 """What varies in a sweep: the registry of axes, evenly spaced values, listed cases.
 
-An axis is a table of ``data/axes.toml`` and a field of `AxisValues`. A listed case takes one value of it by the field
-of `Case` that has the dimension's name.
+An axis is one entry in `AxisValues`: the argument of `build_spec` and key of sweep files that gives its values, the
+dimension of the cube, how values are checked and what they are in a scenario. A listed case takes one value of it by
+the field of `Case` that has the dimension's name.
 """
 
 from __future__ import annotations
@@ -9,14 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from pounding_sweep.base.errors import Fault, LawError, SceneError, SweepError
-from pounding_sweep.base.files import data_tables
 from pounding_sweep.model.faults import Finite, Whole, checked, number_check, one_of
 from pounding_sweep.model.laws import Law, get_law, realised_validity
 from pounding_sweep.model.scene import Scene
@@ -32,7 +32,7 @@ Values = tuple[float, ...] | None
 BuildingValues = tuple[tuple[str, tuple[float, ...]], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Axis:
     """An axis that a sweep may have."""
 
@@ -40,7 +40,7 @@ class Axis:
     dimension: str
     column: str  # what of a scenario it sets: axes of one column exclude each other
     noun: str  # what a value is, in messages
-    bounds: Mapping[str, float] = field(default_factory=dict)  # of its values, as `number` takes them
+    bounds: Mapping[str, float]  # of its values, as `number` takes them
     meaning: str  # what its values are, for the documentation
     #: attributes of its coordinate
     long_name: str
@@ -49,7 +49,7 @@ class Axis:
     #: value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` and ``sa_period`` (of scale) -> value
     #: of the column
     value: Callable[..., float] = lambda value, **_: value
-    default: float | None = None  # value of a column that no axis is given for
+    default: Values = None  # values of a column that no axis is given for
     #: scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis
     requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False  # whether it changes buildings
@@ -77,55 +77,65 @@ class Axis:
         return result
 
 
+#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
+REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
+
+
 def contact_stiffness(
     scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
 ) -> float:
     """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact."""
-    law = get_law(law)
-    if law.exponent is None:
+    found = get_law(law)
+    if found.exponent is None:
         return 0.0
     if stiffness is not None:
         return stiffness
-    for _, fault in _need_references(scene, [law], ()):
-        raise SweepError(fault)
-    return (_reference_stiffness(scene, law) or 0.0) * (1.0 if stiffness_factor is None else stiffness_factor)
+    reference = reference_stiffness(scene, found)
+    if reference is None:
+        raise SweepError(_missing_reference(found.exponent, [found.key]))
+    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
 
 
-def _reference_stiffness(scene: Scene, law: Law) -> float | None:
+def reference_stiffness(scene: Scene, law: Law) -> float | None:
     """Contact stiffness that factors scale: the scene's for that force exponent, else the law's own; or None."""
-    reference = None if law.exponent is None else scene.contact.reference(law.exponent)
-    return law.reference_stiffness if reference is None else reference
+    found = None if law.exponent is None else scene.contact.reference(law.exponent)
+    return law.reference_stiffness if found is None else found
+
+
+def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
+    """Say which contact property the scene lacks for laws of a force exponent."""
+    what = REFERENCE_PROPERTIES.get(exponent)
+    where = f"{what} of the scene's contact properties" if what else "the law's reference_stiffness"
+    return (
+        f"a reference stiffness for force ~ d^{exponent:g} (kN/m^{exponent:g}) is missing: stiffness factors of "
+        f"{', '.join(laws)} scale it; give {where}, or an absolute stiffness"
+    )
 
 
 def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
     """Return the laws of each force exponent."""
-    groups: dict[float, list[Law]] = {}
+    found: dict[float, list[Law]] = {}
     for law in laws:
         if law.exponent is not None:
-            groups.setdefault(law.exponent, []).append(law)
-    return groups
+            found.setdefault(law.exponent, []).append(law)
+    return found
 
 
 def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell each reference stiffness that the scene lacks."""
-    names = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
     for exponent, group in by_exponent(laws).items():
-        if lacking := [law.key for law in group if _reference_stiffness(scene, law) is None]:
-            name = names.get(exponent)
-            where = f"{name} of the scene's contact properties" if name else "the law's reference_stiffness"
-            yield (
-                ("scene", "contact"),
-                f"a reference stiffness for force ~ d^{exponent:g} (kN/m^{exponent:g}) is missing: stiffness factors "
-                f"of {', '.join(lacking)} scale it; give {where}, or an absolute stiffness",
-            )
+        lacking = [law.key for law in group if reference_stiffness(scene, law) is None]
+        if lacking:
+            yield ("scene", "contact"), _missing_reference(exponent, lacking)
 
 
 def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell laws of different exponents."""
-    if len(of_exponent := by_exponent(laws)) > 1:
+    found = by_exponent(laws)
+    if len(found) > 1:
         groups = " but ".join(
             f"{', '.join(law.key for law in group)}: {group[0].stiffness_unit} (exponent {exponent:g})"
-            for exponent, group in of_exponent.items()
+            for exponent, group in found.items()
         )
         yield (
             ("stiffnesses",),
@@ -138,6 +148,13 @@ def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record])
     """Tell records that no factor gives a peak."""
     if still := [repr(record.name) for record in records if record.pga == 0.0]:
         yield ("records",), f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead"
+
+
+def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any) -> float:
+    """Factor on a record that gives it a spectral acceleration (m/s2) at a period (s)."""
+    from pounding_sweep.engine.spectrum import spectral_acceleration
+
+    return value / spectral_acceleration(record, sa_period)
 
 
 def _need_yielding(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
@@ -153,59 +170,96 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
             yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
 
 
-def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any) -> float:
-    """Factor on a record that gives it a spectral acceleration (m/s2) at a period (s)."""
-    from pounding_sweep.engine.spectrum import spectral_acceleration
-
-    return value / spectral_acceleration(record, sa_period)
-
-
-#: What of an axis is no text.
-_FUNCTIONS: dict[str, dict[str, Any]] = {
-    "stiffnesses": {
-        "value": lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
-        "requires": _need_one_exponent,
-    },
-    "stiffness_factors": {
-        "value": lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
-        "requires": _need_references,
-    },
-    "pgas": {"value": lambda value, record, **_: value / record.pga, "requires": _need_motion},
-    "sas": {"value": _factor_to_spectrum, "requires": _need_motion},
-    "strength_factors": {"requires": _need_strengths},
-    "hardenings": {"requires": _need_strengths},
-    "ductilities": {"requires": _need_yielding},
-}
-#: Axes by argument of `build_spec`.
-AXES = {name: Axis(**table, **_FUNCTIONS.get(name, {})) for name, table in data_tables("axes").items()}
-#: Axes by building: argument -> kind.
-FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_building}
-#: What axes may set of a scenario beside building properties, in the order of the cube.
-COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
-#: Dimensions by what they set of a scenario.
-DIMENSIONS = {
-    column: tuple(axis.dimension for axis in AXES.values() if axis.column == column)
-    for column in dict.fromkeys(axis.column for axis in AXES.values())
-}
+#: Factors on a period or on masses: beyond them nothing is a building, and numbers run out of range.
+_FACTOR = {"ge": 1e-3, "le": 1e3}
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
-    """Values of the axes, each by its argument."""
+    """The axes: one field for each."""
 
-    gaps: Values = None
-    stiffnesses: Values = None
-    stiffness_factors: Values = None
-    restitutions: tuple[float, ...] = ()
-    scales: tuple[float, ...] = ()
-    pgas: Values = None
-    sas: Values = None
-    period_factors: BuildingValues = ()
-    mass_factors: BuildingValues = ()
-    damping_ratios: Values = None
-    strength_factors: BuildingValues = ()
-    hardenings: BuildingValues = ()
-    ductilities: Values = None
+    # fmt: off
+    gaps: Values = field(default=None, metadata={"axis": Axis(
+        "gap", "gap", "gap in m", {"ge": 0.0},
+        "Gaps (m), each for every pair; by default the scene's own.",
+        "gap of every pair", "m",
+    )})
+    stiffnesses: Values = field(default=None, metadata={"axis": Axis(
+        "stiffness", "stiffness", "contact stiffness in kN/m**exponent", {"gt": 0.0},
+        "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
+        "contact stiffness", requires=_need_one_exponent,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
+    )})
+    stiffness_factors: Values = field(default=None, metadata={"axis": Axis(
+        "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
+        "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
+        "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
+    )})
+    restitutions: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+        "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
+        "Coefficients of restitution; by default the scene's.",
+        "nominal coefficient of restitution",
+    )})
+    scales: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+        "scale", "scale", "record scale", {},
+        "Factors on the records; 1 by default.",
+        "factor on the record", default=(1.0,),
+    )})
+    pgas: Values = field(default=None, metadata={"axis": Axis(
+        "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
+        "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
+        "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
+        value=lambda value, record, **_: value / record.pga, requires=_need_motion,
+    )})
+    sas: Values = field(default=None, metadata={"axis": Axis(
+        "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
+        "Spectral accelerations (m/s2; pseudo-acceleration, 5 % damping) at the period `sa_period` that every record "
+        "is scaled to, in place of `scales`.",
+        "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
+        "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
+        value=_factor_to_spectrum, requires=_need_motion,
+    )})
+    period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "period_factor", "period_factor", "factor on periods", _FACTOR,
+        "Factors on all natural periods of a building, by its name, one axis each: "
+        "stiffnesses are divided by the square, masses kept.",
+        "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
+        of_buildings=True, by_building=True,
+    )})
+    mass_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "mass_factor", "mass_factor", "factor on masses", _FACTOR,
+        "Factors on all masses of a building, by its name, one axis each: stiffnesses "
+        "take the same factor, so that periods are kept.",
+        "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
+        of_buildings=True, by_building=True,
+    )})
+    damping_ratios: Values = field(default=None, metadata={"axis": Axis(
+        "damping_ratio", "damping_ratio", "damping ratio", {"ge": 0.0, "lt": 1.0},
+        "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
+        "damping ratio of the first two modes of all buildings", of_buildings=True,
+    )})
+    strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
+        "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
+        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True,
+    )})
+    hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
+        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
+        "One number for all storeys, in place of the building's own, which may differ by storey.",
+        "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
+        of_buildings=True, by_building=True,
+    )})
+    ductilities: Values = field(default=None, metadata={"axis": Axis(
+        "ductility", "ductility", "ductility", {"ge": 1.0},
+        "Largest storey ductilities, at least 1: each building gets the factor on its yield strengths at which it "
+        "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
+        "largest storey ductility without pounding",
+        comment="the coordinate strength_factor has the factor on the yield strengths of each building",
+        requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
+    )})
+    # fmt: on
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
         """Return values by dimension, in the order of the cube."""
@@ -241,6 +295,21 @@ class AxisValues:
             if axis.column == column and getattr(self, name):
                 return axis, getattr(self, name)
         return None
+
+
+#: Axes by argument of `build_spec`.
+AXES: dict[str, Axis] = {each.name: each.metadata["axis"] for each in fields(AxisValues)}
+#: Axes by building: argument -> kind.
+FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_building}
+#: What axes may set of a scenario beside building properties, in the order of the cube.
+COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
+
+
+#: Dimensions by what they set of a scenario.
+DIMENSIONS = {
+    column: tuple(axis.dimension for axis in AXES.values() if axis.column == column)
+    for column in dict.fromkeys(axis.column for axis in AXES.values())
+}
 
 
 @checked

@@ -436,7 +436,7 @@ class _Reader:
             default = [name for name in names if AXES[name].default is not None and not chosen & {*names}]
             for name in [name for name in names if name in chosen] or default:
                 faults.entries += AXES[name].requires(scene, laws, records) if scene is not None else ()
-            values |= {name: (AXES[name].default,) for name in default}
+            values |= {name: AXES[name].default for name in default}
         if "restitutions" not in chosen and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             missing = scene.contact.restitution is None
