@@ -143,6 +143,7 @@ class ChunkStore:
     def __init__(self, folder: Path, details: Mapping[str, str] | None = None, *, at_once: bool = False) -> None:
         self.folder, self.details, self._at_once = folder, dict(details or {}), at_once
         self._entries: dict[str, dict[str, Any]] = {}
+        self._held: dict[str, np.ndarray] = {}
         self._checked: set[str] = set()
         self._bytes, self._due, self._is_open = 0, time.monotonic() + HELD_SECONDS, False
         self._waiting: list[Callable[[], None]] = []
@@ -216,7 +217,9 @@ class ChunkStore:
         return np.fromfile(path, ROW, offset=path.stat().st_size - n_bytes)
 
     def read(self, key: str) -> np.ndarray:
-        """Return a chunk, mapped; when it is first read, after a check that it is what was written."""
+        """Return a chunk, mapped if it is in its file; when it is first read, it is checked to be what was written."""
+        if key in self._held:
+            return self._held[key]
         try:
             table = np.asarray(np.load(self.path(key), mmap_mode="r", allow_pickle=False))
             if key not in self._checked:
@@ -241,17 +244,11 @@ class ChunkStore:
         }
         self._when_due(partial(self._append, line))
 
-    def save(
-        self, chunk: Chunk, table: np.ndarray, moved: Callable[[Callable[[], np.ndarray]], None], **more: Any
-    ) -> None:
-        """Write a chunk once it is due, with `more` in its line; `moved` then hears how it is read from its file."""
-
-        def write() -> None:
-            self.write(chunk.key, table, chunk.rows, law=chunk.law, record=chunk.record, **more)
-            moved(partial(self.read, chunk.key))
-
+    def save(self, chunk: Chunk, table: np.ndarray, **more: Any) -> None:
+        """Write a chunk once it is due, with `more` in its line."""
+        self._held[chunk.key] = table
         self._bytes += table.nbytes
-        self._when_due(write)
+        self._when_due(partial(self.write, chunk.key, table, chunk.rows, law=chunk.law, record=chunk.record, **more))
 
     def _when_due(self, write: Callable[[], None]) -> None:
         self._waiting.append(write)
@@ -276,6 +273,7 @@ class ChunkStore:
             file.write(rows.tobytes())
         self._entries[key] = {**more, "key": key, "crc32": _checksum(table, rows), "rows": len(table)}
         self._append(self._entries[key])
+        self._held.pop(key, None)
 
     def _append(self, line: Mapping[str, Any], lead: str = "") -> None:
         """Add a line to the manifest."""

@@ -44,18 +44,14 @@ class Results:
         self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
         self._slot, self._first = np.zeros(n, np.int32), [0, 1]
 
-    def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
-        """Take up a table; returns its number, and where its rows stand."""
+    def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> np.ndarray:
+        """Take up a table, or what reads it from a file; returns where its rows stand."""
         if "drift_max" in self.names:
             drifts = table["drift_max"][table["status"] == Status.OK]
             self.largest_drift = np.fmax(self.largest_drift, np.fmax.reduce(drifts, axis=0, initial=0.0))
         self._tables.append(table if read is None else read)
         self._first.append(self._first[-1] + len(table))
-        return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
-
-    def move(self, index: int, read: Callable[[], np.ndarray]) -> None:
-        """Let go of a table that is now in a file, from which it is to be read."""
-        self._tables[index] = read
+        return np.arange(self._first[-2], self._first[-1])
 
     def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
         """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""

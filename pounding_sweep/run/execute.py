@@ -224,14 +224,14 @@ class _Stages:
         missing[rows] = True
 
         def answer(
-            count: str, chunk: Chunk, found: np.ndarray, read: Callable[[], np.ndarray] | None = None, **origin: Any
+            count: str, chunk: Chunk, found: np.ndarray, *, is_stored: bool = False, **origin: Any
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            index, slots = results.hold(found, read)
+            if store is not None and not is_stored:
+                store.save(chunk, found, stage=stage, **origin)
+            slots = results.hold(found, None if store is None else partial(store.read, chunk.key))
             new = missing[chunk.rows]
             missing[chunk.rows] = False
             setattr(outcome, count, getattr(outcome, count) + int(new.sum()))
-            if store is not None and read is None:
-                store.save(chunk, found, partial(results.move, index), stage=stage, **origin)
             if new.any():
                 self.progress.advance(int(new.sum()))
             return chunk.rows[new], found[new], slots[new]
@@ -250,7 +250,7 @@ class _Stages:
             # from the earlier cube that this one tells of, wherever it stands
             is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
             stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
-            yield answer("taken" if is_taken else "reused", stored[-1], found, partial(store.read, key))
+            yield answer("taken" if is_taken else "reused", stored[-1], found, is_stored=True)
         if self.earlier is not None and not closing:
             for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
                 yield answer("taken", chunk, found, origin=self.earlier.origin)
