@@ -233,10 +233,10 @@ def test_a_record_of_the_same_name_is_another_if_its_motion_is(ran, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"dt": 0.0025}, r"'.*old\.nc' can't be extended by this sweep: dt is 0\.005 there and 0\.0025 here"),
-        ({"outputs": OUTPUTS[:2]}, r"outputs is \['displacement_max'.* there and"),
-        ({"locate": False}, "locate is True there and False here"),
-        ({"method": "newmark"}, "method is 'rk4' there and 'newmark' here"),
+        ({"dt": 0.0025}, r"'.*old\.nc' and this sweep .* study: dt is 0\.005 in the first and 0\.0025 in the second"),
+        ({"outputs": OUTPUTS[:2]}, r"outputs is \['displacement_max'.* in the first"),
+        ({"locate": False}, "locate is True in the first and False in the second"),
+        ({"method": "newmark"}, "method is 'rk4' in the first and 'newmark'"),
         ({"scene": row(gaps=(0.01, 0.03))}, "scene is "),
     ],
 )
@@ -254,13 +254,13 @@ def whole_file(whole, tmp_path_factory):
 @pytest.mark.parametrize(
     ("told", "says"),
     [
-        pytest.param({"pounding_sweep_version": "0.0"}, r"_version is '0\.0' there", marks=pytest.mark.slow),
+        pytest.param({"pounding_sweep_version": "0.0"}, r"_version is '0\.0' in the first", marks=pytest.mark.slow),
         ({"package_sha256": None}, "does not say what it needs to be extended"),
-        ({"package_sha256": "new"}, r"package_sha256 is 'new' there and '[0-9a-f]{64}' here\. The"),
+        ({"package_sha256": "new"}, r"package_sha256 is 'new' in the first and '[0-9a-f]{64}' in the second\. The"),
         (
             {"llvmlite_version": "0.44.0", "numpy_version": None},
-            r"llvmlite_version is '0\.44\.0' there and '\S+' here; numpy_version is None there and '\S+' here\. The "
-            "same scenario may have another result with each: install what made it, or run the sweep without it$",
+            r"llvmlite_version is '0\.44\.0' in the first and '\S+' in the second; numpy_version is 'None' in the "
+            r"first and '\S+' in the second\. The same scenario may have another result with each: run one again",
         ),
     ],
 )

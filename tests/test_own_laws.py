@@ -245,7 +245,7 @@ def test_a_changed_law_is_refused_wherever_results_are_used_again(tmp_path):
     law_file(tmp_path, number=1.4)
     changed = sweep(path, **bigger)
     with pytest.raises(
-        InputError, match=r"old\.nc' can't be extended by this sweep: law 'my_law' as SHA-256 is '\w+' there"
+        InputError, match=r"old\.nc' and this sweep are not parts of one study: law 'my_law' as SHA-256 is '\w+' in"
     ):
         changed.run(tmp_path / "more.nc", scheduler="synchronous", extend=tmp_path / "old.nc")
     changed.run(tmp_path / "more.nc", scheduler="synchronous").close()

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError
-from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
+from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, axes_of
 
 if TYPE_CHECKING:
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 LIBRARIES = ("numba", "llvmlite", "numpy")
 #: Attributes that say by what results were made, next to the package's version.
 MAKER_ATTRIBUTES = (SOURCE_ATTRIBUTE, *(f"{name}_version" for name in LIBRARIES))
+#: What helps where two of them differ.
+MAKERS_REMEDY = (
+    "The same scenario may have another result with each: run one again with what made the other, or with the "
+    "installed package"
+)
 #: Attributes that name cubes -> how results came from those.
 ORIGINS = {"merged_from": "merged from", "extended_from": "extended from"}
 #: Attributes of a cube that others say of it, next to its versions.
@@ -81,6 +86,13 @@ def makers(attributes: Mapping[Any, Any]) -> set[tuple[str | None, ...]]:
     return {tuple(run.get(key) and str(run[key]) for key in MAKER_ATTRIBUTES) for run in runs({"": attributes})}
 
 
+def made_by(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the version, source and libraries that made a cube, by attribute; all of them if these are several."""
+    columns = zip(MAKER_ATTRIBUTES, zip(*sorted(makers(attributes), key=str), strict=True), strict=True)
+    several = {key: " and ".join(dict.fromkeys(map(str, values))) for key, values in columns}
+    return {VERSION_ATTRIBUTE: plain(attributes.get(VERSION_ATTRIBUTE)), **several}
+
+
 @cache
 def package_digest() -> str:
     """Digest of the package's own source: chunks and cubes of another version of it are never reused."""
@@ -99,6 +111,12 @@ def library_versions() -> Mapping[str, str]:
     from importlib.metadata import version
 
     return {name: version(name) for name in LIBRARIES}
+
+
+def installed() -> dict[str, str]:
+    """Return what `made_by` gives for a cube that is made now."""
+    versions = {f"{name}_version": version for name, version in library_versions().items()}
+    return {VERSION_ATTRIBUTE: package_version(), SOURCE_ATTRIBUTE: package_digest(), **versions}
 
 
 def libraries() -> str:
@@ -151,3 +169,10 @@ def differing_sweeps(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tup
     keys = sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {OWN_LAWS})
     pairs = [*laws, *((key, one.get(key), two.get(key)) for key in keys)]
     return [pair for pair in pairs if pair[1] != pair[2]]
+
+
+def check_one_study(first: str, second: str, differences: Iterable[tuple[str, Any, Any]], remedy: str) -> None:
+    """Raise `InputError` where two cubes, or a cube and a sweep, differ; what they are, and both values, are given."""
+    texts = [f"{what} is {shown(a)} in the first and {shown(b)} in the second" for what, a, b in differences if a != b]
+    if texts:
+        raise InputError(f"{first} and {second} are not parts of one study: {'; '.join(texts)}. {remedy}")

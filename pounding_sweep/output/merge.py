@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.output.audited import AUDIT_DIMS, add_audit, has_audit
 from pounding_sweep.output.dataset import (
     VERSION_ATTRIBUTE,
@@ -32,11 +32,13 @@ from pounding_sweep.output.dataset import (
 from pounding_sweep.output.identity import (
     AXIS_KEYS,
     BUILDING_AXES,
-    LIBRARIES,
     MAKER_ATTRIBUTES,
+    MAKERS_REMEDY,
     ORIGINS,
     OWN_LAWS,
+    check_one_study,
     differing_sweeps,
+    made_by,
     makers,
     motions_of,
     plain,
@@ -203,41 +205,22 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
             raise InputError(
                 f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
             )
-    (first, base), *others = parts.items()
-    for name, cube in others:
-        same_version = plain(cube.attrs[VERSION_ATTRIBUTE]) == plain(base.attrs[VERSION_ATTRIBUTE])
-        if same_version and (mix_sources or len(makers(base.attrs) | makers(cube.attrs)) == 1):
-            continue
-        remedy = (
-            "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
-            "on the command line --mix-sources. The cube then says which file is of which"
-        )
-        raise InputError(
-            f"{first!r} was made by {_made_by(base)}, {name!r} by {_made_by(cube)}: the same scenario may have another "
-            "result in each. Run them again with one of them, such as the installed package "
-            f"(version {package_version()}){remedy if same_version else ''}"
-        )
     sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
+    (first, base), *_ = parts.items()
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        for what, here, there in _differences(base, cube, sweeps[0], sweep):
-            if here != there:
-                raise InputError(
-                    f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
-                    f"{shown(there)} in the second; run one of them again with the other's"
-                )
+        one, two = made_by(base.attrs), made_by(cube.attrs)
+        pairs = [(key, one[key], two[key]) for key in ([VERSION_ATTRIBUTE] if mix_sources else one)]
+        remedy = (
+            f"{MAKERS_REMEDY}. Where you know that what changed between sources or libraries of one version touches no "
+            "result, allow both: mix_sources=True, on the command line --mix-sources; the cube names the source of each"
+        )
+        check_one_study(repr(first), repr(name), pairs, remedy)
+        remedy = "Run one of them again with the other's"
+        check_one_study(repr(first), repr(name), _differences(base, cube, sweeps[0], sweep), remedy)
         for key in ("law", "record") if CASE in cube.dims else ():
             if cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
                 raise InputError(f"{name!r} has other cases than its sweep; give the cube as it was made")
     return sweeps
-
-
-def _made_by(cube: xr.Dataset) -> str:
-    """Say what made a cube, by its version, source and libraries."""
-    texts = [
-        ", ".join(f"{name} {str(value)[:12]}" for name, value in zip(("source", *LIBRARIES), maker, strict=True))
-        for maker in makers(cube.attrs)
-    ]
-    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(texts))})"
 
 
 def _differences(

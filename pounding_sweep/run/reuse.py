@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, package_version
+from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import (
+    MAKERS_REMEDY,
+    check_one_study,
     differing_sweeps,
-    library_versions,
+    installed,
+    made_by,
     motions_of,
-    package_digest,
-    plain,
     recorded_sweep,
     source,
 )
@@ -57,7 +58,10 @@ class EarlierCube:
                 )
             self._sweep = recorded_sweep(self.path, cube)
             self._new = json.loads(to_json(plan.spec))
-            self._check_study(cube)
+            pairs = differing_sweeps({**self._sweep, "force_unstable": None}, {**self._new, "force_unstable": None})
+            check_one_study(repr(self.path), "this sweep", pairs, "Make them agree, or run the sweep without the cube")
+            made, now = made_by(cube.attrs), installed()
+            check_one_study(repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], MAKERS_REMEDY)
             self._check_numerics(cube)
             self.origin = source(self.path, cube.attrs)
 
@@ -96,25 +100,6 @@ class EarlierCube:
                     of_kind = (kinds == (law, record)).all(axis=1)
                     key = chunk_key(f"{plan.digest}:{self.origin['sweep_sha256']}:", answered[of_kind])
                     yield Chunk(key, law, record, answered[of_kind], 0), table[of_kind]
-
-    def _check_study(self, cube: xr.Dataset) -> None:
-        """Raise `InputError` where results of the cube could differ from those of the sweep."""
-        sweeps = differing_sweeps({**self._sweep, "force_unstable": None}, {**self._new, "force_unstable": None})
-        made_by = {VERSION_ATTRIBUTE: package_version(), SOURCE_ATTRIBUTE: package_digest()}
-        made_by |= {f"{name}_version": version for name, version in library_versions().items()}
-        makers = [(key, plain(cube.attrs.get(key)), value) for key, value in made_by.items()]
-        for pairs, remedy in (
-            (sweeps, "Make them agree"),
-            (makers, "The same scenario may have another result with each: install what made it"),
-        ):
-            differing = [
-                f"{what} is {shown(old)} there and {shown(new)} here" for what, old, new in pairs if old != new
-            ]
-            if differing:
-                raise InputError(
-                    f"{self.path!r} can't be extended by this sweep: {'; '.join(differing)}. "
-                    f"{remedy}, or run the sweep without it"
-                )
 
     def _check_numerics(self, cube: xr.Dataset) -> None:
         """Raise `InputError` where other kernels ran, or other steps were chosen for an accuracy."""
