@@ -70,10 +70,8 @@ def certify(
         Contact laws; all that have contact by default.
     method : str
         Scheme, one of `pounding_sweep.schemes.SCHEMES`.
-    steps : int
-        Time steps in an undamped contact.
-    workers : int, optional
-        Processes to compile kernels in; one per core by default.
+    steps, workers : int
+        Time steps in an undamped contact, and processes to compile kernels in; one per core by default.
     progress : Progress, optional
         Display.
 

@@ -1,9 +1,7 @@
 """The speed-accuracy trade of a sweep, measured on a sample of its own scenarios.
 
-Every scheme, step, number format, located or not, is run on the same scenarios and compared with a converged solution,
-which is itself checked by its own double step. Errors are measured on scenarios drawn at random, costs on scenarios
-that stand side by side in the sweep: neighbouring gaps share a lane group there, and contacts that fall together cost
-less.
+Errors are measured on scenarios drawn at random, costs on scenarios that stand side by side in the sweep: neighbouring
+gaps share a lane group there, and contacts that fall together cost less.
 """
 
 from __future__ import annotations
@@ -65,9 +63,8 @@ POPULATIONS = {
 }
 #: Dimensions of a configuration.
 CONFIGURATION = ("scheme", "located", "precision", "step")
-#: Attribute by which a dataset is known as a trade.
-KIND_ATTRIBUTE = "pounding_sweep_kind"
-KIND = "tradeoff"
+#: Attribute by which a dataset is known as a trade, and its value.
+KIND_ATTRIBUTE, KIND = "pounding_sweep_kind", "tradeoff"
 
 _ERROR = "relative error: largest difference over the largest value of the scenario; infinite: diverged"
 _REFERENCE_ERROR = "upper estimate (its difference to twice its step) of the converged solution's own relative error"
@@ -376,16 +373,15 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     by_law = xr.concat([summary(*law) for law in costs], runs.law).drop_vars("resolution")
     codes = xr.DataArray([int(status) for status in STATUS], {"status": runs.status}, dims="status")
     reference = statistics(runs.scenario_reference_error, populations(xr.ones_like(sensitive)))
-    trade = runs.merge(summary(True, runs.cost)).merge(
-        by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
-    )
+    by_law = by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
+    trade = runs.merge(summary(True, runs.cost)).merge(by_law)
     trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
-        if about := _ABOUT.get(str(name).removeprefix("law_")):
-            text, units = about
-            flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
-            variable.attrs = {"long_name": text} | (flags if " " in units else {"units": units} if units else {})
+        text, units = _ABOUT.get(str(name).removeprefix("law_"), ("", ""))
+        flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
+        variable.attrs = {"long_name": text} if text else {}
+        variable.attrs |= flags if " " in units else {"units": units} if units else {}
     return trade.assign_attrs(sensitive_scenarios=int(sensitive.sum()))
 
 
@@ -416,10 +412,8 @@ def tradeoff(
         With contacts located inside the step, without, or both.
     precisions : iterable of str
         Number formats, out of "float64" and "float32".
-    scenarios : int
-        About how many scenarios errors are measured on.
-    seed : int
-        Of the random sample.
+    scenarios, seed : int
+        About how many scenarios errors are measured on, and the seed of the random sample.
     repeats : int
         Passes over all configurations in which costs are measured.
     workers : int, optional
@@ -430,9 +424,9 @@ def tradeoff(
     Returns
     -------
     xarray.Dataset
-        ``error`` on (scheme, located, precision, step, output, population, statistic),
-        ``cost`` (s per thousand scenarios), ``status_count``, ``pareto``, the same by law,
-        and the errors of every single scenario; settings, machine and sweep as attributes.
+        ``error`` on (scheme, located, precision, step, output, population, statistic), ``cost`` (s per thousand
+        scenarios), ``status_count``, ``pareto``, the same by law, and the errors of every single scenario; settings,
+        machine and sweep as attributes.
 
     Raises
     ------
