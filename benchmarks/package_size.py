@@ -17,15 +17,8 @@ LIMITS = Path(__file__).with_suffix(".json")
 PACKAGE = Path(__file__).parents[1] / "pounding_sweep"
 #: Allowed above the smallest size.
 SLACK = 1.02
-_LAYOUT = {
-    tokenize.COMMENT,
-    tokenize.NL,
-    tokenize.NEWLINE,
-    tokenize.INDENT,
-    tokenize.DEDENT,
-    tokenize.ENCODING,
-    tokenize.ENDMARKER,
-}
+_NAMES = ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENCODING", "ENDMARKER")
+_LAYOUT = {getattr(tokenize, name) for name in _NAMES}
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 

@@ -77,17 +77,6 @@ def start_of(plan: Plan) -> Start:
     shape = json.dumps(to_json(plan.kernel(0).shape))
     with tempfile.TemporaryDirectory() as folder:
         environment: dict[str, Any] = {**os.environ, CACHE_VARIABLE: folder}
-        seconds = [
-            float(
-                subprocess.run(
-                    [sys.executable, "-c", _LOAD],
-                    input=shape,
-                    env=environment,
-                    check=True,
-                    capture_output=True,
-                    text=True,
-                ).stdout
-            )
-            for _ in range(2)
-        ]
-    return Start(*seconds)
+        options: dict[str, Any] = {"input": shape, "env": environment, "capture_output": True, "text": True}
+        runs = [subprocess.run([sys.executable, "-c", _LOAD], check=True, **options) for _ in range(2)]
+    return Start(*(float(run.stdout) for run in runs))

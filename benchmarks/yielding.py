@@ -11,15 +11,14 @@ average acceleration. The error is the largest of a storey drift, over the large
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import pounding_sweep as ps
+from benchmarks.peers.opensees import largest_drifts, shake
 from benchmarks.timing import medians
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
@@ -71,25 +70,8 @@ def opensees(ops: Any, scene: ps.Scene, record: ps.Record, dt: float) -> np.ndar
         alpha, beta = map(float, building.rayleigh)  # by the initial stiffness
         tags = range(first + 1, first + building.n_storeys + 1)
         ops.region(first + 1, "-ele", *tags, "-rayleigh", alpha, 0.0, beta, 0.0)
-    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *map(float, record.acceleration))
-    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Plain")
-    ops.numberer("RCM")
-    ops.system("BandGeneral")
-    ops.test("NormDispIncr", 1e-12, 50)
-    ops.algorithm("Newton")
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "drift"
-        every = range(1, scene.n_dof + 1)
-        ops.recorder("EnvelopeElement", "-file", str(file), "-precision", 16, "-ele", *every, "deformation")
-        steps = round(record.dt / dt)
-        failed = ops.analyze((record.n_points - 1) * steps, record.dt / steps)
-        ops.wipe()  # closes the recorder's file
-        if failed:
-            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
-        return np.asarray(np.loadtxt(file)[-1])
+    shake(ops, record)
+    return largest_drifts(ops, range(1, scene.n_dof + 1), record, dt)
 
 
 def yielded(scene: ps.Scene, record: ps.Record) -> tuple[float, int]:

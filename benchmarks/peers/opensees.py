@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pounding_sweep as ps
 from benchmarks.peers import Peer, Run
 from benchmarks.work import Peaks, Work
 from pounding_sweep.model.laws import damping_number
+from pounding_sweep.records import Record
 
 #: Convergence of Newton's method, as a norm of displacement increments (m), and its most iterations.
 INCREMENT, ITERATIONS = 1e-12, 50
@@ -57,13 +59,18 @@ def _build(ops: Any, work: Work, gap: float, dt: float, folder: Path) -> None:
         elements = range(int(first) + 1, int(last) + 2)
         damping = float(row.alpha[first]), float(row.beta[first])
         ops.region(building + 1, "-ele", *elements, "-rayleigh", *damping, 0.0, 0.0)  # and of the nodes they join
-    ops.timeSeries("Path", 1, "-dt", work.record.dt, "-values", *map(float, work.record.acceleration))
-    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     contact = ("-ele", *range(100, 100 + contacts), "material", 1, "stress")
     ops.recorder("EnvelopeElement", "-file", str(folder / "force"), "-precision", 16, *contact)
     ops.recorder("Element", "-file", str(folder / "stress"), *contact)
     floors = ("-node", *range(1, n + 1), "-dof", 1, "disp")
     ops.recorder("EnvelopeNode", "-file", str(folder / "floors"), "-precision", 16, *floors)
+    shake(ops, work.record)
+
+
+def shake(ops: Any, record: Record) -> None:
+    """Have a row shaken by a record, by Newmark's average acceleration, its steps solved by Newton's method."""
+    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *map(float, record.acceleration))
+    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     ops.constraints("Plain")
     ops.numberer("RCM")
     ops.system("BandGeneral")
@@ -71,6 +78,19 @@ def _build(ops: Any, work: Work, gap: float, dt: float, folder: Path) -> None:
     ops.algorithm("Newton")
     ops.integrator("Newmark", 0.5, 0.25)
     ops.analysis("Transient")
+
+
+def largest_drifts(ops: Any, elements: Iterable[int], record: Record, dt: float) -> np.ndarray:
+    """Run what was described, in steps of about `dt` (s); returns the largest deformations (m) of elements."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "drift"
+        ops.recorder("EnvelopeElement", "-file", str(file), "-precision", 16, "-ele", *elements, "deformation")
+        steps = round(record.dt / dt)
+        failed = ops.analyze((record.n_points - 1) * steps, record.dt / steps)
+        ops.wipe()  # closes the recorder's file
+        if failed:
+            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
+        return np.asarray(np.loadtxt(file)[-1])
 
 
 def _prepare(work: Work, dt: float) -> Run:
