@@ -166,12 +166,10 @@ def by_heyoka(case: Case) -> dict[str, np.ndarray]:
 
 def _matrices(building: ps.Building) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and damping matrix of one building."""
-    n = building.n_storeys
-    drift = np.eye(n) - np.eye(n, k=-1)
-    stiffness = drift.T @ np.diag(building.stiffnesses) @ drift
-    a, b = building.rayleigh
+    stiffness, (a, b) = building.stiffness_matrix, building.rayleigh
     damping = a * np.diag(building.masses) + b * stiffness
     if building.dashpots is not None:
+        drift = np.eye(building.n_storeys) - np.eye(building.n_storeys, k=-1)
         damping += drift.T @ np.diag(building.dashpots) @ drift
     return stiffness, damping
 

@@ -52,19 +52,12 @@ def run(
     report = Report(describe(able), _sentence(work), missing=list(missing.values()))
     parts = _Parts(report, work, able, short, notify)
     laws = LAWS[:1] if short else LAWS
-    comparisons = [partial(parts.compare, law) for law in laws]
-    if tools:
-        for comparison in comparisons:
-            with one_core():
-                comparison()
-            save(report)
-        return report
-    single: list[Callable[[], None]] = [parts.arithmetic, *comparisons, parts.axes]
+    comparisons: list[Callable[[], None]] = [partial(parts.compare, law) for law in laws]
     # what takes longest comes last: the report is saved after each part
-    groups: list[tuple[bool, list[Callable[[], None]]]] = [(True, single), (False, [parts.engine])]
-    groups += (
-        [(True, [parts.sizes])] if short else [(False, [parts.million]), (True, [parts.sizes]), (False, [parts.growth])]
-    )
+    groups = [(True, comparisons if tools else [parts.arithmetic, *comparisons, parts.axes])]
+    if not tools:
+        groups.append((False, [parts.engine] if short else [parts.engine, parts.million]))
+        groups += [(True, [parts.sizes])] if short else [(True, [parts.sizes]), (False, [parts.growth])]
     for alone, members in groups:
         for part in members:
             with one_core() if alone else nullcontext():

@@ -152,10 +152,10 @@ def _print_figures(dataset: xr.Dataset) -> None:
     """Print which figures a dataset allows, and what the others lack."""
     from pounding_sweep.figures import FIGURES
 
-    lacks = {kind: kind.missing(dataset) for kind in FIGURES.values()}
-    if possible := [[kind.key, kind.title] for kind, missing in lacks.items() if not missing]:
+    lacks = [(kind, kind.missing(dataset)) for kind in FIGURES.values()]
+    if possible := [[kind.key, kind.title] for kind, missing in lacks if not missing]:
         print_table(["figure", "shows"], possible)
-    if others := [[kind.key, ", ".join(missing)] for kind, missing in lacks.items() if missing]:
+    if others := [[kind.key, ", ".join(missing)] for kind, missing in lacks if missing]:
         print()
         print_table(["not possible", "lacks"], others)
 
