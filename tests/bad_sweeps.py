@@ -33,20 +33,14 @@ from pounding_sweep.spec.toml import load_spec
 
 GOLDEN = Path(__file__).parent / "golden" / "bad_sweeps.txt"
 PULSE = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
+A, B = (Building(name, [1.0], [1.0]) for name in "ab")
+YIELDING = Building("a", [1.0], [1.0], yield_strengths=[0.1])
 NAMES = {
     "Building": Building, "Case": Case, "ContactProperties": ContactProperties, "PULSE": PULSE, "Range": Range,
     "Record": Record, "Scene": Scene, "Wall": Wall, "count": itertools.count, "inf": float("inf"),
-    "nan": float("nan"), "np": np, "bare": Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])], [0.01]),
-    "yielding": Scene(
-        [Building("a", [1.0], [1.0], yield_strengths=[0.1]), Building("b", [1.0], [1.0])],
-        [0.01],
-        ContactProperties(linear_stiffness=1.0),
-    ),
-    "half": Scene(
-        [Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])],
-        [0.01],
-        ContactProperties(linear_stiffness=1.0, restitution=0.0),
-    ),
+    "nan": float("nan"), "np": np, "bare": Scene([A, B], [0.01]),
+    "yielding": Scene([YIELDING, B], [0.01], ContactProperties(1.0)),
+    "half": Scene([A, B], [0.01], ContactProperties(1.0, restitution=0.0)),
 }  # fmt: skip
 
 GOOD = """\
@@ -188,13 +182,9 @@ def _told(make) -> str:
     return "    accepted"
 
 
+@mock.patch.object(build, "find_record", functools.cache(build.find_record))
 def report(folder: Path) -> str:
     """Return every input with what is said of it; records are read once."""
-    with mock.patch.object(build, "find_record", functools.cache(build.find_record)):
-        return _report(folder)
-
-
-def _report(folder: Path) -> str:
     (folder / "x.csv").write_text("0.1\n0.2\n-0.3\n")
     path = folder / "s.toml"
 
