@@ -11,6 +11,7 @@ from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import to_json
 
 LAWS = ["none", "linear", "hertz_damped"]
+MODES = ("fundamental_period", "first_damping_ratio")
 PGA = {"one": 3.0, "two": 2.0, "three": 4.0}
 
 
@@ -36,6 +37,8 @@ def hand_cube(axes, fill, *, scene=None, status=None, coords=None, attributes=No
     arrays["status"] = np.zeros(outer, np.int8) if status is None else np.asarray(status, np.int8)
     arrays["steps_per_contact"] = np.full(outer, np.nan)
     extra = dict(coords or {})
+    modes = ([b.periods[0] for b in scene.buildings], [b.first_damping for b in scene.buildings])
+    extra |= {n: (("building",), np.array(m), {}) for n, m in zip(MODES, modes, strict=True) if n not in extra}
     if "record" in axes:
         pga = [PGA.get(name, 1.0) for name in axes["record"]]
         extra["record_pga"] = (("record",), np.array(pga), {"units": "m s-2"})

@@ -114,13 +114,11 @@ class TestAmplification:
         found = analysis.amplification(hand_cube(axes, {"drift_max": drift}, status=status))
         xr.testing.assert_identical(found, whole)
 
-    def test_integer_fills_and_a_cube_from_a_file(self, tmp_path):
+    def test_a_cube_from_a_file(self, tmp_path):
         cube = spoiled(4, "drift_max", "impact_count")
         path = write_cube(cube, tmp_path / "cube.nc")
         with open_cube(path) as opened:
             xr.testing.assert_allclose(analysis.amplification(opened), analysis.amplification(cube))
-        unmasked = cube.assign(impact_count=cube.impact_count.fillna(-1).astype("i4"))
-        xr.testing.assert_equal(analysis.impact_statistics(unmasked), analysis.impact_statistics(cube))
 
 
 class TestSelections:
@@ -404,7 +402,7 @@ def small(*names, scene=None, **axes):
         ("impact_statistics", small("impact_count", law=["none"]), {}, "only 'none'"),
         ("impact_statistics", small("drift_max"), {}, "'impact_count' or 'impact_force_max'"),
         ("impact_statistics", small("impact_count"), {"over": ["record"]}, "no axis 'record'"),
-        ("impact_statistics", small("impact_count"), {"quantiles": [1.5]}, r"quantiles are \[1.5\]"),
+        ("impact_statistics", small("impact_count"), {"quantiles": [1.5]}, r"quantiles: 1.5 is not in \[0, 1\]"),
         ("fractiles", small("drift_max"), {}, "needs the axis 'record'; this cube's axes: law"),
         ("fractiles", small("drift_max", record=["one"]), {}, "several values of 'record', and this cube has one"),
         ("incremental_curves", small("drift_max", scale=[1.0]), {}, "several values of 'scale', and this cube has one"),

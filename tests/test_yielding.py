@@ -334,8 +334,8 @@ def test_a_long_period_keeps_its_displacement():
     ("scene", "targets", "message"),
     [
         (pair(), [2.0], "no storey of this row yields; give its buildings yield_strengths"),
-        (YIELDS, [2.0, 0.5], r"ductilities are \[2.0, 0.5\]; give one or several numbers of at least 1"),
-        (YIELDS, [], "ductilities are "),
+        (YIELDS, [2.0, 0.5], r"ductilities: 0.5 is not in \[1, inf\)"),
+        (YIELDS, [], "ductilities: "),
     ],
 )
 def test_ductilities_that_cannot_be_are_refused(scene, targets, message):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -89,24 +88,27 @@ def export_nrml(
     if others:
         raise InputError("limit states are of pairs or of buildings in a file, and these are of both; write two files")
     target = check_output(path, overwrite, netcdf=False)
-    intensity = own_intensity(cube) if intensity is None else intensity
+    intensity = intensity or own_intensity(cube)
     periods = list(periods_of(cube, intensity).values())
     if len(periods) > 1:
         raise InputError(
             f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
         )
-    measure, factor = _MEASURES[intensity] if not periods else (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY)
+    measure, factor = _MEASURES.get(intensity) or (f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY)
     fits = {
         name: fragility(cube, event, level, intensity=intensity, folders=folders, confidence=None)
         for name, (event, level) in limit_states.items()
     }
-    model = ElementTree.Element("fragilityModel", id="pounding", assetCategory="buildings", lossCategory="structural")
-    words = "; ".join(f"{name}: {fit.attrs['event_in_words']}" for name, fit in fits.items())
-    ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
-    ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
     first = next(iter(fits.values()))
     tried = np.abs(first["trial_intensity"].values) * factor
     tried = tried[np.isfinite(tried) & (tried != 0.0)]
+    imls = {"imt": measure, "minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
+    root = ElementTree.Element("nrml", xmlns=NRML)
+    about = {"id": "pounding", "assetCategory": "buildings", "lossCategory": "structural"}
+    model = ElementTree.SubElement(root, "fragilityModel", about)
+    words = "; ".join(f"{name}: {fit.attrs['event_in_words']}" for name, fit in fits.items())
+    ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
+    ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
     dims = [per, *(dim for dim in scenario_dims(first["fit_status"]) if dim != per)]
     left_out: dict[str, str] = {}
     for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
@@ -115,29 +117,25 @@ def export_nrml(
         parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
         identifier = _NO_IDENTIFIER.sub("_", "_".join(parts))
         cells = {name: fit.isel(at) for name, fit in fits.items()}
-        without = [name for name, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
-        if without:
-            left_out[identifier] = "; ".join(f"{name} {sentence(cells[name])}" for name in without)
+        why = [f"{key} {sentence(cell)}" for key, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
+        if why:
+            left_out[identifier] = "; ".join(why)
             continue
-        function = ElementTree.SubElement(
-            model, "fragilityFunction", id=identifier, format="continuous", shape="logncdf"
-        )
-        ElementTree.SubElement(function, "imls", imt=measure, minIML=f"{tried.min():.9g}", maxIML=f"{tried.max():.9g}")
+        about = {"id": identifier, "format": "continuous", "shape": "logncdf"}
+        function = ElementTree.SubElement(model, "fragilityFunction", about)
+        ElementTree.SubElement(function, "imls", imls)
         for name, cell in cells.items():
             beta = float(cell["dispersion"])
             mean = float(cell["median"]) * factor * math.exp(0.5 * beta**2)
-            deviation = mean * math.sqrt(math.expm1(beta**2))
-            ElementTree.SubElement(function, "params", ls=name, mean=f"{mean:.9g}", stddev=f"{deviation:.9g}")
+            numbers = {"mean": f"{mean:.9g}", "stddev": f"{mean * math.sqrt(math.expm1(beta**2)):.9g}"}
+            ElementTree.SubElement(function, "params", {"ls": name} | numbers)
     if model.find("fragilityFunction") is None:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
         raise InputError(
             f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
         )
-    root = ElementTree.Element("nrml", xmlns=NRML)
-    root.append(model)
     ElementTree.indent(root, "    ")
-    with _written(path, target) as temporary:
-        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+    _write(path, target, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
     return left_out
 
 
@@ -202,16 +200,14 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
             f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         )
     units = pd.DataFrame({name: ["rad" if "-PID-" in name else "g"] for name in table}, index=["Units"])
-    with _written(path, target) as temporary:
-        pd.concat([units, table.map(repr)]).to_csv(temporary, lineterminator="\r\n")
+    _write(path, target, pd.concat([units, table.map(repr)]).to_csv(lineterminator="\r\n").encode())
     return len(table)
 
 
-@contextmanager
-def _written(path: str | os.PathLike[str], target: Path) -> Iterator[Path]:
-    """Give a temporary name; what is written there in the block becomes `target`, or nothing does."""
+def _write(path: str | os.PathLike[str], target: Path, data: bytes) -> None:
+    """Write a whole file, or nothing."""
     try:
         with replacing(target) as temporary:
-            yield temporary
+            temporary.write_bytes(data)
     except OSError as error:
         raise OutputError(f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced") from error

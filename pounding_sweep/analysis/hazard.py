@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pounding_sweep.analysis.scenarios import numbers_in
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import expanded
 from pounding_sweep.records import UNITS
@@ -30,6 +30,7 @@ _UNITS = {unit: (size, "m s-2") for unit, size in UNITS.items()} | {"m/s": (1.0,
 _MEASURE = re.compile(
     r"(pga|pgv|p?sa)(?![^\W_])(?:\W*(?:t1?\s*=\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)\s*s?\s*\))?", re.IGNORECASE
 )
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 #: Least dispersion that is told from none.
 _SHARP = 1e-9
 #: Logarithms of capacities that are looked for are this far from those of the points at most.
@@ -77,7 +78,8 @@ class Hazard:
             raise InputError(
                 f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
             )
-        check_points(self.intensity, self.rate, [f"point {i} of the hazard" for i in range(1, len(self.rate) + 1)])
+        points = zip(self.intensity, self.rate, strict=True)
+        _check_points((f"point {i} of the hazard", x, y) for i, (x, y) in enumerate(points, 1))
 
     @classmethod
     def power_law(cls, k0: float, kappa: float) -> Hazard:
@@ -86,23 +88,17 @@ class Hazard:
         Parameters
         ----------
         k0 : float
-            Annual rate at which intensity 1 is exceeded.
+            Annual rate at which intensity 1 is exceeded, above 0.
         kappa : float
-            Slope of the hazard.
+            Slope of the hazard, above 0.
 
         Returns
         -------
         Hazard
             That holds at all intensities.
-
-        Raises
-        ------
-        InputError
-            A number is not finite and above zero.
         """
         for name, value in (("k0", k0), ("kappa", kappa)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of the hazard is {value!r}; it must be a number above 0")
+            numbers_in("(0, inf)", value, f"{name} of the hazard")
         return cls((1.0, math.e), (k0, k0 * math.exp(-kappa)), f"{k0:g} x^-{kappa:g}", everywhere=True)
 
     def exceeded(self, intensity: np.ndarray | float) -> np.ndarray:
@@ -119,22 +115,16 @@ class Hazard:
     def beyond(self, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
         """Return the share of that rate that stems from intensities beyond the points."""
         pieces = self._pieces(np.log(median), dispersion)
-        if self.everywhere:
-            return np.zeros(pieces.shape[1:])
-        return np.asarray((pieces[0] + pieces[-1]) / pieces.sum(axis=0))
+        return np.asarray((not self.everywhere) * (pieces[0] + pieces[-1]) / pieces.sum(axis=0))
 
     def median_at(self, rate: np.ndarray | float, dispersion: np.ndarray) -> np.ndarray:
         """Return the median of the lognormal of that dispersion that is met at an annual rate."""
         return self._solve(lambda mu, beta: self._pieces(mu, beta).sum(axis=0), rate, dispersion)
 
     def factor_at(self, rate: np.ndarray | float, capacities: np.ndarray) -> np.ndarray:
-        """Return the factor on capacities whose mean rate is this one."""
+        """Return the factor on capacities whose mean rate is this one; infinite ones are never reached."""
         finite = capacities[np.isfinite(capacities)]
-
-        def mean_rate(x: np.ndarray) -> np.ndarray:
-            return self.exceeded(np.exp(x)[..., None] * finite).sum(axis=-1) / capacities.size
-
-        return self._solve(mean_rate, rate)
+        return self._solve(lambda x: self.exceeded(np.exp(x)[..., None] * finite).sum(axis=-1) / capacities.size, rate)
 
     def _solve(self, rates: Callable[..., np.ndarray], rate: Any, *args: Any) -> np.ndarray:
         """Return the capacity at which a rate, which falls with its logarithm, is that one."""
@@ -158,25 +148,30 @@ class Hazard:
         from scipy.special import log_ndtr
 
         x, rates, slopes = self._lines()
-        slopes = np.concatenate([slopes[:1], slopes, slopes[-1:]])
-        base, at = np.append(x[0], x), np.append(rates[0], rates)  # a point of each stretch
-        ends = np.concatenate([[-np.inf], x, [np.inf]])
         mu, beta = np.broadcast_arrays(np.asarray(log_median, float), np.maximum(dispersion, _SHARP))
-        along = (slice(None), *[None] * mu.ndim)
-        k, top, bottom = slopes[along], ends[1:][along], ends[:-1][along]
+        # of each stretch: its ends, a point of it, and the power
+        ends = np.concatenate([[-np.inf], x, [np.inf]])
+        stretches = (
+            ends[:-1],
+            ends[1:],
+            np.append(x[0], x),
+            np.append(rates[0], rates),
+            slopes[[0, *range(len(slopes)), -1]],
+        )
+        bottom, top, base, at, k = (part.reshape(-1, *[1] * mu.ndim) for part in stretches)
         shifted = mu - k * beta**2
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.stack([(bottom - shifted) / beta, (top - shifted) / beta])
             z = np.where((z[0] + z[1] > 0.0)[None], -z[::-1], z)  # on the side where the difference keeps its digits
             low, high = log_ndtr(z)
             share = high + np.log1p(-np.exp(np.minimum(low - high, 0.0)))
-            return np.exp(at[along] - k * (mu - base[along]) + 0.5 * (k * beta) ** 2 + share)
+            return np.exp(at - k * (mu - base) + 0.5 * (k * beta) ** 2 + share)
 
 
-def check_points(intensity: Sequence[float], rate: Sequence[float], places: Sequence[str]) -> None:
-    """Raise `InputError` at the first point that is none of a hazard."""
+def _check_points(points: Iterable[tuple[str, float, float]]) -> None:
+    """Raise `InputError` at the first place whose intensity and rate are no point of a hazard."""
     before = (0.0, math.inf)
-    for place, x, y in zip(places, intensity, rate, strict=True):
+    for place, x, y in points:
         fault = ""
         if not 0.0 < x < math.inf:
             fault = f"intensity {x!r} is no number above 0"
@@ -185,10 +180,7 @@ def check_points(intensity: Sequence[float], rate: Sequence[float], places: Sequ
         elif x <= before[0]:
             fault = f"intensity {x!r} follows {before[0]!r}; sort the points by rising intensity"
         elif y >= before[1]:
-            fault = (
-                f"rate {y!r} follows {before[1]!r}: a stronger motion must be rarer, so that rates fall as "
-                "intensities rise"
-            )
+            fault = f"rate {y!r} follows {before[1]!r}: a stronger motion must be rarer, rates fall as intensities rise"
         if fault:
             raise InputError(f"{place}: {fault}")
         before = x, y
@@ -217,7 +209,6 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
         fall.
     """
     target = expanded(path)
-    name = Path(target).name
     try:
         lines = target.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -225,42 +216,48 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
         raise InputError(
             f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
         ) from None
-    rows = [(f"{name}:{n}", line) for n, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
+    rows = [(f"{target.name}:{n}", line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     separator = next((sign for sign in ";\t" if rows and sign in rows[0][1]), ",")
-    decimal = "." if separator == "," else ","
     heading, points = "", []
     for place, line in rows:
         cells = [cell.strip(" \t\"'") for cell in line.strip().split(separator)]
-        numbers = [_number(cell.replace(decimal, ".")) for cell in cells]
-        if place == rows[0][0] and set(numbers) == {None}:
+        try:
+            x, y = (float(cell if separator == "," else cell.replace(",", ".")) for cell in cells)
+        except ValueError:
+            if place != rows[0][0] or re.match(r"[\d.]", cells[0]):
+                raise InputError(
+                    f"{place}: {line.strip()[:80]!r} won't do; give two numbers, intensity and annual rate"
+                ) from None
             heading = cells[0]
-        elif len(numbers) == 2 and None not in numbers:
-            points.append((place, *numbers))
         else:
-            raise InputError(f"{place}: {line.strip()[:80]!r} won't do; give two numbers, intensity and annual rate")
+            points.append((place, x, y))
     if len(points) < 2:
-        raise InputError(f"{name}: {len(points)} points; a hazard curve has 2 or more")
-    places, intensity, rate = zip(*points, strict=True)
-    check_points(intensity, rate, places)
-    measure, stated = _measure_and_unit(heading)
-    factor, metric = _unit(units or stated, rows[0][0], heading)
+        raise InputError(f"{target.name}: {len(points)} points; a hazard curve has 2 or more")
+    _check_points(points)
+    match, measure = _MEASURE.match(heading), ""
+    if match:
+        period = f"({float(match[2].replace(',', '.')):g})" if match[2] else ""
+        measure = match[1].lower().replace("psa", "sa") + period
+    stated = re.findall(r"[(\[]([^()\[\]]*)[)\]]", heading[match.end() if match else 0 :])
+    unit = units or "".join(stated[-1:]).strip()
+    factor, metric = _unit(unit, rows[0][0], heading)
     if measure and metric != ("m s-1" if measure == "pgv" else "m s-2"):
-        raise InputError(f"{rows[0][0]}: {measure} is not measured in {units or stated}; mend the heading {heading!r}")
-    return Hazard(tuple(factor * x for x in intensity), rate, name, metric, measure=measure)
+        raise InputError(f"{rows[0][0]}: {measure} is not measured in {unit}; mend the heading {heading!r}")
+    _, intensity, rate = zip(*points, strict=True)
+    return Hazard(tuple(factor * x for x in intensity), rate, target.name, metric, measure=measure)
 
 
-def hazard_of(given: str | os.PathLike[str] | Hazard, units: str | None = None) -> Hazard:
+def hazard_of(curve: str | os.PathLike[str] | Hazard, units: str | None = None) -> Hazard:
     """Return a hazard from a file, or from a text "k0=1e-3,kappa=2.5"; `units` are those of its intensities."""
-    if isinstance(given, Hazard):
-        return given
-    text = os.fspath(given)
+    if isinstance(curve, Hazard):
+        return curve
+    text = os.fspath(curve)
     if "=" not in text:
         return read_hazard(text, units)
-    match = re.fullmatch(r"\s*k0\s*=\s*([^,\s]+)\s*,\s*kappa\s*=\s*([^,\s]+)\s*", text)
-    k0, kappa = map(_number, match.groups()) if match else (None, None)
-    if k0 is None or kappa is None:
+    match = re.fullmatch(rf"\s*k0\s*=\s*{_NUMBER}\s*,\s*kappa\s*=\s*{_NUMBER}\s*", text)
+    if not match:
         raise InputError(f"hazard {text!r} won't do; give a CSV file, or k0=RATE,kappa=SLOPE such as k0=1e-3,kappa=2.5")
-    site = Hazard.power_law(k0, kappa)
+    site = Hazard.power_law(float(match[1]), float(match[2]))
     if units is None:
         return site
     factor, metric = _unit(units, "hazard", "")
@@ -271,7 +268,7 @@ def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collect
     """Raise `InputError` where the curve is headed with another intensity; `periods` gives those of a name."""
     measure = site.measure
     spectral = measure.startswith("sa") and intensity.startswith("sa")
-    if not measure or measure == intensity or (measure == "sa" and spectral):
+    if measure in ("", intensity) or (measure == "sa" and spectral):
         return
     if spectral and np.allclose(list(periods(intensity)), float(measure[3:-1]), rtol=0.01):
         return
@@ -280,23 +277,6 @@ def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collect
         f"the hazard {site.source} is of {measure} by its heading, the intensity is {intensity}; "
         f"name the curve's own intensity (--intensity {name!r}), or give a curve of {intensity}"
     )
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
-def _measure_and_unit(heading: str) -> tuple[str, str]:
-    """Return the name of the intensity in a heading, and the text of its unit; "" for what it does not say."""
-    match, measure = _MEASURE.match(heading), ""
-    if match:
-        measure = match[1].lower().replace("psa", "sa")
-        measure += f"({float(match[2].replace(',', '.')):g})" if match[2] else ""
-    brackets = re.findall(r"[(\[]([^()\[\]]*)[)\]]", heading[match.end() if match else 0 :])
-    return measure, brackets[-1].strip() if brackets else ""
 
 
 def _unit(text: str, place: str, heading: str) -> tuple[float, str]:

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -25,6 +24,7 @@ from pounding_sweep.analysis.scenarios import (
     described,
     labelled,
     law_keys,
+    of_law,
     uncoupled_cases,
     without_pounding,
 )
@@ -69,20 +69,21 @@ def stored_scene(histories: xr.Dataset) -> Scene:
         ) from None
 
 
-def records_of(
-    sweep: Mapping[str, Any],
-    offered: Iterable[Record] = (),
-    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
-) -> list[Record]:
-    """Find the records of a stored sweep again."""
+def records_of(sweep: Mapping[str, Any], offered: Iterable[Record] = (), folders: Any = None) -> list[Record]:
+    """Find the records of a stored sweep again: by their digest among those `offered`, else by name and digest."""
     by_digest = {record.sha256: record for record in offered}
     records, missing = [], []
     for entry in sweep["records"]:
-        record = by_digest.get(entry["sha256"]) or _by_name(entry, folders)
-        if isinstance(record, Record):
+        record = by_digest.get(entry["sha256"])
+        named = None if record else _by_name(entry, folders)
+        if named is not None:  # as it was found, or scaled as the sweep says
+            scaled = named.scaled(entry["scale"] / named.scale) if named.scale else named
+            record = next((one for one in (named, scaled) if one.sha256 == entry["sha256"]), None)
+        if record is not None:
             records.append(record.renamed(entry["name"]))
         else:
-            missing.append(f"{entry['name']!r} ({record})")
+            why = "none of that name" if named is None else "the record found by that name is another motion"
+            missing.append(f"{entry['name']!r} ({why})")
     if missing:
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         raise InputError(
@@ -92,38 +93,42 @@ def records_of(
     return records
 
 
-def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | str:
-    """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
-    name = entry["name"]
+def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | None:
+    """Return the record of a name: made again, from a file, or out of a set."""
     record = remade(entry["source"], entry["n_points"])
-    if record is None:
+    for name in (entry["name"], *(f"{key}/{entry['name']}" for key in RECORD_SETS)) if record is None else ():
         with suppress(RecordError):
-            record = find_record(name, folders)
-    for key in RECORD_SETS if record is None else ():
-        with suppress(RecordError):
-            record = find_record(f"{key}/{name}")
-            break
-    if record is None:
-        return "none of that name"
-    scaled = record.scaled(entry["scale"] / record.scale) if record.scale else record
-    same = (one for one in (record, scaled) if one.sha256 == entry["sha256"])
-    return next(same, "the record found by that name is another motion")
+            return find_record(name, folders)
+    return record
 
 
-#: A row, in which floors meet columns too, and its runs without pounding: `OUTPUTS` on ``record``, and on ``scale``,
-#: building properties or ``case``, with first periods (s) and damping ratios as coordinates along ``building``.
-UncoupledRuns = tuple[Scene, xr.Dataset]
+def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any) -> tuple[Scene, xr.Dataset]:
+    """Return a row, in which floors meet columns too, and its runs without pounding: those of a cube, or run anew.
+
+    They are `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``, with the first modes of its
+    buildings where a cube has them.
+    """
+    if isinstance(source, xr.Dataset):
+        scene, runs = _runs_of_cube(source, records, folders)
+    elif records is None:
+        raise InputError("the required gap of a row needs records: required_gap(scene, records)")
+    else:
+        spec = Sweep(source, records, NO_POUNDING, folders=folders).spec
+        scene, runs = _run(spec.scene, spec.records)
+        runs = runs.isel(scale=0, drop=True)
+    if "case" in runs.dims:
+        return scene, of_law(runs, [NO_POUNDING])
+    modes = {name: runs[name] for name in ("fundamental_period", "first_damping_ratio") if name in runs.coords}
+    runs = without_pounding(runs, "the required gap").isel(dict.fromkeys(IGNORED, 0), missing_dims="ignore")
+    runs = runs.reset_coords(drop=True).assign_coords(modes)
+    if isinstance(source, xr.Dataset):  # it may be a selection from what its sweep has
+        axes = {*runs.dims} & {*source.coords} - {*INNER_DIMS}
+        runs = runs.sel({dim: source[dim].values for dim in axes})
+    return scene, runs
 
 
-def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> UncoupledRuns:
-    """Run a row without pounding, once for each record."""
-    spec = Sweep(scene, records, NO_POUNDING, folders=folders).spec
-    scene, cube = _run(spec.scene, spec.records)
-    return scene, _reduced(scene, cube).isel(scale=0, drop=True)
-
-
-def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
-    """Return the runs without pounding that belong to a cube; see `required_gap`."""
+def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, xr.Dataset]:
+    """Return the row of a cube, and the cube if it has the runs without pounding, else what these are in."""
     sweep = stored_sweep(cube)
     scene = scene_of(sweep["scene"])
     row: dict[str, list[Any]] = {"building": [building.name for building in scene.buildings]}
@@ -131,23 +136,24 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
     # a part of the row is no row
     stored = all(dim in cube.dims and cube[dim].values.tolist() == labels for dim, labels in row.items())
     stored = stored and NO_POUNDING in law_keys(cube) and {*OUTPUTS} <= {*cube.data_vars}
+    if stored and (sweep["cases"] is None or min(uncoupled_cases(cube)) >= 0) and _with_columns(scene) == scene:
+        return scene, cube
+    try:
+        motions = records_of(sweep, resolve_records(records or [], folders), folders)
+    except InputError as error:
+        raise InputError(
+            f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
+        ) from None
+    # its axes that a run without pounding does not ignore, or its cases but for those
     if sweep["cases"] is not None:
-        stored = stored and min(uncoupled_cases(cube)) >= 0
-    runs = cube
-    if not stored or _with_columns(scene) is not scene:
-        try:
-            motions = records_of(sweep, resolve_records(records, folders), folders)
-        except InputError as error:
-            raise InputError(
-                f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
-            ) from None
-        scene, runs = _run(scene, motions, **_axes(sweep))
-    if sweep["cases"] is not None:
-        uncoupled = runs.isel(case=np.flatnonzero(runs["law"].values.astype(str) == NO_POUNDING))
-        return scene, uncoupled.assign_coords(_first_modes(scene, uncoupled))
-    runs = _reduced(scene, runs)  # to what belongs to a cube, which may be a selection from what its sweep has
-    at = {dim: cube[dim].values for dim in runs.dims if dim in cube.coords and dim not in INNER_DIMS}
-    return scene, runs.sel(at)
+        ignored: dict[str, Any] = dict.fromkeys(IGNORED)
+        cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
+        axes: dict[str, Any] = {"cases": list(dict.fromkeys(cases))}
+    else:
+        varied = axes_of(sweep)
+        axes = {key: getattr(varied, key) for key, axis in AXES.items() if axis.of_buildings or axis.column == "scale"}
+        axes = {key: dict(value) if AXES[key].by_building else value for key, value in axes.items() if value}
+    return _run(scene, motions, sa_period=sweep.get("sa_period"), **axes)
 
 
 def _with_columns(scene: Scene) -> Scene:
@@ -156,48 +162,16 @@ def _with_columns(scene: Scene) -> Scene:
         raise InputError(
             "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
         )
-    row = replace(scene, contacts=CONTACTS[1])
-    return scene if row == scene else row
+    return replace(scene, contacts=CONTACTS[1])
 
 
-def _run(scene: Scene, records: Sequence[Record], **axes: Any) -> UncoupledRuns:
+def _run(scene: Scene, records: Iterable[Record], **axes: Any) -> tuple[Scene, xr.Dataset]:
     """Run a row without pounding, by the exact scheme where all is elastic."""
     scene = _with_columns(scene)
     method = "rk4" if any(scene.yields) or SCHEMES["exact"].refuses(scene) else "exact"
-    axes = axes if "cases" in axes else {"laws": NO_POUNDING, **axes}
-    sweep = Sweep(scene, records, outputs=list(OUTPUTS), method=method, dt=STEP, audit=0.0, **axes)
+    laws = {} if "cases" in axes else {"laws": NO_POUNDING}
+    sweep = Sweep(scene, records, outputs=list(OUTPUTS), method=method, dt=STEP, audit=0.0, **laws, **axes)
     return scene, sweep.run()
-
-
-def _reduced(scene: Scene, cube: xr.Dataset) -> xr.Dataset:
-    """Return the runs without pounding of a product without the axes that they ignore."""
-    uncoupled = without_pounding(cube, "the required gap")
-    ignored = {dim: 0 for dim in IGNORED if dim in uncoupled.dims}
-    return uncoupled.isel(ignored).reset_coords(drop=True).assign_coords(_first_modes(scene, cube))
-
-
-def _first_modes(scene: Scene, cube: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Return coordinates of a cube: first periods and damping ratios of its buildings, by default those of the row."""
-    names = [building.name for building in scene.buildings]
-    of_row = {"fundamental_period": [float(b.periods[0]) for b in scene.buildings]}
-    of_row["first_damping_ratio"] = [b.first_damping for b in scene.buildings]
-    return {
-        name: cube.coords.get(name, xr.DataArray(values, {"building": names}, ("building",))).reset_coords(drop=True)
-        for name, values in of_row.items()
-    }
-
-
-def _axes(sweep: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the axes of a stored sweep that a run without pounding does not ignore, or its cases but for those."""
-    parameters = {"sa_period": sweep.get("sa_period")}
-    if sweep["cases"] is not None:
-        ignored: dict[str, Any] = dict.fromkeys(IGNORED)
-        cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
-        return {"cases": list(dict.fromkeys(cases)), **parameters}
-    values = axes_of(sweep)
-    axes = {name: getattr(values, name) for name, axis in AXES.items() if axis.of_buildings or axis.column == "scale"}
-    axes = {name: dict(value) if AXES[name].by_building else value for name, value in axes.items() if value}
-    return axes | parameters
 
 
 #: Damping ratio of spectral accelerations.
@@ -211,34 +185,33 @@ NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geomet
 def intensity_of(
     cube: xr.Dataset, intensity: str | xr.DataArray | None = None, *, records: Any = None, folders: Any = None
 ) -> xr.DataArray:
-    """Return the intensity of each record at each scale, along ``record`` and what scales it."""
-    # by one of `NAMES`, or given for the records at scale 1; by default what they are scaled to. `records` are looked
-    # through before others are looked for by name
+    """Return the intensity of each record at each scale, along ``record`` and what scales it.
+
+    It is one of `NAMES`, or an array of the records at scale 1; by default what they are scaled to. `records` are
+    looked through before others are looked for by name.
+    """
     if "record" not in cube.coords:
         raise InputError("the intensity of the ground motion needs the record of each scenario (coordinate 'record')")
     scaled_to = own_intensity(cube)
     intensity = scaled_to if intensity is None else intensity
-    if isinstance(intensity, str) and intensity == scaled_to != "pga":
-        name = f"{_SPECTRAL_NAME} at {cube.attrs['sa_period']:g} s"
-        return described(cube["sa"].broadcast_like(cube["scale"]), "m s-2", name, bare=True)
     record = cube["record"]
-    names = [str(name) for name in np.atleast_1d(record.values)]
     if isinstance(intensity, xr.DataArray):
         if intensity.dims != ("record",) or "record" not in intensity.coords:
             raise InputError(
                 f"the intensity has dimensions {intensity.dims}; it must be along 'record' alone, at scale 1"
             )
         base = intensity.sel(record=record).assign_attrs(intensity.attrs)
+    elif intensity == scaled_to != "pga":
+        name = f"{_SPECTRAL_NAME} at {cube.attrs['sa_period']:g} s"
+        return described(cube["sa"].broadcast_like(cube["scale"]), "m s-2", name, bare=True)
     elif intensity != "pga":
-        base = _measured(cube, intensity, names, records, folders).sel(record=record)
-    elif "record_pga" in cube.coords:
-        base = described(cube["record_pga"], "m s-2", "peak ground acceleration")
+        base = _measured(cube, intensity, records, folders).sel(record=record)
     else:
         peaks = {entry["name"]: entry["pga"] for entry in json.loads(cube.attrs.get("records", "[]"))}
-        base = record.copy(data=np.reshape([peaks.get(name, np.nan) for name in names], record.shape))
-        base = described(base, "m s-2", "peak ground acceleration")
-    scale = abs(cube["scale"]) if "scale" in cube.coords else 1.0
+        known = xr.apply_ufunc(lambda name: peaks.get(str(name), np.nan), record, vectorize=True)
+        base = described(cube.coords.get("record_pga", known), "m s-2", "peak ground acceleration")
     about = {"units": "1", "long_name": "intensity"} | base.attrs
+    scale = abs(cube["scale"]) if "scale" in cube.coords else 1.0
     return described(base * scale, about["units"], about["long_name"], bare=True)
 
 
@@ -279,17 +252,6 @@ def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = N
     return cube
 
 
-def with_intensity(rows: Iterable[Mapping[str, Any]], strength: xr.DataArray, name: str) -> list[dict[str, Any]]:
-    """Return rows of a table with an intensity before their values; None where they are of several motions."""
-    result = []
-    for row in rows:
-        at = {dim: row.get(str(dim)) for dim in strength.dims if strength.sizes[dim] > 1}
-        value = None if None in at.values() else float(strength.sel(at).values.item())
-        before, items = list(row).index("values"), list(row.items())
-        result.append(dict([*items[:before], (f"{name} {strength.attrs['units']}", value), *items[before:]]))
-    return result
-
-
 def own_intensity(cube: xr.Dataset) -> str:
     """Return what the records of a cube are scaled to: a spectral acceleration, else "pga"."""
     scaled = "sa" in cube.coords and bool(cube["sa"].notnull().all())
@@ -322,12 +284,11 @@ def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
     )
 
 
-def _measured(cube: xr.Dataset, name: str, wanted: Collection[str], records: Any, folders: Any) -> xr.DataArray:
+def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.DataArray:
     """Return an intensity of the records at scale 1 by its name, from their motions."""
-    periods = periods_of(cube, name)
-    sweep = stored_sweep(cube)
-    sweep["records"] = [entry for entry in sweep["records"] if entry["name"] in wanted]
-    motions = records_of(sweep, [] if records is None else resolve_records(records, folders), folders)
+    periods, sweep = periods_of(cube, name), stored_sweep(cube)
+    sweep["records"] = [entry for entry in sweep["records"] if entry["name"] in cube["record"].values.astype(str)]
+    motions = records_of(sweep, resolve_records(records or [], folders), folders)
     names = labelled("record", (motion.name for motion in motions), "ground-motion record")
     if not periods:
         velocities = [record_measures(motion).pgv for motion in motions]

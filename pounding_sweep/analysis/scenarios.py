@@ -10,8 +10,7 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, Status
 from pounding_sweep.spec.axes import DIMENSIONS
 
 #: Key of the law without contact.
@@ -44,40 +43,43 @@ def trusted(cube: xr.Dataset) -> xr.DataArray:
 
 
 def values(cube: xr.Dataset, name: str) -> xr.DataArray:
-    """Return a variable as float64 with its attributes, missing where the scenario is not ok or has no value."""
-    stored = cube[name]
-    known = trusted(cube)
-    if stored.dtype.kind in "iu" and name in VARIABLES and VARIABLES[name].fill is not None:
-        known = known & (stored != VARIABLES[name].fill)
-    return stored.astype(np.float64).where(known).assign_attrs(stored.attrs)
+    """Return a variable as float64 with its attributes, missing where the scenario is not ok."""
+    return cube[name].astype(np.float64).where(trusted(cube)).assign_attrs(cube[name].attrs)
 
 
-def present(cube: xr.Dataset, names: Iterable[str]) -> list[str]:
-    """Return those of `names` that the cube has, in their order."""
-    return [name for name in names if name in cube.data_vars]
-
-
-def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bool = False) -> list[str]:
+def need_variables(cube: xr.Dataset, what: str, names: Iterable[str], *, one: bool = False) -> list[str]:
     """Return those of `names` that the cube has; raise `InputError` where one lacks, or all with `one`."""
-    stored = present(cube, names)
-    lacking = [name for name in names if name not in stored]
-    if stored if one else not lacking:
-        return stored
-    quoted = (" or " if one else ", ").join(map(repr, lacking))
-    raise InputError(f"{what} needs {quoted}, which this cube lacks; add to the outputs of the sweep and run it again")
+    names = list(names)
+    lacking = [name for name in names if name not in cube.data_vars]
+    if lacking and not (one and len(lacking) < len(names)):
+        quoted = (" or " if one else ", ").join(map(repr, lacking))
+        raise InputError(
+            f"{what} needs {quoted}, which this cube lacks; add to the outputs of the sweep and run it again"
+        )
+    return [name for name in names if name not in lacking]
 
 
 def chosen_variables(
     cube: xr.Dataset, what: str, names: Iterable[str] | None, valid: Sequence[str], kind: str
 ) -> list[str]:
-    """Return those of `names`, which must be among `valid`; by default all of these that the cube has."""
-    if names is None:
-        return need_variables(cube, what, valid, one=True)
-    names = list(names)
-    for name in names:
+    """Return `names`, which must be among `valid`; by default all of these that the cube has."""
+    names = None if names is None else list(names)
+    for name in names or ():
         if name not in valid:
             raise InputError(unknown(kind, name, valid))
-    return need_variables(cube, what, names)
+    return need_variables(cube, what, valid if names is None else names, one=names is None)
+
+
+def numbers_in(interval: str, numbers: Any, what: str) -> np.ndarray:
+    """Return numbers, one or more; raises `InputError` unless all lie in an interval such as "[0, 1)"."""
+    at = np.atleast_1d(np.asarray(numbers, dtype=float))
+    low, high = map(float, interval[1:-1].split(","))
+    inside = (at >= low if interval[0] == "[" else at > low) & (at <= high if interval[-1] == "]" else at < high)
+    if at.ndim != 1 or not at.size:
+        raise InputError(f"{what}: {numbers!r}; give a number in {interval}, or a list of one or more")
+    if not inside.all():
+        raise InputError(f"{what}: {at[~inside][0]:g} is not in {interval}")
+    return at
 
 
 def labelled(dim: str, labels: Iterable[Any], long_name: str, units: str = "") -> xr.DataArray:
@@ -92,17 +94,17 @@ def law_keys(cube: xr.Dataset) -> list[str]:
     return list(dict.fromkeys(map(str, np.atleast_1d(cube["law"].values)))) if "law" in cube.coords else []
 
 
-def of_law(cube: xr.Dataset, keep: Iterable[str]) -> xr.Dataset:
-    """Return the scenarios of the laws `keep`, for ``law`` an axis, a coordinate of listed cases or a single value."""
+def of_law(cube: xr.Dataset, laws: Iterable[str]) -> xr.Dataset:
+    """Return the scenarios of these laws, for ``law`` an axis, a coordinate of listed cases or a single value."""
     if "law" not in cube.coords or not cube["law"].dims:
         return cube
     (dim,) = cube["law"].dims
-    return cube.isel({dim: np.flatnonzero(np.isin(cube["law"].values.astype(str), list(keep)))})
+    return cube.isel({dim: np.flatnonzero(np.isin(cube["law"].values.astype(str), list(laws)))})
 
 
 def pounding_only(cube: xr.Dataset) -> xr.Dataset:
     """Return the scenarios of all laws with contact."""
-    return of_law(cube, [law for law in law_keys(cube) if law != NO_POUNDING])
+    return of_law(cube, {*law_keys(cube)} - {NO_POUNDING})
 
 
 def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
@@ -113,19 +115,17 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
             f"{what} needs the runs without pounding (law {NO_POUNDING!r}), which this cube lacks: it has "
             f"{', '.join(laws) or 'no law'}. Add {NO_POUNDING!r} to the laws of the sweep and run it again"
         )
-    if cube["law"].dims == ("law",):
-        cube = cube.sel(law=NO_POUNDING, drop=True)
-        lacking = cube["status"] == int(Status.NOT_RUN) if "status" in cube else xr.DataArray(False)
+    if "case" in cube["law"].dims:
+        twin = np.array(uncoupled_cases(cube))
+        runs = cube.isel(case=twin).assign_coords(case=cube["case"])
+        return runs.where(xr.DataArray(twin >= 0, dims="case")).reset_coords(drop=True)
+    if cube["law"].dims:
+        cube = cube.sel(law=NO_POUNDING)
+        not_run = cube["status"] == int(Status.NOT_RUN) if "status" in cube else xr.DataArray(False)
         # of a merged cube some gaps may lack the run that others have
-        dims = [dim for dim in IGNORED if dim in lacking.dims]
-        return (cube.isel(lacking.argmin(dims)) if dims and lacking.any() else cube).reset_coords(drop=True)
-    if not cube["law"].dims:
-        return cube.reset_coords(drop=True)
-    twin = np.array(uncoupled_cases(cube))
-    result = cube.isel(case=np.maximum(twin, 0)).reset_coords(drop=True).assign_coords(case=cube["case"])
-    known = cube["case"].copy(data=twin >= 0)
-    status = result["status"] if "status" in result else known.astype("i1") * 0
-    return result.assign(status=status.where(known, int(Status.NOT_RUN)).astype("i1"))
+        dims = [dim for dim in IGNORED if dim in not_run.dims]
+        cube = cube.isel(not_run.argmin(dims)) if dims and not_run.any() else cube
+    return cube.reset_coords(drop=True)
 
 
 def uncoupled_cases(cube: xr.Dataset) -> list[int]:
@@ -140,21 +140,20 @@ def uncoupled_cases(cube: xr.Dataset) -> list[int]:
 def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
     """Return 1 where floors touched, 0 where they did not, missing where the scenario is not ok or no floors meet."""
     known = [values(cube, name) for name in need_variables(cube, what, TOUCH_VARIABLES, one=True)]
-    found = next((part for part in known if part.notnull().any()), known[0])
-    return (found > 0.0).astype(np.float64).where(found.notnull())
+    surest = next((part for part in known if part.notnull().any()), known[0])
+    return (surest > 0.0).astype(np.float64).where(surest.notnull())
 
 
 def peak_displacement(cube: xr.Dataset) -> xr.DataArray:
     """Return the largest absolute displacement of each floor (m), from its largest and smallest."""
     low, high = abs(values(cube, "displacement_min")), abs(values(cube, "displacement_max"))
-    units = str(cube["displacement_max"].attrs.get("units", "m"))
-    return described(high.where(~(low > high), low), units, "largest absolute floor displacement")
+    return described(high.where(~(low > high), low), "m", "largest absolute floor displacement")
 
 
 def described(part: xr.DataArray, units: str, name: str, comment: str = "", *, bare: bool = False) -> xr.DataArray:
     """Return values with these attributes and no others, `bare` of scalar coordinates: what they were made of."""
     result = part.reset_coords(drop=True) if bare else part.copy(deep=False)
-    result.attrs = {"units": units, "long_name": name, **({"comment": comment} if comment else {})}
+    result.attrs = {"units": units, "long_name": name} | ({"comment": comment} if comment else {})
     return result
 
 
@@ -169,42 +168,20 @@ def long_name(cube: xr.Dataset, name: str) -> str:
     return str(cube[name].attrs.get("long_name", name.replace("_", " ")))
 
 
-def identity(cube: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes that say of which sweep a cube is, and who made it."""
-    return {key: cube.attrs[key] for key in ("title", "sweep_sha256", "source", VERSION_ATTRIBUTE) if key in cube.attrs}
-
-
 def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Interpolate linearly along the last axis; nothing is extrapolated."""
-    known = np.isfinite(at)
+    """Interpolate linearly along the last axis; nothing is extrapolated, and a place itself needs no neighbour."""
+    known = np.flatnonzero(np.isfinite(at))
     places, first = np.unique(at[known], return_index=True)
-    table = table[..., known][..., first]
-    result = np.full((*table.shape[:-1], len(targets)), np.nan)
-    if not len(places):
-        return result
-    slack = ROUND_OFF * np.abs(places).max()
-    inside = np.flatnonzero((targets >= places[0] - slack) & (targets <= places[-1] + slack))
-    wanted = np.clip(targets[inside], places[0], places[-1])
-    low = np.searchsorted(places, wanted, side="right") - 1
-    high = np.minimum(low + 1, len(places) - 1)
-    share = (wanted - places[low]) / np.where(high > low, places[high] - places[low], 1.0)
+    if not places.size:
+        return np.full((*table.shape[:-1], len(targets)), np.nan)
+    table = table[..., known[first]]
+    inside = np.clip(targets, places[0], places[-1])
+    position = np.interp(inside, places, np.arange(len(places)))
+    low = position.astype(int)
+    high, share = np.minimum(low + 1, len(places) - 1), position - low
     between = (1.0 - share) * table[..., low] + share * table[..., high]
-    result[..., inside] = np.where(share == 0.0, table[..., low], between)  # a place itself needs no neighbour
-    return result
-
-
-def check_quantiles(quantiles: Sequence[float]) -> None:
-    """Raise `InputError` unless there are quantiles, each in [0, 1]."""
-    if not len(quantiles) or not all(0.0 <= q <= 1.0 for q in quantiles):
-        raise InputError(f"quantiles are {list(quantiles)}; give one or more numbers in [0, 1]")
-
-
-def check_levels(levels: Sequence[float], units: str) -> np.ndarray:
-    """Return intensities; raises `InputError` unless there are some, each finite and above 0."""
-    at = np.asarray(levels, dtype=float)
-    if at.ndim != 1 or not at.size or not (np.isfinite(at) & (at > 0.0)).all():
-        raise InputError(f"levels are {levels!r}; give one or more intensities above 0 ({units})")
-    return at
+    result = np.where(share == 0.0, table[..., low], between)
+    return np.where(abs(targets - inside) <= ROUND_OFF * abs(places).max(), result, np.nan)
 
 
 def fractiles_over(
@@ -219,7 +196,6 @@ def fractiles_over(
     place = np.multiply.outer(np.asarray(quantiles, float), last)
     low = place.astype(np.intp)
     bottom, top = (np.take_along_axis(ordered, np.minimum(low + i, last), axis=0) for i in (0, 1))
-    index = labelled(dim, quantiles, "share of the values below", "1")
-    fractiles = bottom + (place - low) * (top - bottom)
-    coords = {**inner.coords, dim: index}
-    return xr.DataArray(fractiles, coords, (dim, *inner.dims), attrs=part.attrs), inner.copy(data=count)
+    coords = {**inner.coords, dim: labelled(dim, quantiles, "share of the values below", "1")}
+    fractiles = xr.DataArray(bottom + (place - low) * (top - bottom), coords, (dim, *inner.dims), attrs=part.attrs)
+    return fractiles, inner.copy(data=count)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from pounding_sweep.analysis.scenarios import labelled
-from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.analysis.scenarios import labelled, numbers_in
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEP, STEPS_PER_PERIOD, oscillator_peaks, strengths_for
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
@@ -95,10 +95,11 @@ def response_spectrum(
         raise InputError(
             f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
         )
-    at, ratios = _periods_and_ratios(periods, damping_ratio)
-    ordinates = np.array([_ordinates(record.acceleration, record.dt, at, ratios) for record in records])
     names = labelled("record", (record.name for record in records), "ground-motion record")
-    spectra = _spectra(("record",), np.moveaxis(ordinates, 1, 0), at, ratios, {"record": names}, damping_ratio)
+    signals = ((record.acceleration, record.dt) for record in records)
+    spectra = _spectra(
+        signals, periods, damping_ratio, xr.DataArray(np.ones(len(records)), {"record": names}, "record")
+    )
     return (spectra.isel(record=0) if single else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence; peaks until the last point of the record"
     )
@@ -149,7 +150,7 @@ def floor_spectra(
             "floor spectra need 'acceleration' on 'time', which this dataset has not; give what simulate() returned "
             "(it holds no histories where the scenario diverged: see 'status')"
         )
-    acceleration = histories["acceleration"].transpose(..., "time")
+    acceleration = histories["acceleration"].transpose(..., "time").astype(float)
     time = histories["time"].values
     if time.size < 2:
         raise InputError(f"the histories have {time.size} time; a spectrum needs at least 2")
@@ -158,64 +159,48 @@ def floor_spectra(
         raise InputError(
             "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
         )
-    at, ratios = _periods_and_ratios(periods, damping_ratio)
-    ordinates = np.full((len(ORDINATES), *acceleration.shape[:-1], len(ratios), at.size), np.nan)
-    for place in np.ndindex(acceleration.shape[:-1]):
-        signal = np.asarray(acceleration.values[place], dtype=float)
-        if np.isfinite(signal).all():
-            ordinates[(slice(None), *place)] = _ordinates(signal, dt, at, ratios)
-    coords = {str(name): part for name, part in acceleration.coords.items() if "time" not in part.dims}
+    signals = ((signal, dt) for signal in acceleration.values.reshape(-1, time.size))
     about = {name: histories.attrs[name] for name in ("law", "record", "method") if name in histories.attrs}
-    return _spectra(acceleration.dims[:-1], ordinates, at, ratios, coords, damping_ratio).assign_attrs(
+    return _spectra(signals, periods, damping_ratio, acceleration.isel(time=0, drop=True)).assign_attrs(
         title="Floor spectra", comment=f"of total floor accelerations, linear between times {dt:g} s apart", **about
     )
 
 
-def _periods_and_ratios(periods: Numbers | None, damping_ratio: Numbers) -> tuple[Array, Array]:
-    """Return periods (s) and damping ratios, all valid."""
-    at = np.atleast_1d(np.asarray(usual_periods() if periods is None else periods, dtype=float))
-    ratios = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
-    for numbers, what in ((at, "periods (s)"), (ratios, "damping ratios")):
-        if numbers.ndim != 1 or numbers.size == 0:
-            raise InputError(f"{what} must be a number or a list of at least one, not of shape {numbers.shape}")
-    for period in at[~((at >= 0.0) & (at < np.inf))]:
-        raise InputError(f"a period of the spectrum is {period:g} s; give finite ones, not negative")
-    for ratio in ratios[~((ratios >= 0.0) & (ratios < 1.0))]:
-        raise InputError(f"damping ratio of the spectrum is {ratio:g}; it must be in [0, 1)")
-    return at, ratios
-
-
-def _ordinates(signal: Array, dt: float, periods: Array, ratios: Array) -> Array:
-    """Spectral ordinates of one signal (m/s2), shape (4, n_ratios, n_periods), in the order of `ORDINATES`."""
-    ordinates = np.zeros((len(ORDINATES), ratios.size, periods.size))
-    ordinates[2:] = np.max(np.abs(signal))  # what a rigid oscillator does
-    moving = periods > 0
-    shortest = STEPS_PER_PERIOD * dt / MOST_STEPS
-    if moving.any():
-        if periods[moving].min() < shortest:
+def _spectra(
+    signals: Iterable[tuple[Array, float]], periods: Numbers | None, damping_ratio: Numbers, of: xr.DataArray
+) -> xr.Dataset:
+    """Return spectra of signals (m/s2) and their time steps, which are labelled as the values of an array."""
+    # a damping ratio that was asked for as a number is a scalar coordinate
+    at = numbers_in("[0, inf)", usual_periods() if periods is None else periods, "periods of the spectrum (s)")
+    ratios = numbers_in("[0, 1)", damping_ratio, "damping ratios of the spectrum")
+    moving = at > 0.0
+    frequency = 2.0 * math.pi / at[moving]
+    ordinates = np.zeros((of.size, len(ORDINATES), ratios.size, at.size))
+    for part, (signal, dt) in zip(ordinates, signals, strict=True):
+        shortest = STEPS_PER_PERIOD * dt / MOST_STEPS
+        if (at[moving] < shortest).any():
             raise InputError(
-                f"period {periods[moving].min():g} s is too short for a motion in steps of {dt:g} s: "
+                f"period {at[moving].min():g} s is too short for a motion in steps of {dt:g} s: "
                 f"give 0, or at least {shortest:g} s"
             )
-        frequency = 2.0 * math.pi / periods[moving]
-        for i, ratio in enumerate(ratios.tolist()):
-            velocity, acceleration = oscillator_peaks(signal, dt, periods[moving], ratio)
-            ordinates[:, i, moving] = velocity / frequency, velocity, velocity * frequency, acceleration
-    return ordinates
-
-
-def _spectra(
-    dims: tuple[Any, ...], ordinates: Array, periods: Array, ratios: Array, coords: dict[str, Any], asked: Numbers
-) -> xr.Dataset:
-    """Return labelled spectra; a damping ratio that was asked for as a number is a scalar coordinate."""
-    coords["period"] = labelled("period", periods, "natural period of the oscillator", "s")
-    coords["damping_ratio"] = labelled("damping_ratio", ratios, "damping ratio of the oscillator", "1")
+        part[2:] = np.max(np.abs(signal))  # what a rigid oscillator does
+        for i, ratio in enumerate(ratios.tolist() if moving.any() else ()):
+            velocity, total = oscillator_peaks(signal, dt, at[moving], ratio)
+            part[:, i, moving] = velocity / frequency, velocity, velocity * frequency, total
+        if not np.isfinite(signal).all():  # a building has no such storey
+            part[:] = np.nan
+    coords = {
+        **of.coords,
+        "period": labelled("period", at, "natural period of the oscillator", "s"),
+        "damping_ratio": labelled("damping_ratio", ratios, "damping ratio of the oscillator", "1"),
+    }
+    ordinates = ordinates.swapaxes(0, 1).reshape(len(ORDINATES), *of.shape, ratios.size, at.size)
     variables = {
-        name: ((*dims, "damping_ratio", "period"), part, {"units": units, "long_name": long_name})
+        name: ((*of.dims, "damping_ratio", "period"), part, {"units": units, "long_name": long_name})
         for (name, (units, long_name)), part in zip(ORDINATES.items(), ordinates, strict=True)
     }
     spectra = xr.Dataset(variables, coords, {"Conventions": CONVENTIONS, VERSION_ATTRIBUTE: package_version()})
-    return spectra if np.ndim(asked) else spectra.isel(damping_ratio=0)
+    return spectra if np.ndim(damping_ratio) else spectra.isel(damping_ratio=0)
 
 
 def constant_ductility(
@@ -259,20 +244,21 @@ def constant_ductility(
     >>> tower = ps.Building("tower", [100.0], [4.0e3], yield_strengths=[50.0])
     >>> found = constant_ductility(ps.Scene([tower]), "el_centro", [1.0, 2.0, 4.0])  # doctest: +SKIP
     """
-    targets = np.atleast_1d(np.asarray(ductilities, float))
-    if not (targets.size and np.isfinite(targets).all() and (targets >= 1.0).all()):
-        raise InputError(f"ductilities are {shown(ductilities)}; give one or several numbers of at least 1")
+    targets = numbers_in("[1, inf)", ductilities, "ductilities")
     if not any(scene.yields):
         raise InputError("no storey of this row yields; give its buildings yield_strengths")
     motions = resolve_records(records, folders=folders)
     rows = Variants(scene, *(np.repeat(column, len(targets), axis=0) for column in variants_of(scene).columns))
-    parts = np.stack([np.stack(strengths_for(rows, motion, targets, dt), axis=-1) for motion in motions])
+    factors = np.stack([strengths_for(rows, motion, targets, dt) for motion in motions], axis=1)
+    names = {
+        "strength_factor": "factor on all yield strengths",
+        "strength_reduction": "strength at which it just stays elastic, over that of the factor",
+    }
     dims = ("record", "ductility", "building")
-    reduction = "strength at which it just stays elastic, over that of the factor"
     return xr.Dataset(
         {
-            "strength_factor": (dims, parts[..., 0], {"units": "1", "long_name": "factor on all yield strengths"}),
-            "strength_reduction": (dims, parts[..., 1], {"units": "1", "long_name": reduction}),
+            name: (dims, part, {"units": "1", "long_name": text})
+            for (name, text), part in zip(names.items(), factors, strict=True)
         },
         {
             "record": [motion.name for motion in motions],

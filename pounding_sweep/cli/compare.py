@@ -21,20 +21,10 @@ if TYPE_CHECKING:
 
 #: Rows of each table in a summary.
 SHOWN = 12
-#: Arguments of comparisons by the option that gives them.
-ARGUMENTS = {
-    "--reference": "reference",
-    "--event": "event",
-    "--level": "level",
-    "--quantile": "quantiles",
-    "--probability": "probabilities",
-    "--intensity": "intensity",
-    "--given": "levels",
-    "--hazard": "hazard",
-    "--years": "years",
-    "--one-dispersion": "one_dispersion",
-    "--records": "folders",
-}
+#: Options whose flag is not the name of the argument of comparisons that they give.
+_FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"}
+#: Options that are numbers, and where they must lie.
+_INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
 
@@ -103,38 +93,41 @@ class CompareOptions:
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
-        from pounding_sweep.analysis.comparisons.gaps import PROBABILITIES, YEARS, check_numbers
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
-        from pounding_sweep.analysis.scenarios import check_quantiles
+        from pounding_sweep.analysis.scenarios import numbers_in
         from pounding_sweep.output.netcdf import check_output
 
-        keys = list(dict.fromkeys(self.what)) if self.what else list(COMPARISONS)
-        for key in keys:
-            if key not in COMPARISONS:
-                raise InputError(unknown("comparison", key, COMPARISONS))
-        arguments = {name: vars(self)[name] for name in ARGUMENTS.values() if vars(self)[name] not in (None, [])}
-        for flag, name in ARGUMENTS.items():
+        keys = list(dict.fromkeys(self.what or COMPARISONS))
+        for kind, given, valid in (
+            ("comparison", keys, COMPARISONS),
+            ("axis to take together", self.over or [], MOTION_DIMS),
+        ):
+            for name in given:
+                if name not in valid:
+                    raise InputError(unknown(kind, name, valid))
+        names = dict.fromkeys(name for c in COMPARISONS.values() for name in c.arguments if name != "over")
+        arguments = {name: value for name in names if (value := vars(self)[name]) not in (None, [])}
+        for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
             takers = [key for key, c in COMPARISONS.items() if name in c.arguments or (tables and not c.rows)]
-            if name in arguments and not set(takers) & set(keys):
-                of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
-                raise InputError(f"{flag} is for {of}; leave it out, or add --what {takers[0]}")
+            if not {*takers} & {*keys}:
+                flag, of = _FLAGS.get(name, name.replace("_", "-")), ", ".join(map(repr, takers))
+                raise InputError(
+                    f"--{flag} is for the comparison{'s' * (len(takers) > 1)} {of}; leave it out, or add "
+                    f"--what {takers[0]}"
+                )
+            if name in _INTERVALS:
+                numbers_in(_INTERVALS[name], value, name)
         if self.hazard is None and (self.years is not None or self.hazard_units is not None):
             flag = "--hazard-units" if self.years is None else "--years"
             raise InputError(f"{flag} are those of a hazard; add --hazard, or leave them out")
-        if self.quantiles:
-            check_quantiles(self.quantiles)
-        check_numbers(self.probabilities or PROBABILITIES, years=YEARS if self.years is None else self.years)
         if self.intensity is not None:
             check_intensity(self.intensity)
         if self.hazard is not None:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
-        for axis in self.over or ():
-            if axis not in MOTION_DIMS:
-                raise InputError(unknown("axis to take together", axis, MOTION_DIMS))
-        if any("event" in COMPARISONS[key].arguments for key in keys):
+        if "fragility" in keys:
             get_event(self.event or DEFAULT_EVENT, self.level)
         for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
             if os.path.exists(path):  # Path.exists raises where the folder can't be read
@@ -153,86 +146,91 @@ _NOTES = (
 def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
     with reporting():
-        from pounding_sweep.analysis.rebuild import intensity_of, with_intensity
-        from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
+        from pounding_sweep.analysis.scenarios import law_keys, pounding_only
         from pounding_sweep.output.describe import statuses
-        from pounding_sweep.output.identity import plain
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
         from pounding_sweep.outputs.variables import Status
 
-        values = axis_values(options.at or [])
+        at = axis_values(options.at or [])
         keys, arguments = options.checked()
-        what, over, out, reference = options.what, options.over or (), options.out, options.reference
-        report: dict[str, dict[str, Any]] = {}
         with open_cube(options.cube) as cube:
             laws = law_keys(pounding_only(cube))
-            if reference is not None and laws and reference not in laws:
-                raise InputError(unknown("reference law", reference, laws))
-            selection = select(cube, values)
+            if options.reference is not None and laws and options.reference not in laws:
+                raise InputError(unknown("reference law", options.reference, laws))
+            selection = select(cube, at)
             ends = statuses(selection.get("status", []))
             left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
-            for key in keys:
-                comparison = COMPARISONS[key]
-                part = {"title": comparison.title, "needs": comparison.needs, "possible": True, "left_out": left_out}
-                report[key] = part
-                settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
-                settings |= {} if what or out else comparison.summary
-                if "over" in comparison.arguments and what:
-                    apart = {"law", *MOTION_DIMS} - {*over}
-                    settings["over"] = [dim for dim in scenario_dims(selection) if dim not in apart]
-                try:
-                    result = compared(cube, comparison, values, **settings)
-                except InputError as error:
-                    if what:
-                        raise
-                    part |= {"possible": False, "why_not": str(error)}
-                    continue
-                quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
-                rows, lead = (
-                    table_rows(result, comparison, lead=lead, over=over, quantiles=quantiles) for lead in (False, True)
-                )
-                intensity = options.intensity
-                if intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
-                    measured = intensity_of(cube, intensity, folders=options.folders or None)
-                    rows = with_intensity(rows, measured, intensity)
-                attributes = {str(k): finite(plain(v)) for k, v in result.attrs.items()}
-                part |= {"attributes": attributes, "rows": rows, "lead": lead}
-                if out is not None:
-                    part["files"] = _write(result, rows, key, out, options.overwrite)
+            report = {
+                key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys
+            }
         if as_json:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
             return
         if left_out:
-            missing, scenarios = sum(left_out.values()), sum(row["count"] for row in ends)
             listed = ", ".join(f"{count} {label}" for label, count in left_out.items())
-            print(f"{missing} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
-        _print(report, options.cube, summary=not what)
+            scenarios = sum(row["count"] for row in ends)
+            print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
+        _print(report, options.cube, summary=not options.what)
 
 
-def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
+def _compare(
+    cube: xr.Dataset,
+    selection: xr.Dataset,
+    key: str,
+    at: dict[str, list[str]],
+    arguments: dict[str, Any],
+    options: CompareOptions,
+) -> dict[str, Any]:
+    """Make a comparison, and write it where that is asked for; returns what is told of it."""
+    from pounding_sweep.analysis.rebuild import intensity_of
+    from pounding_sweep.analysis.scenarios import scenario_dims
+    from pounding_sweep.output.identity import plain
+
+    comparison, what, over = COMPARISONS[key], options.what, options.over or ()
+    part: dict[str, Any] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
+    settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
+    settings |= {} if what or options.out else comparison.summary
+    if "over" in comparison.arguments and what:
+        settings["over"] = [dim for dim in scenario_dims(selection) if dim not in {"law", *MOTION_DIMS} - {*over}]
+    try:
+        result = compared(cube, comparison, at, **settings)
+    except InputError as error:
+        if what:
+            raise
+        return part | {"possible": False, "why_not": str(error)}
+    quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
+    measured = {}
+    if options.intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
+        strength = intensity_of(cube, options.intensity, folders=options.folders or None)
+        measured[f"{options.intensity} {strength.attrs['units']}"] = strength
+    part["attributes"] = {str(name): finite(plain(value)) for name, value in result.attrs.items()}
+    part["rows"] = table_rows(result, comparison, over=over, quantiles=quantiles, intensity=measured)
+    part["lead"] = part["rows"] if what else table_rows(result, comparison, lead=True, over=over, quantiles=quantiles)
+    if options.out is not None:
+        part["files"] = _write(result, part["rows"], comparison.figure, options.out / key, options.overwrite)
+    return part
+
+
+def _write(result: xr.Dataset, rows: list[Row], figure: str, stem: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
     from pounding_sweep.base.files import replacing
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
 
-    table = folder / f"{key}.csv"
-    folder.mkdir(parents=True, exist_ok=True)
+    table, cube, picture = (stem.with_suffix(suffix) for suffix in (".csv", ".nc", ".png"))
+    stem.parent.mkdir(parents=True, exist_ok=True)
     with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, _headings(rows))
+        writer = csv.DictWriter(file, dict.fromkeys(itertools.chain(*rows)))
         writer.writeheader()
         writer.writerows(rows)
-    files = [table, write_cube(result, folder / f"{key}.nc", overwrite)]
-    if COMPARISONS[key].figure:
+    files = [table, write_cube(result, cube, overwrite)]
+    if figure:
         try:
-            files.append(plot(result, COMPARISONS[key].figure, folder / f"{key}.png"))
+            files.append(plot(result, figure, picture))
         except InputError as error:  # tables can say more than pictures
-            say(f"no figure of {key}: {error}")
+            say(f"no figure of {stem.name}: {error}")
     return [str(file) for file in files]
-
-
-def _headings(rows: list[Row]) -> list[str]:
-    return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> None:
@@ -245,7 +243,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
             print_pairs([(key, part["why_not"]) for key, part in report.items() if key not in possible], indent=2)
     for number, (key, part) in enumerate(possible.items()):
         print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
-        rows = part["lead"][:SHOWN] if summary else part["rows"]
+        rows = part["lead"][: SHOWN if summary else None]
         for name in _NOTES:
             if name in part["attributes"]:
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
@@ -253,7 +251,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
             _print_rows(rows)
         else:
             print("  no values")
-        if more := len(part["lead"]) - len(rows) if summary else 0:
+        if more := len(part["lead"]) - len(rows):
             print(f"  and {more} more rows: --what {key}")
         for file in part.get("files", ()):
             print(file)
@@ -261,7 +259,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
 
 def _print_rows(rows: list[Row], apart: bool = False) -> None:
     """Print a table, and above it what is the same in all rows; variables `apart` if it is wider than the terminal."""
-    columns = {name: [row.get(name) for row in rows] for name in _headings(rows)}
+    columns = {name: [row.get(name) for row in rows] for name in dict.fromkeys(itertools.chain(*rows))}
     numeric = {name for name, values in columns.items() if any(isinstance(value, int | float) for value in values)}
     same = [n for n, values in columns.items() if len(rows) > 1 == len({*values}) and (apart or n not in numeric)]
     headings = [name for name in columns if name not in same]

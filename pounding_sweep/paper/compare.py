@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons.contacts import energy_transfer
+from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.paper.published import PAPER, READINGS, published, record_title

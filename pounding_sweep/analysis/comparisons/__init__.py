@@ -5,6 +5,7 @@ The command line and the documentation print these registries.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
@@ -76,7 +77,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "energy",
-            "contacts",
+            "responses",
             "energy_budget",
             "where the energy of each building went, and whether transfers sum to the contacts' work",
             needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
@@ -87,7 +88,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "fractiles",
-            "suites",
+            "responses",
             "fractiles",
             "median and fractiles of responses over a suite of records",
             needs="an axis of several records",
@@ -120,7 +121,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "impacts",
-            "contacts",
+            "responses",
             "impact_statistics",
             "how often, how hard and how soon floors touch",
             needs="pairs, a law with contact, and impact counts or any other output of contacts",
@@ -131,7 +132,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "incremental",
-            "suites",
+            "responses",
             "incremental_curves",
             "responses against intensity as records are scaled up, with the fractiles of the suite",
             needs="an axis of several scales or peak ground accelerations",
@@ -196,17 +197,16 @@ def comparison(key: str) -> Callable[[Function], Function]:
         def make(*args: Any, **kwargs: Any) -> xr.Dataset:
             import xarray as xr
 
-            from pounding_sweep.analysis.scenarios import COMPARISON, identity, scenarios_only
+            from pounding_sweep.analysis.scenarios import COMPARISON, scenarios_only
             from pounding_sweep.output.netcdf import with_texts
 
             bound = parameters.bind(*args, **kwargs)
             name, cube = next(iter(bound.arguments.items()))
             attributes = {COMPARISON: key}
             if isinstance(cube, xr.Dataset):
-                cube = scenarios_only(with_texts(cube))
+                cube = bound.arguments[name] = scenarios_only(with_texts(cube))
                 check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
                 attributes |= identity(cube)
-                bound.arguments[name] = cube
             result = function(*bound.args, **bound.kwargs).load()
             result.attrs = attributes | result.attrs
             return result
@@ -214,6 +214,13 @@ def comparison(key: str) -> Callable[[Function], Function]:
         return cast("Function", make)
 
     return register
+
+
+def identity(cube: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes that say of which sweep a cube is, and who made it."""
+    from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
+
+    return {key: cube.attrs[key] for key in ("title", "sweep_sha256", "source", VERSION_ATTRIBUTE) if key in cube.attrs}
 
 
 def check_needs(
@@ -229,14 +236,14 @@ def check_needs(
     from pounding_sweep.analysis.scenarios import NO_POUNDING, law_keys, scenario_dims
 
     varied = [dim for dim in several if dim in cube.dims]
-    contact = [law for law in law_keys(cube) if law != NO_POUNDING]
-    lacking = [dim for dim in (*axes, *(several[:1] if not varied else ())) if dim not in cube.dims]
-    if lacking:
-        what = f"{what} needs the axis {lacking[0]!r}"
-        if "case" in cube.dims:
-            raise InputError(f"{what}, and this cube lists its scenarios as cases; run a sweep over axes")
-        has = ", ".join(scenario_dims(cube)) or "none"
-        raise InputError(f"{what}; this cube's axes: {has}. Run a sweep over several values of it")
+    for dim in (*axes, *(several[:1] if not varied else ())):
+        if dim not in cube.dims:
+            has = (
+                f"; this cube's axes: {', '.join(scenario_dims(cube)) or 'none'}. Run a sweep over several values of it"
+            )
+            if "case" in cube.dims:
+                has = ", and this cube lists its scenarios as cases; run a sweep over axes"
+            raise InputError(f"{what} needs the axis {dim!r}{has}")
     if varied and all(cube.sizes[dim] < 2 for dim in varied):
         names = " or ".join(map(repr, varied))
         raise InputError(f"{what} needs several values of {names}, and this cube has one; run a sweep over several")
@@ -244,7 +251,8 @@ def check_needs(
         raise InputError(
             f"{what} needs pairs of neighbours, and this row is a single building; add a wall or a building"
         )
-    if laws and len(contact) < laws and ("law" in cube.coords or laws > 1):
+    contact = [law for law in law_keys(cube) if law != NO_POUNDING]
+    if len(contact) < laws and ("law" in cube.coords or laws > 1):
         number, has = ("two laws", ", ".join(contact) or "none") if laws > 1 else ("a law", f"only {NO_POUNDING!r}")
         raise InputError(f"{what} needs {number} with contact, this cube has {has}; add laws to the sweep")
 
@@ -257,20 +265,19 @@ def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **
     late = {axis: value for axis, value in at.items() if comparison.whole and axis in INNER_DIMS}
     early = {axis: value for axis, value in at.items() if axis not in late}
     result = comparison.make(select(cube, early, INNER_DIMS), **arguments)
-    shown = [result[name] for name in result.data_vars if str(name).endswith(comparison.variables)]
-    stored = [dim for dim in INNER_DIMS if any(dim in part.dims for part in shown)]
+    dims = {dim for name, part in result.items() if str(name).endswith(comparison.variables) for dim in part.dims}
     for axis in late:
-        if axis not in stored:
+        if axis not in dims:
             raise InputError(
-                f"the comparison {comparison.key!r} does not tell one {axis} from another, only {', '.join(stored)}; "
-                f"leave {axis} out"
+                f"the comparison {comparison.key!r} does not tell one {axis} from another, only "
+                f"{', '.join(dim for dim in INNER_DIMS if dim in dims)}; leave {axis} out"
             )
     return select(result, late, INNER_DIMS)
 
 
 def over_text(sizes: Mapping[Any, int]) -> str:
     """Say what was taken together, "-" where that is nothing."""
-    return ", ".join(f"{size} {dim}{'s' * (size > 1)}" for dim, size in sizes.items() if size > 1) or "-"
+    return ", ".join(f"{size} {dim}s" for dim, size in sizes.items() if size > 1) or "-"
 
 
 def plain_rows(table: xr.Dataset) -> list[Row]:
@@ -290,22 +297,22 @@ def table_rows(
     lead: bool = False,
     over: Collection[str] = (),
     quantiles: Sequence[float] | None = None,
+    intensity: Mapping[str, xr.DataArray] | None = None,
 ) -> list[Row]:
     """Return the table of a comparison: its own, else a row per variable and columns, with what its values are of."""
-    # records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too
+    # records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too. Rows of
+    # one motion each have its `intensity`, by the heading of its column
     import xarray as xr
 
     from pounding_sweep.analysis.scenarios import fractiles_over, law_keys, of_law
 
     if comparison.rows:
-        rows: list[Row] = comparison.load(comparison.rows)(result)
-        return rows
+        return list(comparison.load(comparison.rows)(result))
     counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}
-    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables)]
-    names = [name for name in names if name not in counts]
+    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables) and name not in counts]
     if lead:
         names = [name for name in comparison.lead if name in names] or names[:2]
-    motions = () if lead else (dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1)
+    motions = [dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1 and not lead]
     apart = [dim for dim in (*comparison.columns, *motions) if dim not in over]
     shares = {"smallest": 0.0, "median": 0.5, "largest": 1.0}
     if quantiles is not None:
@@ -314,23 +321,25 @@ def table_rows(
     if "law" in result.coords and result["law"].dims == ("case",):
         parts = [({"law": law}, of_law(result, [law])) for law in law_keys(result)]
     used = [dim for dim in apart if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
-    rows = []
-    for name in names:
-        for law, part in parts:
-            variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
-            columns = [dim for dim in apart if dim in variable.dims]
-            pooled = [str(dim) for dim in variable.dims if dim not in columns]
-            spread, count = fractiles_over(variable.astype(float), pooled, list(shares.values()), "share")
-            table = xr.Dataset({"values": count, **dict(zip(shares, spread.drop_vars("share"), strict=True))})
-            if "never" in part and {*part["never"].dims} <= {*variable.dims} and part["never"].any():
-                never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
-                table["never touches"] = never.sum(pooled).astype(int)
-            units = str(result[name].attrs.get("units", ""))
-            about = {"variable": name, "units": units, **dict.fromkeys(used), **law}
-            taken = over_text({dim: variable.sizes[dim] for dim in pooled})
-            for row in plain_rows(table.transpose(*columns)):
-                if row["values"] or row.get("never touches"):
-                    rows.append({**about, **row, "over": taken})
+    rows: list[Row] = []
+    for name, (law, part) in itertools.product(names, parts):
+        variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
+        columns = [dim for dim in apart if dim in variable.dims]
+        pooled = [str(dim) for dim in variable.dims if dim not in columns]
+        spread, count = fractiles_over(variable.astype(float), pooled, list(shares.values()), "share")
+        table = xr.Dataset({"values": count, **dict(zip(shares, spread.drop_vars("share"), strict=True))})
+        if "never" in part and {*part["never"].dims} <= {*variable.dims} and part["never"].any():
+            never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
+            table["never touches"] = never.sum(pooled).astype(int)
+        about = {"variable": name, "units": str(result[name].attrs.get("units", "")), **dict.fromkeys(used), **law}
+        pooled_text = over_text({dim: variable.sizes[dim] for dim in pooled})
+        for row in plain_rows(table.transpose(*columns)):
+            measured: Row = {}
+            for heading, strength in (intensity or {}).items():
+                at = {dim: row.get(str(dim)) for dim in strength.dims if strength.sizes[dim] > 1}
+                measured[heading] = None if None in at.values() else strength.sel(at).item()
+            if row["values"] or row.get("never touches"):
+                rows.append({**about, **measured, **row, "over": pooled_text})
     return rows
 
 
@@ -343,10 +352,6 @@ class Event:
     variable: str  # output that must exceed the level; "" for a touch, which needs none
     per: str  # whom it happens to, "pair" or "building"; any storey counts
     units: str = ""  # unit of the level
-
-    def words(self, level: float | None) -> str:
-        """Return the event in words."""
-        return self.title.format(level=f"{level:g} {self.units}" if self.variable else "")
 
 
 #: Every event by key.
@@ -364,7 +369,7 @@ EVENTS: dict[str, Event] = {
 
 
 def get_event(key: str, level: float | None) -> Event:
-    """Return an event by key."""
+    """Return an event by key; its level must be one that it takes."""
     if key not in EVENTS:
         raise InputError(unknown("event", key, EVENTS))
     event = EVENTS[key]

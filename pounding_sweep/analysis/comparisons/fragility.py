@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -30,10 +29,10 @@ from pounding_sweep.analysis.comparisons import (
 )
 from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.analysis.scenarios import (
-    check_levels,
     described,
     labelled,
     need_variables,
+    numbers_in,
     pounding_only,
     scenario_dims,
     touched,
@@ -69,16 +68,6 @@ class FitStatus(IntEnum):
     ONE_LEVEL = 5
     NOT_RISING = 6
 
-    def words(self, low: float, high: float, units: str) -> str:
-        """Return the meaning with what is known of the median."""
-        if np.isnan(high):
-            between = f"above {low:.4g} {units}, the strongest motion tried, at which less than half have it"
-        elif np.isnan(low):
-            between = f"below {high:.4g} {units}, the weakest motion tried, at which more than half have it"
-        else:
-            between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
-        return _MEANINGS[self].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
-
 
 #: What the statuses mean, by their values.
 _MEANINGS = (
@@ -93,49 +82,29 @@ _MEANINGS = (
 )
 
 
-@dataclass(frozen=True)
-class LognormalFit:
+class LognormalFit(NamedTuple):
     """A fitted lognormal, or why there is none."""
 
     status: FitStatus  # whether there is one
-    median: float = np.nan  # intensity at which the event is as likely as not; NaN without a fit
-    dispersion: float = np.nan  # standard deviation of the logarithm of the capacity; NaN without a fit
+    #: logarithm of the median and dispersion, of separated trials what they tend to; NaN where there is no fit
+    log_median: float = np.nan
+    dispersion: float = np.nan
     low: float = np.nan  # what is known of the median without a fit; NaN where nothing is
     high: float = np.nan
-    #: logarithm of the median and dispersion, of separated trials what they tend to; NaN where there is no fit
-    limits: tuple[float, float] = (np.nan, np.nan)
 
 
-def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
-    """Fit a lognormal to trials."""
-    x, y = _usable(intensity, happened)
-    if not x.size:
-        return LognormalFit(FitStatus.NO_DATA)
-    if not y.any():
-        return LognormalFit(FitStatus.NEVER, low=float(x.max()))
-    if y.all():
-        return LognormalFit(FitStatus.ALWAYS, high=float(x.min()))
-    if x.min() == x.max():
-        return LognormalFit(FitStatus.ONE_LEVEL, low=float(x[0]))
-    low, high = float(x[~y].max()), float(x[y].min())
-    if low <= high:
-        limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
-        share = float(y[x == low].mean()) if low == high else 0.5
-        if share < 0.5:  # the median is beyond an intensity at which less than half happened
-            high = float(x[x > low].min(initial=np.inf))
-        elif share > 0.5:
-            low = float(x[x < high].max(initial=-np.inf))
-        low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
-        return LognormalFit(FitStatus.SEPARATED, low=low, high=high, limits=limits)
-    if x[y].max() <= x[~y].min():
-        return LognormalFit(FitStatus.NOT_RISING)
-    return _likeliest([(x, y)])[0]
+def fit_lognormals(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
+    """Fit lognormals to sets of trials (intensities, and whether it happened), of one dispersion where there are more.
 
-
-def _usable(intensity: np.ndarray, happened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the trials above zero intensity."""
-    used = intensity > 0.0
-    return merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
+    A set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion.
+    """
+    usable = [(merged(x[x > 0.0]), np.asarray(happened, dtype=bool)[x > 0.0]) for x, happened in trials]
+    fits = [_fit_alone(*one) for one in usable]
+    together = [i for i, fit in enumerate(fits) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
+    if len(together) > 1 and any(fit.status == FitStatus.FITTED for fit in fits):
+        for i, fit in zip(together, _likeliest([usable[i] for i in together]), strict=True):
+            fits[i] = fit
+    return fits
 
 
 def merged(x: np.ndarray) -> np.ndarray:
@@ -148,15 +117,27 @@ def merged(x: np.ndarray) -> np.ndarray:
     return result
 
 
-def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
-    """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened."""
-    # a set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion
-    fits = [fit_lognormal(*part) for part in trials]
-    among = [i for i, fit in enumerate(fits) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
-    if len(among) > 1 and any(fit.status == FitStatus.FITTED for fit in fits):
-        for i, fit in zip(among, _likeliest([_usable(*trials[i]) for i in among]), strict=True):
-            fits[i] = fit
-    return fits
+def _fit_alone(x: np.ndarray, y: np.ndarray) -> LognormalFit:
+    """Fit one set of trials, all above zero intensity."""
+    if not x.size:
+        return LognormalFit(FitStatus.NO_DATA)
+    if not y.any():
+        return LognormalFit(FitStatus.NEVER, low=float(x.max()))
+    if y.all():
+        return LognormalFit(FitStatus.ALWAYS, high=float(x.min()))
+    if x.min() == x.max():
+        return LognormalFit(FitStatus.ONE_LEVEL, low=float(x[0]))
+    low, high = float(x[~y].max()), float(x[y].min())
+    if low > high:
+        return LognormalFit(FitStatus.NOT_RISING) if x[y].max() <= x[~y].min() else _likeliest([(x, y)])[0]
+    limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
+    share = float(y[x == low].mean()) if low == high else 0.5
+    if share < 0.5:  # the median is beyond an intensity at which less than half happened
+        high = float(x[x > low].min(initial=np.inf))
+    elif share > 0.5:
+        low = float(x[x < high].max(initial=-np.inf))
+    low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
+    return LognormalFit(FitStatus.SEPARATED, *limits, low, high)
 
 
 def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
@@ -183,21 +164,9 @@ def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Lognorma
     for (x, _), a in zip(trials, offsets, strict=True):
         log_median = middle - spread * a / b if b > 0.0 else math.inf
         inside = np.log(x.min() / FARTHEST) <= log_median <= np.log(x.max() * FARTHEST)
-        if inside and spread <= WIDEST * b:
-            limits = log_median, spread / b
-            fits.append(LognormalFit(FitStatus.FITTED, math.exp(log_median), spread / b, limits=limits))
-        else:
-            fits.append(LognormalFit(FitStatus.NOT_RISING))
+        fitted = inside and spread <= WIDEST * b
+        fits.append(LognormalFit(*((FitStatus.FITTED, log_median, spread / b) if fitted else (FitStatus.NOT_RISING,))))
     return fits
-
-
-def crossing(median: Any, dispersion: Any, other_median: Any, other_dispersion: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the intensities at which curves cross, and their probability there; not finite where they don't."""
-    from scipy.special import ndtr
-
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one dispersion, or hardly another
-        away = np.log(np.divide(other_median, median)) / np.subtract(dispersion, other_dispersion)
-        return median * np.exp(dispersion * away), ndtr(np.where(np.isfinite(away), away, np.nan))
 
 
 def jackknife(
@@ -211,7 +180,8 @@ def jackknife(
     from scipy.special import ndtr, stdtrit
 
     n = len(without)
-    pseudo = n * np.array([fit.limits]) - (n - 1) * np.array([other.limits for other in without]).reshape(n, 2)
+    # log median and dispersion
+    pseudo = n * np.array([fit[1:3]]) - (n - 1) * np.array([other[1:3] for other in without]).reshape(n, 2)
     if n < 2 or not np.isfinite(pseudo).all() or pseudo[:, 1].mean() <= 0.0:
         return np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan)
     log_median, dispersion = pseudo.mean(axis=0)
@@ -244,13 +214,14 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
             columns |= {f"{name}_{bound}": result[f"{name}_interval"].sel(bound=bound) for bound in BOUNDS}
     for q in result["quantile"].values.tolist() if "fractile" in result else []:
         columns[f"at {q:g}"] = result["fractile"].sel(quantile=q)
-    columns |= {"status": status, **{bound: result["median_between"].sel(bound=bound) for bound in BOUNDS}}
-    table = xr.Dataset({name: part.reset_coords(drop=True) for name, part in columns.items()}).transpose(*dims)
-    rows = plain_rows(table)
+    columns |= {"fit": status, **{bound: result["median_between"].sel(bound=bound) for bound in BOUNDS}}
+    rows = plain_rows(
+        xr.Dataset({name: part.reset_coords(drop=True) for name, part in columns.items()}).transpose(*dims)
+    )
     for row in rows:
         low, high = (np.nan if end is None else end for end in map(row.pop, BOUNDS))
-        fit = FitStatus(row.pop("status")).words(low, high, units)
-        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": fit}
+        words = _words(row.pop("fit"), low, high, units)
+        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": words}
     return rows
 
 
@@ -294,13 +265,11 @@ def fragility(
     Returns
     -------
     xarray.Dataset
-        On the cube's other axes (without the law "none" where the event is a pair's) and
-        ``pair`` or ``building``: ``fit_status``; ``median`` (in the intensity's unit) and
-        ``dispersion`` of the lognormal; their intervals on ``bound``;
-        ``median_between`` (bound) where there is no fit; ``trials``, ``happened_count`` and
-        ``left_out`` (scenarios that are not ok); ``fractile`` (quantile), the intensities at the
-        `quantiles`. On ``intensity``: ``probability`` and
-        ``probability_interval`` (bound). Trial by trial: ``happened`` and ``trial_intensity``.
+        On the cube's other axes (without the law "none" where the event is a pair's) and ``pair`` or ``building``:
+        ``fit_status``; ``median`` (in the intensity's unit) and ``dispersion`` of the lognormal; their intervals on
+        ``bound``; ``median_between`` (bound) where there is no fit; ``trials``, ``happened_count`` and ``left_out``
+        (scenarios that are not ok); ``fractile`` (quantile), the intensities at the `quantiles`. On ``intensity``:
+        ``probability`` and ``probability_interval`` (bound). Trial by trial: ``happened`` and ``trial_intensity``.
 
     Raises
     ------
@@ -309,10 +278,9 @@ def fragility(
 
     Notes
     -----
-    Intervals come from leaving out one record after the other with all its trials
-    (see `jackknife`): trials of one record at many scales are not independent.
-    They are missing where there is one record only, or where the others have no fit without one of them.
-    How often such intervals hold the true values is measured: see the page on comparisons.
+    Intervals come from leaving out one record after the other with all its trials (see `jackknife`): trials of one
+    record at many scales are not independent. They are missing where there is one record only, or where the others have
+    no fit without one of them. How often they hold the true values is measured: see the page on comparisons.
 
     Examples
     --------
@@ -320,20 +288,18 @@ def fragility(
     >>> count = (("record", "pair"), [[0.0], [0.0], [1.0], [0.0], [2.0], [1.0]])
     >>> pga = ("record", [1.0, 2.0, 2.5, 3.0, 3.5, 4.0])
     >>> axes = {"record": list("abcdef"), "record_pga": pga, "pair": ["left-right"]}
-    >>> found = fragility(xr.Dataset({"impact_count": count}, axes), confidence=None)
-    >>> round(found["median"].item(), 2), sentence(found.squeeze())
+    >>> curve = fragility(xr.Dataset({"impact_count": count}, axes), confidence=None)
+    >>> round(curve["median"].item(), 2), sentence(curve.squeeze())
     (2.67, 'fitted')
     """
     from scipy.special import ndtri
 
     about = get_event(event, level)
     what = f"the fragility of {event!r}"
-    if confidence is not None and not 0.0 < confidence < 1.0:
-        raise InputError(
-            f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
-        )
-    if not all(0.0 < q < 1.0 for q in quantiles):
-        raise InputError(f"quantiles are {list(quantiles)}; of a fragility they must be between 0 and 1")
+    if confidence is not None:
+        numbers_in("(0, 1)", confidence, "confidence (None for no intervals)")
+    if len(quantiles):
+        numbers_in("(0, 1)", quantiles, "quantiles of a fragility")
     if about.per == "pair":
         check_needs(cube, what, pairs=True, laws=1)
         cube = pounding_only(cube)
@@ -351,51 +317,52 @@ def fragility(
         happened, ok, strength = (
             part if dim in part.dims else part.expand_dims(dim) for part in (happened, ok, strength)
         )
-    strength = strength.transpose(*trials)
-    dims = [dim for dim in happened.dims if dim not in trials]
+    happened, strength = happened.transpose(..., *trials), strength.transpose(*trials)
+    dims = happened.dims[:-2]
     for axis in one_dispersion:
         if axis not in dims:
             raise InputError(unknown("axis of one dispersion", axis, map(str, dims)))
     x = np.asarray(strength.values, dtype=float)
     if levels is None and x.max() <= 0.0:
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
-    units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
-    at = np.linspace(x.max() / LEVELS, x.max(), LEVELS) if levels is None else check_levels(levels, units)
-    alike: dict[bytes, tuple[np.ndarray, ...]] = {}  # many are: some laws ignore some axes
+    units, name = strength.attrs["units"], strength.attrs["long_name"]
+    words = about.title.format(level=f"{level or 0.0:g} {about.units}")
+    at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
+    if levels is not None:
+        at = numbers_in("(0, inf)", levels, f"levels ({units})")
+    known: dict[bytes, list[np.ndarray]] = {}  # many tables are the same: some laws ignore some axes
 
-    def fit(tables: np.ndarray) -> tuple[np.ndarray, ...]:
+    def fit(tables: np.ndarray) -> list[np.ndarray]:
         key = tables.tobytes()
-        if key not in alike:
+        if key not in known:
             sizes = tables.shape[: len(one_dispersion)]
             parts = zip(*_fits(tables.reshape(-1, *x.shape), x, at, confidence), strict=True)
-            alike[key] = tuple(np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts)
-        return alike[key]
+            known[key] = [np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts]
+        return known[key]
 
     parts = xr.apply_ufunc(
-        fit,
+        lambda tables: tuple(fit(tables)),
         happened,
         input_core_dims=[[*one_dispersion, *trials]],
         output_core_dims=[[*one_dispersion, *inner] for inner, _, _ in _VARIABLES.values()],
         vectorize=True,
     )
-    dataset = xr.Dataset(
-        {
-            variable: described(part, unit or units, text.format(event=words))
-            for (variable, (_, unit, text)), part in zip(_VARIABLES.items(), parts, strict=True)
-        },
-        {
-            **{dim: cube[dim] for dim in one_dispersion},
-            "bound": labelled("bound", BOUNDS, "end of the confidence interval"),
-            "intensity": labelled("intensity", at, name, units),
-        },
-    ).transpose(*dims, ...)
+    coords = {
+        **{dim: cube[dim] for dim in one_dispersion},
+        "bound": labelled("bound", BOUNDS, "end of the confidence interval"),
+        "intensity": labelled("intensity", at, name, units),
+    }
+    variables = {
+        variable: described(part, unit or units, text.format(event=words))
+        for (variable, (_, unit, text)), part in zip(_VARIABLES.items(), parts, strict=True)
+    }
+    dataset = xr.Dataset(variables, coords).transpose(*dims, ...)
     dataset["fit_status"].attrs |= {
         "flag_values": np.array(FitStatus, np.int8),
         "flag_meanings": " ".join(status.name.lower() for status in FitStatus),
     }
     left_out = (~ok).sum(trials).astype(np.int64)
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
-    happened = happened.transpose(..., *trials)
     dataset["happened"] = described(happened, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
     if len(quantiles):
@@ -414,9 +381,19 @@ def fragility(
 
 def sentence(dataset: xr.Dataset) -> str:
     """Say in words what the fit of one cell is, or why there is none."""
-    status = FitStatus(int(dataset["fit_status"]))
     low, high = (float(value) for value in dataset["median_between"])
-    return status.words(low, high, str(dataset["median"].attrs["units"]))
+    return _words(int(dataset["fit_status"]), low, high, str(dataset["median"].attrs["units"]))
+
+
+def _words(status: int, low: float, high: float, units: str) -> str:
+    """Return the meaning of a status with what is known of the median."""
+    if np.isnan(high):
+        between = f"above {low:.4g} {units}, the strongest motion tried, at which less than half have it"
+    elif np.isnan(low):
+        between = f"below {high:.4g} {units}, the weakest motion tried, at which more than half have it"
+    else:
+        between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
+    return _MEANINGS[status].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
 
 
 #: Results of a fit: dimensions of their own, unit ("": the intensity's), and what they are.
@@ -438,37 +415,42 @@ def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float |
     """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
     from scipy.special import ndtr
 
+    known = np.isfinite(tables)
+
     def fits(records: np.ndarray) -> list[LognormalFit]:
-        known = [np.isfinite(table) & records[:, None] for table in tables]
-        return fit_with_one_dispersion(
-            [(x[used], table[used] > 0.0) for table, used in zip(tables, known, strict=True)]
+        return fit_lognormals(
+            [(x[part], table[part] > 0.0) for table, part in zip(tables, known & records, strict=True)]
         )
 
-    whole = fits(np.ones(len(x), bool))
-    owns = np.isfinite(tables).any(axis=2)  # whether a curve has trials of a record
+    whole = fits(np.array(True))
+    tried = known.any(axis=2)  # whether a curve has trials of a record
     without = {}
     if confidence is not None and any(fit.status == FitStatus.FITTED for fit in whole):
-        without = {one: fits(np.arange(len(x)) != one) for one in np.flatnonzero(owns.any(axis=0))}
+        without = {one: fits(np.arange(len(x))[:, None] != one) for one in np.flatnonzero(tried.any(axis=0))}
     rows = []
     for number, (table, fit) in enumerate(zip(tables, whole, strict=True)):
-        these = np.flatnonzero(owns[number]) if without and fit.status == FitStatus.FITTED else ()
-        others = [without[one][number] for one in these]
+        fitted = fit.status == FitStatus.FITTED
+        others = [without[one][number] for one in np.flatnonzero(tried[number]) if without and fitted]
         median, dispersion, band = jackknife(fit, others, at, confidence or np.nan)
+        values = (np.exp(fit.log_median), fit.dispersion) if fitted else (np.nan, np.nan)
+        counts = known[number].sum(), (table > 0.0).sum()
+        curve = ndtr(np.log(at / values[0]) / values[1])
         between = [fit.low, fit.high]
-        counts = np.isfinite(table).sum(), (table > 0.0).sum()
-        curve = ndtr(np.log(at / fit.median) / fit.dispersion)
-        status = np.int8(fit.status)
-        rows.append((status, fit.median, fit.dispersion, median, dispersion, between, *counts, curve, band))
+        rows.append((np.int8(fit.status), *values, median, dispersion, between, *counts, curve, band))
     return rows
 
 
 def crossed(dataset: xr.Dataset) -> str:
     """Say which curves of neighbouring values cross at the intensities given, and where; "" where none do."""
+    from scipy.special import ndtr
+
     count, first, at = 0, "", dataset["intensity"].values
     fits = dataset[["median", "dispersion"]]
     for axis in (str(dim) for dim in fits["median"].dims if dim not in ("law", "pair", "building")):
         median, dispersion = (np.moveaxis(part.transpose(axis, ...).values, 0, -1) for part in fits.values())
-        where, share = crossing(median[..., :-1], dispersion[..., :-1], median[..., 1:], dispersion[..., 1:])
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one dispersion, or hardly another
+            away = np.diff(np.log(median)) / -np.diff(dispersion)
+            where, share = median[..., :-1] * np.exp(dispersion[..., :-1] * away), ndtr(away)
         seen = (at.min() <= where) & (where <= at.max()) & (np.minimum(share, 1.0 - share) > SEEN)
         for place in map(tuple, np.argwhere(seen)[:1]):
             labels = " and ".join(f"{label:g}" for label in dataset[axis].values[place[-1] :][:2].tolist())

@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -19,22 +20,13 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
 from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
-from pounding_sweep.analysis.rebuild import (
-    intensity_of,
-    own_intensity,
-    periods_of,
-    runs_of_cube,
-    runs_of_row,
-    stored_sweep,
-)
+from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of, stored_sweep, uncoupled_runs
 from pounding_sweep.analysis.scenarios import (
     COMPARISON,
     ROUND_OFF,
-    check_levels,
     described,
-    fractiles_over,
-    identity,
     labelled,
+    numbers_in,
     peak_displacement,
     values,
 )
@@ -73,17 +65,11 @@ class BehaviourFactors:
     r: float | Mapping[str, float] = 1.0
 
     def of(self, factor: str, building: str) -> float:
-        """Return a factor of a building.
-
-        Raises
-        ------
-        InputError
-            It is not given for that building, or is no positive number.
-        """
+        """Return a factor of a building, a positive number."""
         value = getattr(self, factor)
         if isinstance(value, Mapping):
             value = value.get(building, math.nan)
-        if not (math.isfinite(value) and value > 0):
+        if not 0.0 < value < math.inf:
             raise InputError(
                 f"factor {factor!r} of building {building!r} is {value!r}; give every building a positive number"
             )
@@ -218,8 +204,7 @@ def required_gap(
     Raises
     ------
     InputError
-        A row without records, a row without pairs, or a cube whose row or records can't
-        be known; the message says what is missing.
+        A row without records or pairs, or a cube whose row or records can't be known; the message says what is missing.
 
     Notes
     -----
@@ -237,19 +222,14 @@ def required_gap(
     >>> gaps.exact.sel(record="el_centro", pair="left-middle").item()  # doctest: +SKIP
     """
     factors = behaviour or BehaviourFactors()
-    if isinstance(source, xr.Dataset):
-        scene, runs = runs_of_cube(source, [] if records is None else records, folders)
-    elif records is None:
-        raise InputError("the required gap of a row needs records: required_gap(scene, records)")
-    else:
-        scene, runs = runs_of_row(source, records, folders)
+    scene, runs = uncoupled_runs(source, records, folders)
     closing, ends = values(runs, "closing_max"), _neighbours(scene, runs, factors)
     closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
     exact, reach = (closest + ends.thickness).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
     index = labelled("rule", SEPARATION_RULES, "separation rule")
     rule_gap = xr.concat([(rule.gap(ends) + ends.thickness).max("storey") for rule in rules], dim=index)
-    result = {
+    variables = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
         "never": ((reach == 0.0).where(reach.notnull()), "1", "1 where the pair never touches, 0 where it does"),
@@ -257,18 +237,15 @@ def required_gap(
         "ratio": (rule_gap / exact.where(exact > 0.0), "1", "required gap by the rule over the exact one"),
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
-    variables = {name: described(*about, bare=True) for name, about in result.items()}
-    coords: dict[str, Any] = {
-        f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
-        for name in ("title", "formula", "clause", "edition", "note")
-    }
+    result = xr.Dataset({name: described(*about, bare=True) for name, about in variables.items()})
+    for name in ("title", "formula", "clause", "edition", "note"):
+        texts = [getattr(rule, name) for rule in rules]
+        result.coords[f"rule_{name}"] = ("rule", texts, {"long_name": f"{name} of the rule"})
     gaps = [scene.gaps[pair] for pair in scene.pair_of_label]
-    coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
+    result.coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
     if ends.thickness.any():
-        coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
-    about = {} if isinstance(source, xr.Dataset) else identity(runs)
-    used = {f"factor_{name}": str(value) for name, value in vars(factors).items()}
-    return xr.Dataset(variables).assign_coords(coords).assign_attrs({**about, **used})
+        result.coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
+    return result.assign_attrs({f"factor_{name}": str(value) for name, value in vars(factors).items()})
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
@@ -279,46 +256,41 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
     every floor of the lower of which is level with one of the other; ``cd_left`` and so on the behaviour factors;
     ``thickness`` what bumpers take of the gap (m).
     """
-    labels = list(scene.pair_labels)
-    names = [building.name for building in scene.buildings]
-    pair = {"pair": labels}
-    floor = {**pair, "storey": np.arange(1, scene.n_storeys + 1)}
-    # building at each side of a pair, -1 for a wall
-    row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
-    sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], pair, ("pair",)) for side in (0, 1)]
-
-    def of_sides(name: str, part: xr.DataArray) -> dict[str, xr.DataArray]:  # of a wall 1
-        picked = (part.isel(building=side).where(side >= 0, 1.0).reset_coords(drop=True) for side in sides)
-        return {f"{name}_{end}": one.transpose("pair", ...) for end, one in zip(("left", "right"), picked, strict=True)}
-
-    # of each floor that could meet another: shares of the floors that it moves with, those beside struck columns
-    moves = np.zeros((2, len(labels), scene.n_storeys, len(names), scene.n_storeys))
-    thick = np.zeros((len(labels), scene.n_storeys))
-    for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
+    labels = {"pair": list(scene.pair_labels)}
+    floors = {**labels, "storey": np.arange(1, scene.n_storeys + 1)}
+    shape = len(labels["pair"]), scene.n_storeys
+    # at each side of what could meet: the shares of the floors that it moves with, those beside struck columns
+    moves, thickness = np.zeros((2, *shape, scene.n_dof)), np.zeros(shape)
+    for contact, thick in zip(scene.contacts, scene.thicknesses(), strict=True):
         place = contact.place, contact.storey - 1
-        thick[place] = thickness
+        thickness[place] = thick
         for dof, share in contact.ends:
-            building = int(np.searchsorted(scene.offsets, dof, side="right")) - 1
-            moves[(int(share < 0.0), *place, building, dof - scene.offsets[building])] += abs(share)
-    peaks = peak_displacement(runs).reset_coords(drop=True).rename(storey="floor")
-    known = peaks.notnull().any(["building", "floor"]) & xr.DataArray(moves.any((0, 3, 4)), floor, ("pair", "storey"))
-    dims = ("pair", "storey", "building", "floor")
-    left, right = (xr.dot(xr.DataArray(of, floor, dims), peaks.fillna(0.0)).where(known) for of in moves)
-    level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
-    neighbours = zip(scene.row[:-1], scene.row[1:], strict=True)
-    lowest = [min(item.n_storeys for item in both if isinstance(item, Building)) for both in neighbours]
+            moves[int(share < 0.0), *place, dof] += abs(share)
+    building = np.searchsorted(scene.offsets, np.arange(scene.n_dof), side="right") - 1
+    storey = np.arange(scene.n_dof) - np.array(scene.offsets)[building]
+    of_dof = {"building": xr.DataArray(building, dims="dof"), "storey": xr.DataArray(storey, dims="dof")}
+    peaks = peak_displacement(runs).isel(of_dof).reset_coords(drop=True)
+    meets = xr.DataArray(moves.any((0, 3)), floors, ("pair", "storey"))
+    left, right = (xr.dot(xr.DataArray(side, floors, ("pair", "storey", "dof")), peaks).where(meets) for side in moves)
+    result = {"left": left, "right": right, "thickness": meets.copy(data=thickness)}
+    names = [item.name for item in scene.buildings]
+    modes = ("fundamental_period", "first_damping_ratio")
+    properties = {name: runs[name].reset_coords(drop=True) for name in modes}
+    for name in vars(factors):
+        properties[name] = xr.DataArray([factors.of(name, building) for building in names], dims="building")
+    row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
+    sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], labels, ("pair",)) for side in (0, 1)]
+    for end, side in zip(("left", "right"), sides, strict=True):
+        for name, part in properties.items():
+            result[f"{name}_{end}"] = part.isel(building=side).where(side >= 0, 1.0).reset_coords(drop=True)
     two = (sides[0] >= 0) & (sides[1] >= 0)
-    modes = of_sides("period", runs["fundamental_period"]) | of_sides("damping", runs["first_damping_ratio"])
-    result = {
-        "left": left,
-        "right": right,
-        "correlation": cqc_correlation(*modes.values()).where(two, 0.0),
-        "level": two & xr.DataArray((level == lowest)[list(scene.pair_of_label)], pair, ("pair",)),
-        "thickness": xr.DataArray(thick, floor, ("pair", "storey")),
-    }
-    for factor in vars(factors):
-        of_buildings = [factors.of(factor, name) for name in names]
-        result |= of_sides(factor, xr.DataArray(of_buildings, dims="building"))
+    level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
+    lowest = [
+        min(item.n_storeys for item in scene.row[i : i + 2] if isinstance(item, Building)) for i in range(len(level))
+    ]
+    result["level"] = two & (level == lowest)[list(scene.pair_of_label)]
+    correlation = cqc_correlation(*(result[f"{name}_{end}"] for name in modes for end in ("left", "right")))
+    result["correlation"] = correlation.where(two, 0.0).transpose("pair", ...)
     return xr.Dataset(result)
 
 
@@ -350,29 +322,26 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
         "gap_in_years": f"in {years:g} years",
         "rate": "the row's gap",
     }
-    numbers = result.reset_coords(drop=True)
+    others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
+    first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
+    about = {"units": "m", "over": over_text({"record": int(result.attrs["suite"])})}
     rows: list[Row] = []
     for stem, given in tables.items():
         if stem not in result:
             continue
         names = {f"{stem}{end}": f"{stem.partition('_')[0]}{end}" for end in _ENDS}
         if stem == "rate":
-            names["beyond"] = "beyond"
-        part = numbers[[*names, "records", "never"]].rename(names | {"never": "never touches"})
-        if stem == "rate":
-            part["gap"] = result["row_gap"].reset_coords(drop=True)
-        for row in plain_rows(part):
+            names |= {"beyond": "beyond", "row_gap": "gap"}
+        names |= {"records": "records", "never": "never touches"}
+        for row in plain_rows(result.reset_coords()[[*names]].rename(names)):
             level = row.pop("intensity", None)
             row["given"] = given if level is None else f"{given} {level:.4g}"
             if stem == "gap_in_years":
                 row["rate"] = -math.log1p(-row["probability"]) / years
             elif stem == "rate":
                 row["probability"] = row["rate"] and -math.expm1(-row["rate"] * years)
-            rows.append(row)
-    others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
-    first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
-    about = {"units": "m", "over": over_text({"record": int(result.attrs["suite"])})}
-    return [{name: row.get(name) for name in first} | row | about for row in rows]
+            rows.append({name: row.get(name) for name in first} | row | about)
+    return rows
 
 
 @comparison("gap-for-probability")
@@ -457,7 +426,9 @@ def gap_for_probability(
     >>> gap_for_probability(gaps, [0.5]).gap.round(6).values.tolist()
     [[0.02]]
     """
-    check_numbers(probabilities, confidence, years)
+    numbers_in("(0, 1)", probabilities, "probabilities")
+    numbers_in("(0, 1)", confidence, "confidence")
+    numbers_in("(0, inf)", years, "years")
     site = None if hazard is None else hazard_of(hazard)
     gaps = cube if cube.attrs.get(COMPARISON) == "required-gap" else required_gap(cube, records, folders=folders)
     check_needs(gaps, "a gap for a probability", several=["record"])
@@ -469,22 +440,14 @@ def gap_for_probability(
         attributes["intensity"] = f"{name} ({units})"
         exact = _per_intensity(exact, strength, cube)
         middles = np.atleast_1d(strength.median("record").values)
-        own = sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
-        level = labelled("intensity", own if levels is None else check_levels(levels, units), name, units)
+        at = sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
+        if levels is not None:
+            at = numbers_in("(0, inf)", levels, f"intensities ({units})").tolist()
+        level = labelled("intensity", at, name, units)
     elif levels is not None:
         raise InputError(
             "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         )
-    shares = labelled("probability", [*probabilities, *curve], "probability that the pair touches", "1")
-    fit = _Lognormal(exact, confidence)
-    numbers = {"gap": {end: part * level for end, part in fit.gaps(shares).items()}}
-    variables = {
-        "trial_gap": described(exact * level, "m", "required gap of the record"),
-        "median": described(np.exp(fit.middle) * level, "m", "median required gap"),
-        "dispersion": described(fit.spread, "1", "standard deviation of the logarithm of the required gap"),
-        "records": described(fit.count, "1", "records that count"),
-        "never": described((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
-    }
     if site is not None:
         if not isinstance(intensity, xr.DataArray):
             check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
@@ -492,36 +455,42 @@ def gap_for_probability(
             raise InputError(
                 f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
             )
-        numbers["gap_in_years"] = fit.gaps_of_rate(site, shares, years)
         attributes |= {"hazard": site.source, "years": years}
+    bounds = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
+    median, spread, count, never, gap, in_years, rate = xr.apply_ufunc(
+        partial(_of_pair, (*probabilities, *curve), bounds, site, years),
+        *(exact, gaps.coords.get("row_gap", np.nan)),
+        input_core_dims=[["record"], []],
+        output_core_dims=[[], [], [], [], ["number", "probability"], ["number", "probability"], ["part"]],
+        vectorize=True,
+    )
+    variables = {
+        "trial_gap": described(exact * level, "m", "required gap of the record"),
+        "median": described(median * level, "m", "median required gap"),
+        "dispersion": described(spread, "1", "standard deviation of the logarithm of the required gap"),
+        "records": described(count, "1", "records that count"),
+        "never": described(never, "1", "records under which the pair never touches"),
+    }
+    numbers = {"gap": gap * level}
+    if site is not None:
+        numbers["gap_in_years"] = in_years
         if "row_gap" in gaps.coords:
-            numbers["rate"] = fit.rates(site, gaps["row_gap"])
-            beyond = numbers["rate"].pop("beyond")
-            variables["beyond"] = described(beyond, "1", "share of the rate from intensities beyond the hazard's")
+            numbers["rate"] = rate.isel(part=slice(len(_ENDS))).rename(part="number")
+            about = "share of the rate from intensities beyond the hazard's"
+            variables["beyond"] = described(rate.isel(part=-1), "1", about)
     n = len(probabilities)
     for stem, parts in numbers.items():
-        for end, part in parts.items():
+        for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=True):
             text = f"{_MEANINGS[stem]}, {'of the records themselves' if end else 'by a lognormal'}"
             if end in ("_lower", "_upper"):
                 text = f"{end[1:]} end of the {confidence:.0%} confidence interval of {stem}"
-            name = f"{stem}{end}"
-            variables[name] = described(part, "year-1" if stem == "rate" else "m", text)
-            if stem != "rate":
-                if name != "gap_observed":
-                    curves = variables[name].isel(probability=slice(n, None))
-                    variables[f"curve_{name}"] = curves.rename(probability="curve")
-                variables[name] = variables[name].isel(probability=slice(n))
-    return xr.Dataset(variables, attrs=attributes)
-
-
-def check_numbers(probabilities: Sequence[float], confidence: float = 0.95, years: float = YEARS) -> None:
-    """Raise `InputError` unless probabilities are between 0 and 1 and the years are some."""
-    if not len(probabilities) or not all(0.0 < p < 1.0 for p in (*probabilities, confidence)):
-        raise InputError(
-            f"probabilities are {list(probabilities)}, confidence is {confidence!r}; all must be between 0 and 1"
-        )
-    if not (math.isfinite(years) and years > 0.0):
-        raise InputError(f"years are {years!r}; give a number above 0, such as 50")
+            name, whole = f"{stem}{end}", described(part, "year-1" if stem == "rate" else "m", text)
+            if stem != "rate" and name != "gap_observed":
+                variables[f"curve_{name}"] = whole.isel(probability=slice(n, None)).rename(probability="curve")
+            variables[name] = whole.isel({"probability": slice(n)}, missing_dims="ignore")
+    shares = {"probability": probabilities, "curve": curve}
+    coords = {dim: labelled(dim, part, "probability that the pair touches", "1") for dim, part in shares.items()}
+    return xr.Dataset(variables, coords, attributes)
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
@@ -542,13 +511,13 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
         return ratio
     parts = {}
     for text, sign in (("as recorded", 1.0), ("reversed", -1.0)):
-        part = ratio.isel({dim: np.flatnonzero(sign * ratio[dim].values > 0.0)})
-        if not part.sizes[dim]:
+        places = np.flatnonzero(sign * ratio[dim].values > 0.0)
+        if not places.size:
             continue
-        low, high = part.min(dim), part.max(dim)
-        wrong = (high - low > PROPORTIONAL * high).any([d for d in low.dims if d != "record"])
+        part = ratio.isel({dim: places})
+        wrong = part.max(dim) - part.min(dim) > PROPORTIONAL * part.max(dim)
         if wrong.any():
-            name = str(strength["record"].values[np.argmax(wrong.values)])
+            name = str(wrong["record"][wrong.any([dim for dim in wrong.dims if dim != "record"])].values[0])
             raise InputError(
                 f"required gaps of record {name!r} do not grow in "
                 "proportion to its scale, so that those at other intensities can't be told; leave the intensity out, "
@@ -560,75 +529,53 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
     return xr.concat(list(parts.values()), labelled("direction", parts, "ground motion"))
 
 
-class _Lognormal:
-    """A lognormal of required gaps for each pair, and what it and the gaps themselves come to."""
+@lru_cache
+def _deviates(shares: Sequence[float], bounds: Sequence[float], n: int) -> np.ndarray:
+    """Return the normal quantile for each share, and the ends of its interval of n records, shape (3, shares)."""
+    from scipy.stats import nct, norm
 
-    def __init__(self, exact: xr.DataArray, confidence: float) -> None:
-        self.exact = exact
-        self.bounds = [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
-        self.count = exact.notnull().sum("record")
-        logs: Any = np.log(exact.where((self.count > 1) & ~(exact <= 0.0).any("record")))
-        self.middle, self.spread = logs.mean("record"), logs.std("record", ddof=1)
-
-    def gaps(self, index: xr.DataArray) -> dict[str, xr.DataArray]:
-        """Return the gap for each probability, its interval, and the fractile of the records."""
-        from scipy.stats import nct, norm
-
-        z = index.copy(data=norm.isf(index.values))
-        sizes, place = np.unique(self.count.values, return_inverse=True)  # quantiles take long, and sizes are few
-        deviates = [z]
-        for share in self.bounds:
-            table = nct.ppf(share, np.where(sizes > 1, sizes - 1, np.nan), z.values[:, None] * sizes**0.5)
-            t = xr.DataArray(table[:, place.reshape(self.count.shape)], dims=("probability", *self.count.dims))
-            deviates.append(t / self.count**0.5)
-        observed = fractiles_over(self.exact, ["record"], (1.0 - index.values).tolist(), "probability")[0]
-        observed = observed.assign_coords(probability=index).where(index * self.count >= 1.0)
-        parts = (*(np.exp(self.middle + deviate * self.spread) for deviate in deviates), observed)
-        return {end: part.transpose("probability", ...) for end, part in zip(_ENDS, parts, strict=True)}
-
-    def gaps_of_rate(self, site: Hazard, index: xr.DataArray, years: float) -> dict[str, xr.DataArray]:
-        """Return the gap for each probability of a touch in some years, its interval, and that of the records."""
-        rate = -np.log1p(-index.values) / years
-
-        def gaps(exact: np.ndarray, middle: float, spread: float, count: int) -> np.ndarray:
-            z, spreads = _drawn(spread, count)
-            medians = np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
-            drawn = (middle + z * spreads / count**0.5 + medians).reshape(index.size, -1)
-            with np.errstate(divide="ignore"):
-                observed = site.factor_at(rate, 1.0 / exact[np.isfinite(exact)])
-            fitted = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
-            return np.stack([fitted, *np.exp(np.quantile(drawn, self.bounds, axis=1)), observed])
-
-        parts = self._of_pairs(gaps, ["number", "probability"]).assign_coords(probability=index)
-        return dict(zip(_ENDS, parts.transpose("number", "probability", ...), strict=True))
-
-    def rates(self, site: Hazard, gap: xr.DataArray) -> dict[str, xr.DataArray]:
-        """Return the annual rate at which a gap touches, its interval, that of the records; and ``beyond``."""
-
-        def rates(exact: np.ndarray, middle: float, spread: float, count: int, gap: float) -> np.ndarray:
-            if not (gap > 0.0 and count):
-                return np.full(len(_ENDS) + 1, np.nan)
-            z, spreads = _drawn(spread, count)
-            median = gap / np.exp(middle)
-            drawn = site.touching(median / np.exp(z * spreads / count**0.5), spreads)
-            with np.errstate(divide="ignore"):
-                observed = site.exceeded(gap / exact[np.isfinite(exact)]).mean()
-            fitted, beyond = (part(median, np.array(spread)) for part in (site.touching, site.beyond))
-            return np.array([fitted, *np.quantile(drawn, self.bounds), observed, beyond])
-
-        parts = self._of_pairs(rates, ["number"], gap).transpose("number", ...)
-        return dict(zip((*_ENDS, "beyond"), parts, strict=True))
-
-    def _of_pairs(self, make: Callable[..., np.ndarray], dims: list[Any], *more: xr.DataArray) -> xr.DataArray:
-        """Return what a function makes of the required gaps and the fit of each pair, along `dims` of its own."""
-        parts = (self.exact, self.middle, self.spread, self.count, *more)
-        core = [["record"], *([[]] * (len(parts) - 1))]
-        return xr.apply_ufunc(make, *parts, input_core_dims=core, output_core_dims=[dims], vectorize=True)
+    z = norm.isf(shares)
+    return np.stack([z, *(nct.ppf(bound, n - 1, z * n**0.5) / n**0.5 for bound in bounds)])
 
 
-def _drawn(spread: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return normal numbers, down, and spreads, across, that stand for what those of all motions may be."""
+def _of_pair(
+    shares: Sequence[float],
+    bounds: Sequence[float],
+    site: Hazard | None,
+    years: float,
+    exact: np.ndarray,
+    row_gap: float,
+) -> tuple[Any, ...]:
+    """Return what the required gaps of a pair come to.
+
+    They are the median and dispersion of the lognormal, how many there are, how many are none; the gaps for each share,
+    and in these years, and the annual rate of the row's gap, of each the one by the lognormal, its interval, and the
+    one of the records themselves; of the rate also the share beyond the hazard.
+    """
     from scipy.stats import chi2, norm
 
-    shares, degrees = (np.arange(_PARTS) + 0.5) / _PARTS, max(count - 1, 1)
-    return norm.ppf(shares)[:, None], spread * np.sqrt(degrees / chi2.ppf(shares, degrees))[None, :]
+    exact = exact[np.isfinite(exact)]
+    n, never, probability = exact.size, int((exact <= 0.0).sum()), np.array(shares)
+    gaps, rates = np.full((2, len(_ENDS), len(shares)), np.nan), np.full(len(_ENDS) + 1, np.nan)
+    middle = spread = np.nan
+    if n > 1 and not never:
+        middle, spread = np.log(exact).mean(), np.log(exact).std(ddof=1)
+        gaps[0, :3] = np.exp(middle + spread * _deviates(shares, bounds, n))
+    if n:
+        gaps[0, 3] = np.where(probability * n >= 1.0, np.quantile(exact, 1.0 - probability), np.nan)
+    if n and site is not None:
+        rate, degrees, parts = -np.log1p(-probability) / years, max(n - 1, 1), (np.arange(_PARTS) + 0.5) / _PARTS
+        spreads = spread * np.sqrt(degrees / chi2.ppf(parts, degrees))[None, :]
+        away = norm.ppf(parts)[:, None] * spreads / n**0.5  # what the middle may miss by
+        drawn = middle + away + np.log(site.median_at(*np.broadcast_arrays(rate[:, None, None], spreads)))
+        with np.errstate(divide="ignore"):
+            capacities = 1.0 / exact
+        gaps[1, 0] = np.exp(middle) * site.median_at(rate, np.full(rate.shape, spread))
+        gaps[1, 1:3] = np.exp(np.quantile(drawn.reshape(rate.size, -1), bounds, axis=1))
+        gaps[1, 3] = site.factor_at(rate, capacities)
+        if row_gap > 0.0:
+            median = row_gap / np.exp(middle)
+            rates[1:3] = np.quantile(site.touching(median / np.exp(away), spreads), bounds)
+            rates[0], rates[4] = (part(median, np.array(spread)) for part in (site.touching, site.beyond))
+            rates[3] = site.exceeded(row_gap * capacities).mean()
+    return np.exp(middle), spread, n, never, *gaps, rates

@@ -10,11 +10,11 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import ROUND_OFF, chosen_variables, labelled, long_name, values
+from pounding_sweep.analysis.scenarios import ROUND_OFF, chosen_variables, labelled, long_name, numbers_in, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.design import BLOCK, Design, design_of
+from pounding_sweep.spec.design import Design, design_of
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
 _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_residual", "first_impact_time"}
@@ -24,19 +24,21 @@ RESAMPLES = 1000
 LEAST = 4
 #: Numbers of the bootstrap that are held at a time.
 BLOCK_NUMBERS = 1 << 22
+#: The two kinds of indices, and the ends of an interval.
+_KINDS, _BOUNDS = ("first", "total"), ("lower", "upper")
 
 
 def index_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per input, output, place and group of scenarios; inputs that matter most come first."""
     rows, count = [], result.sizes["input"]
     dims = [dim for dim in INNER_DIMS if dim in result.dims]
-    numbers = [f"{what}{end}" for what in ("first", "total") for end in ("", "_lower", "_upper")]
+    numbers = [f"{kind}{end}" for kind in _KINDS for end in ("", *(f"_{bound}" for bound in _BOUNDS))]
     keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
     for name in (str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")):
         columns = {"samples": result[f"{name}_samples"]}
-        for what in ("first", "total"):
-            columns[what], ends = result[f"{name}_{what}"], result[f"{name}_{what}_interval"]
-            columns |= {f"{what}_{end}": ends.sel(bound=end, drop=True) for end in ("lower", "upper")}
+        for kind in _KINDS:
+            columns[kind], ends = result[f"{name}_{kind}"], result[f"{name}_{kind}_interval"]
+            columns |= {f"{kind}_{bound}": ends.sel(bound=bound, drop=True) for bound in _BOUNDS}
         table = plain_rows(xr.Dataset(columns).transpose("group", *dims, "input", missing_dims="ignore"))
         for part in (table[first : first + count] for first in range(0, len(table), count)):
             if all(row["total"] is not None for row in part):
@@ -81,10 +83,8 @@ def sensitivity(
     See `pounding_sweep.analysis.comparisons.sensitivity.sobol_indices` for the estimators. A point of which one of the
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
-    if not 0.0 < confidence < 1.0 or resamples < 1:
-        raise InputError(
-            f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
-        )
+    numbers_in("(0, 1)", confidence, "confidence")
+    numbers_in("[1, inf)", resamples, "resamples")
     design, labels, rows = _groups(cube)
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
     default = [name for name in valid if name not in _ASIDE]
@@ -98,17 +98,17 @@ def sensitivity(
             np.stack(part).reshape(len(rows), *part[0].shape[:-1], *response.shape[1:])
             for part in zip(*parts, strict=True)
         )
-        for i, what in enumerate(("first", "total")):
-            text = f"{what} Sobol index: {long_name(cube, name)}"
+        for i, kind in enumerate(_KINDS):
+            text = f"{kind} Sobol index: {long_name(cube, name)}"
             about = {"units": "1", "long_name": text}, {"units": "1", "long_name": f"confidence interval, {text}"}
-            result[f"{name}_{what}"] = (("group", "input", *inner), indices[:, i], about[0])
-            result[f"{name}_{what}_interval"] = (("group", "bound", "input", *inner), ends[:, i], about[1])
+            result[f"{name}_{kind}"] = (("group", "input", *inner), indices[:, i], about[0])
+            result[f"{name}_{kind}_interval"] = (("group", "bound", "input", *inner), ends[:, :, i], about[1])
         text = "points with a value in all blocks"
         result[f"{name}_samples"] = (("group", *inner), counts, {"units": "1", "long_name": text})
     coords: dict[str, Any] = {
         "group": labelled("group", np.arange(1, len(rows) + 1), "scenarios of one design", "1"),
         "input": labelled("input", (item.name for item in design.inputs), "input of the design"),
-        "bound": labelled("bound", ["lower", "upper"], "end of the confidence interval"),
+        "bound": labelled("bound", _BOUNDS, "end of the confidence interval"),
     }
     coords |= {dim: cube[dim].variable for dim in INNER_DIMS if dim in cube.coords}
     about_groups = {"law": "contact law", "record": "ground-motion record", "beside": "values of other axes"}
@@ -129,24 +129,21 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
     design = design_of(stored)
-    cases = cube["case"].values  # numbers from 1, points of the design innermost
-    order = np.argsort(cases)
-    groups, counts = np.unique((cases[order] - 1) // len(design), return_counts=True)
+    order = np.argsort(cube["case"].values)  # numbers from 1, points of the design innermost
+    groups, counts = np.unique((cube["case"].values[order] - 1) // len(design), return_counts=True)
     fixed = [_fixed(sweep["cases"][group * len(design)], design) for group in groups]
-    for own, count in zip(fixed, counts, strict=True):
+    for known, count in zip(fixed, counts, strict=True):
         if count < len(design):
             raise InputError(
-                f"{len(design) - count} of the {len(design)} points of the design with {own['law']} are not "
+                f"{len(design) - count} of the {len(design)} points of the design with {known['law']} are not "
                 "in this part of the cube; give the whole cube"
             )
-    labels = []
-    for own in fixed:
-        others = {key: {other.get(key) for other in fixed} - {None} for key in own}
-        beside = (f"{key}={own[key]}" for key in own if key not in ("law", "record") and len(others[key]) > 1)
-        labels.append((own["law"], own.get("record", "drawn"), " ".join(beside)))
     rows = order.reshape(len(groups), len(design.blocks), -1)
-    if (cube[BLOCK].values[rows] != np.array(design.blocks)[:, None]).any():
-        raise InputError("the points of the design are not in its order in this cube; give the cube of its sweep")
+    varied = {key for known in fixed for key in known if len({other.get(key) for other in fixed} - {None}) > 1}
+    labels = []
+    for known in fixed:
+        law, record = known.pop("law"), known.pop("record", "drawn")
+        labels.append((law, record, " ".join(f"{key}={value}" for key, value in known.items() if key in varied)))
     return design, labels, rows
 
 
@@ -166,56 +163,46 @@ def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
 def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return indices, intervals and counts of points of outputs, from values of shape (blocks, samples, outputs)."""
     n_outputs = table.shape[2]
-    found, ends = np.full((2, d, n_outputs), np.nan), np.full((2, 2, d, n_outputs), np.nan)
+    indices, ends = np.full((2, d, n_outputs), np.nan), np.full((2, 2, d, n_outputs), np.nan)
     known = np.isfinite(table).all(axis=0)
     points, which = np.unique(known, axis=1, return_inverse=True)  # outputs that are known at the same points
     for i, rows in enumerate(points.T):
         if rows.sum() >= LEAST:
             columns = np.flatnonzero(which.ravel() == i)
-            a, b, *mixed = table[:, rows][:, :, columns].transpose(0, 2, 1)
-            found[:, :, columns] = sobol_indices(a, b, np.stack(mixed))
-            ends[:, :, :, columns] = bootstrap_intervals(a, b, np.stack(mixed), confidence, resamples)
-    return found, ends, known.sum(axis=0)
+            blocks = table[:, rows][:, :, columns].swapaxes(1, 2)
+            indices[:, :, columns] = sobol_indices(blocks)
+            ends[:, :, :, columns] = bootstrap_intervals(blocks, confidence, resamples)
+    return indices, ends, known.sum(axis=0)
 
 
-def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> np.ndarray:
+def sobol_indices(blocks: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Estimate first and total Sobol indices, shape (2, inputs, ...); NaN where values differ by rounding alone."""
-    # `a` and `b` are values at the points of two independent blocks of inputs, of any number of outputs, shape (...,
-    # n); `mixed` those at the points of A with one input of B each, shape (inputs, ..., n). First indices by Saltelli,
-    # Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2), 259-270, table 2
-    # (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117, 35-43: half the
-    # mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all is taken off
-    # first, which changes no expectation but lessens the error
-    return _from_means(_columns(a, b, mixed).mean(axis=-1), a)
+    # `blocks`, shape (inputs + 2, ..., n), are values at the points of A and B, two independent blocks of inputs, and
+    # at those of A with one input of B each; `weights` (n, resamples) of the points add a last dimension. First indices
+    # by Saltelli, Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2),
+    # 259-270, table 2 (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117,
+    # 35-43: half the mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all
+    # is taken off first, which changes no expectation but lessens the error
+    size = ROUND_OFF * np.abs(blocks[0]).max(axis=-1)
+    a, b, *mixed = blocks - blocks[:2].mean(axis=(0, -1))[..., None]
+    columns = np.stack(
+        [*(b * (m - a) for m in mixed), *(0.5 * (a - m) ** 2 for m in mixed), 0.5 * (a + b), 0.5 * (a**2 + b**2)]
+    )
+    means = columns.mean(axis=-1) if weights is None else columns @ weights
+    variance = means[-1] - means[-2] ** 2
+    varies = variance > (size if weights is None else size[..., None]) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(varies, means[:-2].reshape(2, len(mixed), *means.shape[1:]) / variance, np.nan)
 
 
-def bootstrap_intervals(
-    a: np.ndarray, b: np.ndarray, mixed: np.ndarray, confidence: float, resamples: int, seed: int = 0
-) -> np.ndarray:
-    """Return percentile intervals of the indices, shape (first and total, lower and upper, inputs, ...)."""
+def bootstrap_intervals(blocks: np.ndarray, confidence: float, resamples: int, seed: int = 0) -> np.ndarray:
+    """Return percentile intervals of the indices, shape (lower and upper, first and total, inputs, ...)."""
     # points are drawn anew, each with its values in all blocks (Efron & Tibshirani 1993, "An Introduction to the
     # Bootstrap", chapter 13)
-    columns, n, tail = _columns(a, b, mixed), a.shape[-1], (1.0 - confidence) / 2.0
-    random, block = np.random.default_rng(seed), max(1, BLOCK_NUMBERS // n)
-    means = [
-        columns @ (random.multinomial(n, np.full(n, 1.0 / n), size=min(block, resamples - first)) / n).T
-        for first in range(0, resamples, block)
+    n, tail = blocks.shape[-1], (1.0 - confidence) / 2.0
+    random, held = np.random.default_rng(seed), max(1, BLOCK_NUMBERS // n)
+    parts = [
+        sobol_indices(blocks, (random.multinomial(n, np.full(n, 1.0 / n), size=min(held, resamples - first)) / n).T)
+        for first in range(0, resamples, held)
     ]
-    found = _from_means(np.concatenate(means, axis=-1), a[..., None, :])
-    return np.moveaxis(np.quantile(found, [tail, 1.0 - tail], axis=-1), 0, 1)
-
-
-def _columns(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> np.ndarray:
-    """Return what the indices are means of: products of first indices, squares of total ones, values, their squares."""
-    middle = 0.5 * (a + b).mean(axis=-1, keepdims=True)
-    a, b, mixed = a - middle, b - middle, mixed - middle
-    return np.concatenate([b * (mixed - a), 0.5 * (a - mixed) ** 2, [0.5 * (a + b), 0.5 * (a**2 + b**2)]])
-
-
-def _from_means(means: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Return first and total indices of means of `_columns`."""
-    d = len(means) // 2 - 1
-    variance = means[2 * d + 1] - means[2 * d] ** 2
-    varies = variance > (ROUND_OFF * np.abs(a).max(axis=-1)) ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(varies, np.stack([means[:d], means[d : 2 * d]]) / variance, np.nan)
+    return np.quantile(np.concatenate(parts, axis=-1), [tail, 1.0 - tail], axis=-1)

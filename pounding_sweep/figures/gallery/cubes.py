@@ -17,9 +17,8 @@ from matplotlib.transforms import ScaledTranslation
 
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
+from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directions, needed_for
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
-from pounding_sweep.analysis.comparisons.responses import needed_for
-from pounding_sweep.analysis.comparisons.suites import NO_FRACTILES, directions
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, pounding_only
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
