@@ -203,6 +203,11 @@ def test_building_properties(tmp_path):
     found = more.run(extend=tmp_path / "old.nc", workers=1)
     same(found, more.run(workers=1))
     assert json.loads(found.attrs["extended_from"])["scenarios_taken"] > 0
+    case = {"law": "kelvin_voigt", "record": "one", "damping_ratio": 0.02, "gap": 0.002}
+    job = listed([{**case, "period_factors": {"a": 1.1}}, {**case, "period_factors": {"a": 1.2}}])
+    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, job.run(workers=1))
+    assert found_taken(found) == 1
     with pytest.raises(InputError, match="only one of the two sweeps varies building properties"):
         sweep(**axes).run(extend=tmp_path / "old.nc")
 
@@ -359,30 +364,6 @@ def test_listed_cases(tmp_path_factory, old, new, chunk_seconds):
 def found_taken(cube):
     """Return how many scenarios a cube took from the one it extends."""
     return json.loads(cube.attrs["extended_from"])["scenarios_taken"]
-
-
-@settings(max_examples=settings().max_examples // 5)
-@given(st.lists(st.integers(0, 5), min_size=1, unique=True), st.lists(st.integers(0, 5), min_size=1, unique=True))
-@pytest.mark.slow  # by day those of axes are
-def test_listed_building_properties(tmp_path_factory, old, new):
-    """With chunks of one scenario, too; the damping ratio that all buildings have is no property."""
-    pool = [
-        {"law": "kelvin_voigt", "gap": 0.002, "record": record, **more}
-        for record in ("one", "two")
-        for more in (
-            {"period_factors": {"a": 1.1}},
-            {"period_factors": {"a": 1.1, "c": 0.9}, "mass_factors": {"b": 2.0}},
-            {"damping_ratio": 0.02, "period_factors": {"b": 1.2}},
-        )
-    ]
-    path = tmp_path_factory.mktemp("properties") / "old.nc"
-    with listed_runs() as ran:
-        listed([*(pool[i] for i in old), {"law": "kelvin_voigt", "record": "one"}]).run(path, workers=1).close()
-        ran.clear()
-        job = listed([pool[i] for i in new])
-        found = job.run(extend=path, workers=1)
-    assert len(ran) == len(set(new) - set(old))
-    same(found, job.run(workers=1))
 
 
 @pytest.fixture(scope="module")

@@ -100,8 +100,3 @@ def test_an_unfinished_run(tmp_path):
     assert both["cube"]["statuses"]["ok"] == 9
     assert both["unfinished"]["asked"] == 9
     assert "An unfinished run stands beside this cube, 0 of at most 7 scenarios done" in info(tmp_path / "out.nc")
-
-
-def test_help_says_that_an_unfinished_run_will_do():
-    said = " ".join(info("--help").split())
-    assert "of one that is not finished, OUT.nc or its folder OUT.nc.parts will do" in said
