@@ -111,21 +111,19 @@ def histories(left_wall=False, right_wall=False, touch=True, **more):
         ends = [(contact.pair - first, 1.0), (contact.pair + 1 - first, -1.0)]
         total = sum(s * displacement[:, b, contact.storey - 1] for b, s in ends if 0 <= b < 2)
         closing[:, contact.pair, contact.storey - 1] = total - row.gaps[contact.pair]
-    arrays = {
-        "displacement": (("time", "building", "storey"), displacement, {"units": "m"}),
-        "velocity": (("time", "building", "storey"), np.gradient(displacement, time, axis=0), {"units": "m s-1"}),
-        "acceleration": (("time", "building", "storey"), -160.0 * displacement, {"units": "m s-2"}),
-        "ground_acceleration": (("time",), np.cos(9.0 * time), {"units": "m s-2"}),
-        "contact_force": (("time", "pair", "storey"), 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
-        "penetration": (("time", "pair", "storey"), np.maximum(closing, 0.0), {"units": "m"}),
-    }
     drift = np.diff(displacement, axis=2, prepend=0.0)
     plastic = np.maximum.accumulate(np.nan_to_num(np.abs(drift) - 0.01), axis=0).clip(min=0.0)
-    of_storeys = ("time", "building", "storey")
-    arrays |= {
-        "storey_drift": (of_storeys, drift, {"units": "m"}),
-        "plastic_drift": (of_storeys, np.where(np.isnan(drift), np.nan, plastic), {"units": "m"}),
-        "storey_shear": (of_storeys, 1e4 * (drift - 0.9 * plastic), {"units": "kN"}),
+    floors, pairs = ("time", "building", "storey"), ("time", "pair", "storey")
+    arrays = {
+        "displacement": (floors, displacement, {"units": "m"}),
+        "velocity": (floors, np.gradient(displacement, time, axis=0), {"units": "m s-1"}),
+        "acceleration": (floors, -160.0 * displacement, {"units": "m s-2"}),
+        "storey_drift": (floors, drift, {"units": "m"}),
+        "plastic_drift": (floors, np.where(np.isnan(drift), np.nan, plastic), {"units": "m"}),
+        "storey_shear": (floors, 1e4 * (drift - 0.9 * plastic), {"units": "kN"}),
+        "ground_acceleration": (("time",), np.cos(9.0 * time), {"units": "m s-2"}),
+        "contact_force": (pairs, 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
+        "penetration": (pairs, np.maximum(closing, 0.0), {"units": "m"}),
     }
     about = {"title": "by hand", "scene": json.dumps(json_data(row))}
     base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, about)
@@ -147,36 +145,27 @@ def trade():
     }
     names = list(coords)
     shape = [len(values) for values in coords.values()]
-    error = np.broadcast_to((steps / 5e-3) ** 2 * 1e-2, shape)
-    cost_dims = names[3:]
-    return xr.Dataset(
-        {
-            "error": (names, error),
-            "resolution": (names[:3], np.full(shape[:3], 1e-7)),
-            "cost": (cost_dims, np.broadcast_to(1e-3 / steps, shape[3:])),
-            "pareto": (("output", "population", "statistic", *cost_dims), np.ones(shape, np.int8)),
-        },
-        coords,
-        {KIND_ATTRIBUTE: KIND, "sample_scenarios": 9, "sensitive_scenarios": 1},
-    )
+    data = {
+        "error": (names, np.broadcast_to((steps / 5e-3) ** 2 * 1e-2, shape)),
+        "resolution": (names[:3], np.full(shape[:3], 1e-7)),
+        "cost": (names[3:], np.broadcast_to(1e-3 / steps, shape[3:])),
+        "pareto": (names, np.ones(shape, np.int8)),
+    }
+    return xr.Dataset(data, coords, {KIND_ATTRIBUTE: KIND, "sample_scenarios": 9, "sensitive_scenarios": 1})
 
 
 def stability_map():
     """Errors that grow with step and stiffness; the worst corner is refused."""
-    steps, stiffnesses = np.array([1e-3, 2e-3, 4e-3]), np.array([1e5, 1e6])
     error = np.array([[[1e-6, 1e-5, 1e-4], [1e-4, 1e-3, np.nan]]])
     status = np.array([[[0, 0, 0], [0, 2, 4]]], np.int8)
     dims = ("scheme", "stiffness", "dt")
-    return xr.Dataset(
-        {"peak_force_error": (dims, error), "status": (dims, status)},
-        {"scheme": ["rk4"], "stiffness": ("stiffness", stiffnesses, {"units": "kN m-1"}), "dt": steps},
-    )
+    coords = {"scheme": ["rk4"], "stiffness": ("stiffness", [1e5, 1e6], {"units": "kN m-1"}), "dt": [1e-3, 2e-3, 4e-3]}
+    return xr.Dataset({"peak_force_error": (dims, error), "status": (dims, status)}, coords)
 
 
 def spectra(count=2):
     """Histories and response spectra of pulses, for both figures of records."""
-    pulses = [("sine", 1.0 + i, f"pulse {i}") for i in range(count)]
-    records = [pulse_record(kind, amplitude=a, period=0.5, dt=0.02, name=name) for kind, a, name in pulses]
+    records = [pulse_record("sine", amplitude=1.0 + i, period=0.5, dt=0.02, name=f"pulse {i}") for i in range(count)]
     return xr.merge([records_dataset(records), response_spectrum(records, [0.1, 0.5, 1.0], 0.05)])
 
 

@@ -87,16 +87,14 @@ def hertz():
     return xr.Dataset({name: (("law", "stiffness"), part) for name, part in values.items()}, coords)
 
 
-def make_study(cube=None, readings=OUTER["reading"]):
+def make_study():
     """A study of El Centro alone."""
     record = find_record("el_centro")
-    cube = outputs(storey_shear_max=along("storey", 3, 2, 1)) if cube is None else cube
+    cube = outputs(storey_shear_max=along("storey", 3, 2, 1))
     error = xr.Dataset({name: xr.full_like(cube["energy_residual"], 1e-6) for name in OUTPUTS})
-    of_readings = (part.sel(reading=readings) for part in (cube, histories(), error, steps()))
-    cube, waves, error, step_errors = of_readings
     missing = {"arleta": "record 'arleta' is missing: get it from https://example.org"}
     motions = records_dataset([record]).merge(response_spectrum([record], [0.1, 0.5, 1.0]))
-    return Study(cube, (record,), missing, motions, waves, error, step_errors, hertz())
+    return Study(cube, (record,), missing, motions, histories(), error, steps(), hertz())
 
 
 def run_cube(reading="as_printed", **values):

@@ -165,7 +165,6 @@ def test_differences_are_relative_to_the_papers_numbers(number, factor):
         paper = compared[name].isel(source=-3)  # before the two readings: the MATLAB program's, or the only one
         np.testing.assert_allclose(difference.where(paper != 0.0, factor - 1.0), factor - 1.0, atol=1e-12)
         assert difference.where(paper == 0.0).isnull().all()
-        assert difference.attrs["units"] == "1"
         assert compared[name].attrs["units"] == published(number)[name].attrs["units"]
 
 
@@ -209,6 +208,8 @@ def top_heavy(*laws):
 #: Peak forces (kN) by model that bear the paper out in every respect.
 FORCES = by_law(100, 95, 90, 50, 20, 10, 0)
 RISING, TWICE = by_law(1, 2, 3, 4, 5, 6, 7), by_law(1, 1, 1, 2, 2, 2, 1)
+ANY_FORCE, ANY_COUNT = by_law(100, 70, 90, 50, 60, 10, 0), by_law(20, 10, 20, 1, 1, 1, 0)
+HERTZ_HIGH = {"impact_force_max": by_law(100, 95, 90, 99, 20, 10, 0), "displacement_max": TWICE}
 
 
 @pytest.mark.parametrize(
@@ -221,23 +222,8 @@ RISING, TWICE = by_law(1, 2, 3, 4, 5, 6, 7), by_law(1, 1, 1, 2, 2, 2, 1)
         ("v", HOLDS, {"spectrum": spectra(grow=1.6)}),
         ("i", FAILS, {"displacement_max": by_law(10, 14, 6, 14, 6, 10, 10), "displacement_min": RISING}),
         ("ii", FAILS, {"storey_shear_max": top_heavy("linear", "none")}),
-        (
-            "iii",
-            FAILS,
-            {
-                "impact_force_max": by_law(100, 70, 90, 50, 60, 10, 0),
-                "impact_count": by_law(20, 10, 20, 1, 1, 1, 0),
-            },
-        ),
-        (
-            "iv",
-            FAILS,
-            {
-                "impact_force_max": by_law(100, 95, 90, 99, 20, 10, 0),
-                "displacement_max": TWICE,
-                "displacement_min": TWICE,
-            },
-        ),
+        ("iii", FAILS, {"impact_force_max": ANY_FORCE, "impact_count": ANY_COUNT}),
+        ("iv", FAILS, {**HERTZ_HIGH, "displacement_min": TWICE}),
         ("v", FAILS, {"spectrum": spectra(grow=1.2, wide=False)}),
     ],
 )
@@ -321,17 +307,8 @@ def test_findings_tell_the_computed_numbers():
     late = by_law(1.0, 1.0, 1.0, 1.0, 1.0, 1.25, np.nan)
     found = findings(outputs(first_impact_time=late, impact_force_max=by_law(1, 1, 1, 1, 2, 3, 0)))
     assert [one["impossible"] for one in found] == [True, True, True, False]
-    for one, words in zip(
-        found,
-        (
-            "differs by 0.2 s at most",
-            "At most 2 kN m remain",
-            "in 12 of 12 computed scenarios",
-            "1.50 (as printed)",
-        ),
-        strict=True,
-    ):
-        assert words in one["computed"]
+    words = "differs by 0.2 s at most", "At most 2 kN m remain", "in 12 of 12 computed scenarios", "1.50 (as printed)"
+    assert all(text in one["computed"] for text, one in zip(words, found, strict=True))
 
 
 def test_energy_checks_measure_what_is_missing():
@@ -379,7 +356,6 @@ def test_the_largest_step_is_the_last_before_an_error():
     assert largest.sel(reading="as_printed", scheme="rk4").values.tolist() == [5e-3, 5e-3]
     assert largest.sel(reading="as_printed", scheme="newmark").values.tolist() == [1e-3, 1e-3]
     assert largest.sel(reading="as_run").isnull().all()
-    assert largest.attrs["units"] == "s"
 
 
 # --- the verdict ---------------------------------------------------------------------------------------------------
@@ -406,18 +382,6 @@ def test_what_is_the_papers_own_is_reproduced():
     assert parts["Reproduced", run] == "nothing"
     assert parts["Not reproduced", run].count("(0 of ") == 6
     assert parts["Can't be", "in the paper itself"] == "a"
-
-
-@pytest.mark.parametrize(
-    ("cells", "word"),
-    [pytest.param(0, "Not reproduced", marks=pytest.mark.slow), (9, "Reproduced in part"), (17, "Reproduced")],
-)
-def test_a_table_is_reproduced_by_its_share_of_cells(cells, word):
-    three = published(3).sel(record=["el_centro"], program="matlab", drop=True)
-    off = xr.where(xr.DataArray(np.arange(9).reshape(3, 3), dims=("building", "storey")) < cells / 2, 1.2, 1.3)
-    parts = opening(outputs(**{name: off * values for name, values in three.data_vars.items()}), HOLDS)
-    assert "displacements of Table 3" in parts[word, "as printed"]
-    assert "conclusion ii" in parts["Reproduced", "as printed"]
 
 
 def test_zero_in_one_alone_is_no_agreement_and_in_both_no_case():

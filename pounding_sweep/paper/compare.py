@@ -15,7 +15,6 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.paper.published import PAPER, READINGS, published, record_title
 
 LIMITS: dict[str, Any] = PAPER["limits"]
@@ -50,7 +49,7 @@ _DAMPED = ["hertz_damped", "nonlinear_viscoelastic"]
 
 
 def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
-    """Put a table of the paper beside the same outputs of both readings."""
+    """Put a table of the paper beside the same outputs of both readings, and their relative differences to it."""
     table = published(number)
     table = table.sel(record=[name for name in table["record"].values if name in cube["record"].values])
     computed = cube[list(table.data_vars)].sel(record=table["record"].values)
@@ -60,10 +59,8 @@ def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
     else:
         sources, paper = table.expand_dims(source=["paper"]), table
     values = xr.concat([sources, computed.rename(reading="source")], "source", combine_attrs="drop_conflicts")
-    for name, difference in (computed / paper.where(paper != 0) - 1.0).data_vars.items():
-        long_name = f"{get_variable(str(name)).long_name}, over the paper's, less 1"
-        values[f"{name}_difference"] = difference.assign_attrs(units="1", long_name=long_name)
-    return values.assign_attrs(table.attrs)
+    differences = computed / paper.where(paper != 0) - 1.0
+    return values.assign({f"{name}_difference": part for name, part in differences.items()}).assign_attrs(table.attrs)
 
 
 def paper_and_computed(compared: xr.Dataset, name: str, reading: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

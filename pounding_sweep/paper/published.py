@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import InputError, MissingRecordError, unknown
+from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.outputs.variables import get_variable
@@ -28,30 +28,18 @@ from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import AUDIT_SHARE, to_json
 
 _FOLDER = files("pounding_sweep") / "data" / "mate2015"
-#: Readings, limits, conclusions and findings; see the file.
+#: Ground motions, tables, readings, limits, conclusions and findings; see the file.
 PAPER: dict[str, Any] = tomllib.loads((_FOLDER / "paper.toml").read_text("utf-8"))
-#: Records in the order of the tables, by their keys in `pounding_sweep.records.KNOWN_RECORDS`: Table 2's peak ground
-#: acceleration (g) and duration (s).
-GROUND_MOTIONS = {
-    "el_centro": (0.319, 32.0),
-    "arleta": (0.344, 40.0),
-    "santa_monica": (0.883, 60.0),
-    "san_fernando": (1.16, 41.82),
-}
+#: Table 2, by the keys of records in `pounding_sweep.records.KNOWN_RECORDS`.
+GROUND_MOTIONS: dict[str, tuple[float, float]] = PAPER["ground_motions"]
 RECORDS = tuple(GROUND_MOTIONS)
+TABLES = {int(number): title for number, title in PAPER["tables"].items()}
 BUILDINGS = ("left", "middle", "right")
 PAIRS = ("left-middle", "middle-right")
 STOREYS = (1, 2, 3)
 #: The paper's model numbers -> law.
 MODELS = {LAWS[key].model: key for key in MATE2015_MODELS}
-#: What the tables with numbers hold, in this package's words.
-TABLES = {
-    3: "peak displacements of every floor, Model I",
-    4: "peak impact forces and numbers of impacts, Model I",
-    5: "peak impact forces and numbers of impacts, Models I to VI",
-    6: "extremes of the energy transferred, Models I to VII",
-}
-#: Their dimensions, with the values in the paper's order. Tables 3 and 4 compare two programs.
+#: Dimensions of the tables, with the values in the paper's order. Tables 3 and 4 compare two programs.
 _DIMENSIONS = {
     "law": MATE2015_MODELS,
     "record": RECORDS,
@@ -78,8 +66,6 @@ def record_title(name: str) -> str:
 
 def published(number: int) -> xr.Dataset:
     """Return a table of the paper as outputs of a cube."""
-    if number not in TABLES:
-        raise InputError(unknown("table of results", number, map(str, TABLES)))
     with (_FOLDER / f"table{number}.csv").open() as file:
         frame = pd.read_csv(file).replace({"model": MODELS}).rename(columns={"model": "law"})
     dims = [dim for dim in _DIMENSIONS if dim in frame]

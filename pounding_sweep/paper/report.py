@@ -44,6 +44,7 @@ from pounding_sweep.paper.study import LIMIT, STEP_OUTPUTS, Study, largest_steps
 
 _SOURCES = {"sap2000": "paper, SAP2000", "matlab": "paper, MATLAB", "paper": "paper"}
 _SOURCES |= {key: reading.label for key, reading in READINGS.items()}
+_LOCATED = {0: "no", 1: "yes"}
 #: In place of a record, in summaries: all together.
 ALL = "all"
 
@@ -234,7 +235,7 @@ def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
         part = one.sel(scheme=scheme, located=located, step=step)
         status = STATUS[int(part["status"])]
         texts = [_error_text(error) if status.has_values else "-" for error in part["error"].values.tolist()]
-        rows.append([scheme, _yes_or_no(located), f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
+        rows.append([scheme, _LOCATED[located], f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
     outputs = (STEP_OUTPUTS[name] for name in one["output"].values)
     headings = ungrouped("scheme", "contacts located", "step ms", *outputs, "status")
     return Grid(reading.label.capitalize(), headings, rows)
@@ -246,7 +247,7 @@ def _largest_grid(steps: xr.Dataset) -> Grid:
     rows = []
     for scheme, located in product(largest["scheme"].values, largest["located"].values[::-1]):
         values = largest.sel(scheme=scheme, located=located).values
-        rows.append([scheme, _yes_or_no(located), *(f"{v:g} ms" if np.isfinite(v) else "none" for v in values)])
+        rows.append([scheme, _LOCATED[located], *(f"{v:g} ms" if np.isfinite(v) else "none" for v in values)])
     labels = (_SOURCES[key] for key in largest["reading"].values)
     title = f"Largest step with errors within {LIMIT:.0%} and the right number of impacts"
     return Grid(title, ungrouped("scheme", "contacts located", *labels), rows)
@@ -288,10 +289,6 @@ def _hertz_grid(hertz: xr.Dataset) -> Grid:
         texts = [f"{value:.2f}" if np.isfinite(value) else "-" for value in values]
         rows.append([str(one["law_model"].item()), str(int(one["cells"].max())), *texts])
     return Grid("Computed peak force over that of Table 5", headings, rows)
-
-
-def _yes_or_no(located: Any) -> str:
-    return "yes" if located else "no"
 
 
 def _error_text(error: float) -> str:

@@ -77,13 +77,12 @@ def step_errors(reading: Reading, progress: Progress) -> xr.Dataset:
 
 
 def largest_steps(steps: xr.Dataset) -> xr.DataArray:
-    """Return the largest step from which on all errors are within `LIMIT` and the number of impacts is right."""
+    """Return the largest step (s) from which on all errors are within `LIMIT` and the number of impacts is right."""
     rising = steps.sortby("step")
     valued = rising["status"].isin([int(s) for s in STATUS if s.has_values])
     within = (rising["error"].drop_sel(output="impact_count") <= LIMIT).all("output")
     fine = valued & within & (rising["error"].sel(output="impact_count", drop=True) == 0.0)
-    largest = rising["step"].where(fine.astype(int).cumprod("step") == 1).max("step")
-    return largest.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
+    return rising["step"].where(fine.astype(int).cumprod("step") == 1).max("step")
 
 
 def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
@@ -104,18 +103,13 @@ def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
 
 
 def force_fit(force: xr.DataArray) -> xr.Dataset:
-    """Compare peak forces with those of Table 5."""
+    """Return median and spread (90 % over 10 % fractile) of peak forces over those of Table 5, and of how many."""
     paper = published(5)["impact_force_max"].sel(law=force["law"].values, record=force["record"].values)
     ratio = (force / paper.where(paper > 0)).stack(cell=("record", "pair", "storey"))
     cells = ratio.notnull().sum("cell")
     filled = ratio.where(cells > 0, 1.0)  # the fractiles of nothing would warn
     low, middle, high = (filled.quantile(q, "cell").drop_vars("quantile").where(cells > 0) for q in (0.1, 0.5, 0.9))
-    about = {
-        "force_ratio": (middle, "median of the computed peak force over that of Table 5"),
-        "ratio_spread": (high / low.where(low > 0), "90 % fractile of that ratio over its 10 % fractile"),
-        "cells": (cells.astype(np.int32), "floors with a force in Table 5"),
-    }
-    return xr.Dataset({name: values.assign_attrs(units="1", long_name=text) for name, (values, text) in about.items()})
+    return xr.Dataset({"force_ratio": middle, "ratio_spread": high / low.where(low > 0), "cells": cells})
 
 
 def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
@@ -125,18 +119,16 @@ def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
 
 
 def thin_out(one: xr.Dataset) -> xr.Dataset:
-    """Bring the histories of one scenario down to those of the figures."""
+    """Bring the histories of a scenario down to those of the figures (m, kN m, kN); of forces the largest are kept."""
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
     at = one.isel(time=slice(None, None, every))
-    energy = at["kinetic"] + at["damping"] + at["strain"]
-    force = one["contact_force"].isel(storey=-1).coarsen(time=every, boundary="pad", coord_func="min").max()
-    about = {
-        "roof_displacement": (at["displacement"].isel(storey=-1), "m", "roof displacement"),
-        "structural_energy": (energy, "kN m", "kinetic + damping + strain energy of a building"),
-        "roof_force": (force, "kN", "largest contact force at the roofs in each interval"),
+    roof_force = one["contact_force"].isel(storey=-1).coarsen(time=every, boundary="pad", coord_func="min").max()
+    thin = {
+        "roof_displacement": at["displacement"].isel(storey=-1),
+        "structural_energy": at["kinetic"] + at["damping"] + at["strain"],
+        "roof_force": roof_force,
     }
-    made = {name: values.assign_attrs(units=units, long_name=text) for name, (values, units, text) in about.items()}
-    return xr.Dataset(made).reset_coords(drop=True)
+    return xr.Dataset(thin).reset_coords(drop=True)
 
 
 @dataclass(frozen=True)
@@ -173,9 +165,9 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     readings = [reading for key, reading in READINGS.items() if key in stored or not stored]
     runs = [stored[r.key] if stored else sweep_of(r, records).run(progress=progress) for r in readings]
     axes = {
-        "reading": ("reading", [reading.key for reading in readings], {"long_name": "reading of the paper's data"}),
-        "law": ("law", list(MATE2015_MODELS), {"long_name": "contact law"}),
-        "record": ("record", [record.name for record in records], {"long_name": "ground-motion record"}),
+        "reading": [reading.key for reading in readings],
+        "law": list(MATE2015_MODELS),
+        "record": [record.name for record in records],
     }
 
     def combine(parts: Iterable[xr.Dataset]) -> xr.Dataset:
