@@ -44,7 +44,7 @@ from pounding_sweep.records.record import Reading, Record, number
 
 #: Lines by which a format is told.
 _HEAD = 100
-#: Longer headers are of no record.
+#: Headers of more lines are of no record; of longer lines only the beginning counts.
 _MOST_HEADER = 1000
 #: How the values of a component are laid out.
 _LAYOUTS = ("columns", "rows")
@@ -70,7 +70,14 @@ _INDEX_HEADING = re.compile(
 )
 #: A heading where blanks separate columns: words, each with what stands in brackets behind it.
 _HEADING = re.compile(r"[^\s(\[]+(?:\s*(?:\([^)]*\)|\[[^\]]*\]))?")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_COMMA = r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?"
+#: What a row has that is split at a sign, in order, and whether its comma is the decimal sign.
+_SEPARATORS = (
+    (re.compile(";"), ";", True),
+    (re.compile(rf"^\s*{_COMMA}(?:\s+{_COMMA})+\s*$", re.ASCII), None, True),
+    (re.compile(r"\d\s*,|^[^\t]*,[^\t]*$"), ",", False),
+    (re.compile(rf"^(?!{NUMBER.pattern}).*\t"), "\t", False),
+)
 _EMPTY_CELL = re.compile(r"(?:^|,)[ \t]*,", re.MULTILINE)
 #: The number of points in the headers of ESM and AFAD.
 _COUNT = re.compile(r"^(NDATA|NUMBER OF DATA)\s*:\s*(\d{1,9})\s*$")
@@ -86,8 +93,8 @@ def parse_columns(source: RecordText) -> Content:
     # a first line "N dt" or "dt N", perhaps with a third number
     first, following = _numbers(row) or [], next(_rows(source, line + 1), (line, ""))
     step, count = sorted(first[:2]) if len(first) in (2, 3) else (0.0, 0.0)
-    second = _numbers(following[1]) or first
-    fits = count.is_integer() and count > 1 and 0.0 < step < 1.0
+    second = _numbers(following[1]) or []
+    fits = second and count.is_integer() and count > 1 and 0.0 < step < 1.0
     if fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= step)):
         points, where = int(count), f"line {line}"
         steps.insert(0, (step, f"{row[:40]!r}, {where}"))
@@ -109,7 +116,7 @@ def _read_header(source: RecordText) -> tuple[Lines, int, str]:
         row = text.strip()
         if floats(row) if source.layout == "rows" else _numbers(row):
             return header, line, row
-        header += [(line, row)] if row else []
+        header += [(line, row[:_MOST_HEADER])] if row else []
     if len(source.lines) > _MOST_HEADER:
         raise RecordError(f"its first {_MOST_HEADER} lines hold no row of numbers; is it a record?")
     raise RecordError("holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
@@ -235,22 +242,15 @@ def _headings(line: str, row: str, columns: int) -> list[str]:
 
 def _cells(line: str) -> list[str]:
     """Split a row at semicolons (then a comma is the decimal sign), tabs, commas or blanks."""
-    apart = line.split("\t") if "\t" in line else line.split()
-    if ";" in line:
-        cells = [cell.replace(",", ".") for cell in line.split(";")]
-    elif len(apart) > 1 and all(_DECIMAL_COMMA.fullmatch(cell.strip()) for cell in apart):
-        cells = [cell.replace(",", ".") for cell in apart]
-    elif "," in line and not ("\t" in line and not re.search(r"\d\s*,", line)):
-        cells = line.split(",")
-    elif "\t" in line and not NUMBER.match(line):
-        cells = apart
-    else:
-        cells = line.split()
-        return NUMBER.findall(cells[0]) if len(cells) == 1 and RUN.fullmatch(cells[0]) else cells  # columns may touch
-    cells = [cell.strip().strip("\"'").strip() for cell in cells]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
+    for fits, separator, decimal_comma in _SEPARATORS:
+        if fits.search(line):
+            cells = (line.replace(",", ".") if decimal_comma else line).split(separator)
+            cells = [cell.strip(" \t\"'") for cell in cells]
+            while cells and not cells[-1]:
+                cells.pop()
+            return cells
+    cells = line.split()
+    return NUMBER.findall(cells[0]) if len(cells) == 1 and RUN.fullmatch(cells[0]) else cells  # columns may touch
 
 
 def _numbers(row: str) -> list[float] | None:
@@ -382,7 +382,7 @@ def _parse_peer(source: RecordText) -> Content:
         raise RecordError(
             f"line {place}: no readable number of points in {text[:24]!r}; write e.g. NPTS= 2000, DT= .02 SEC"
         )
-    header = list(enumerate(source.lines[:place], 1))
+    header = [(line, text[:_MOST_HEADER]) for line, text in enumerate(source.lines[:place], 1)]
     steps = [(to_float(points[3]), f"{text[:60]!r}, line {place}")] if points[3] else stated_steps(source, header[-1:])
     if not steps and (steps := stated_steps(source, [(place + 1, "".join(source.lines[place : place + 1]))])):
         header.append((place + 1, ""))

@@ -233,24 +233,41 @@ _ALIASES = {
     **{"gal": "cm/s2", "gals": "cm/s2", "g's": "g", "ms-2": "m/s2", "cms-2": "cm/s2", "mms-2": "mm/s2"},
     **{"ms2": "m/s2", "cms2": "cm/s2", "mms2": "mm/s2", "mps2": "m/s2", "milli-g": "mg", "percentg": "%g"},
 }
-_SIGNS = str.maketrans({"²": "2", "⁻": "-", "−": "-", **dict.fromkeys("^*·")})
+_SIGNS = str.maketrans({"²": "2", "⁻": "-", "_": "/", **dict.fromkeys("^*·")})
 
 _ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
-_BRACKET = r"[(\[]\s*([^()\[\]\n]{1,24}?)\s*[)\]]"
+_S = r"s(?:ec(?:ond)?s?)?"
+_ACCELERATION_UNIT = (
+    rf"(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}[\s/_^*·]*(?:{_S}(?![^\W_])|[-⁻]?\s?[2²])|mps2|(?:m|%\s?|milli-?|percent\s?)?g(?:'s)?"
+    r"|gals?)(?![^\W_])"
+)
+_UNIT = rf"(?:{_ACCELERATION_UNIT}|(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}(?:-1)?|mps|[cm]?m|in(?:ch)?|ft)(?![^\W_]))"
 #: What stands behind the name of an acceleration: perhaps its component, then the unit and nothing else.
-_TAIL = re.compile(
-    rf"{_ACC}(?![^\W_])[\s_.,:;/=-]*(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?"
-    r"([^\s:=].{0,15})$",
-    re.IGNORECASE,
+_BEHIND = rf"(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?(?P<unit>{_ACCELERATION_UNIT})"
+#: Units of a column by its heading: in brackets at its end, behind the word acceleration, or as the heading.
+_HEADING_UNITS = (
+    rf"[(\[]\s*(?P<unit>{_UNIT}\.?|[^()\[\]\n]{{0,24}}/[^()\[\]\n]{{0,24}}?)\s*[)\]]\W*$",
+    rf"{_ACC}(?![^\W_])[\s_.,:;/=-]*{_BEHIND}\W*(?:[(\[].*)?$",
+    rf"^\W*(?P<unit>(?!g\W*$){_ACCELERATION_UNIT})\W*$",
 )
-_BEHIND_ACC = re.compile(rf"{_ACC}\.?(?:[ \t]+[^\W\d_]+){{0,3}}?[ \t]*{_BRACKET}", re.IGNORECASE)
-_UNITS = re.compile(
+_UNITS = (
     r"(?:\bin\s+)?(?:\b|(?<=amplitude))(?:units?|unidad(?:es)?|einheit(?:en)?|unit[ée]s?)\b\s*"
-    r"((?:[:=]|(?:of|in|is|are|en)\b\s*[:=]?)?\s*[(\[]?)([^()\[\]\n]{1,40})",
-    re.IGNORECASE,
+    r"(?P<sign>[:=]|(?:of|in|is|are|en)\b\s*[:=]?)?\s*(?P<bracket>[(\[])?\s*"
 )
-_IN = re.compile(r"\b(?:in|en)\s+([^\s,;()\[\]][^,;()\[\]\n]{0,23})", re.IGNORECASE)
-_VALUES = re.compile(rf"{_ACC}|(?:values?|data|amplitudes?|motions?|samples|ordinates|series)\s*$", re.IGNORECASE)
+_END = r"(?=\s*(?:[.,;:()\[\]]|$))"
+#: Units that a line of a header states: after "units", or else after "in", or behind the word acceleration.
+_REMARK_UNITS = (
+    (rf"{_UNITS}(?:[^,;()\[\]\n]{{1,20}}[,;]\s*){{0,3}}?(?P<unit>{_ACCELERATION_UNIT}){_END}",),
+    (rf"{_UNITS}(?:{_S}\s*[,;]\s*)?(?P<unit>{_UNIT}){_END}",),
+    (rf"{_UNITS}(?(sign)|(?(bracket)|(?!)))(?!\s*(?:{_S}|ms|min|hz?)\s*(?:$|[,;)\]]))(?P<unit>[^()\[\],;\n]{{1,40}})",),
+    (
+        rf"{_ACC}\.?(?:[ \t]+[^\W\d_]+){{0,3}}?[ \t]*[(\[]\s*(?P<unit>[^()\[\]\n]{{1,24}}?)\s*[)\]]",
+        rf"\b(?:in|en)\s+(?P<unit>(?!m?g\b){_ACCELERATION_UNIT}){_END}",
+        rf"(?:{_ACC}.{{0,80}}?|(?:values?|data|amplitudes?|motions?|samples|ordinates|series)\s+)\b(?:in|en)\s+"
+        rf"(?P<unit>m?g(?:'s)?){_END}",
+        rf"{_ACC}(?![^\W_])[\s_.:/=-]*{_BEHIND}(?=[\s.]*(?:[,;|\t]|$))",
+    ),
+)
 #: Lines that speak of other numbers than the values as they are: peaks, and units that were or will be.
 _ASIDE = re.compile(
     r"convert|conversion|umgerechnet|multipl|divide|\bfrom\b.*\bto\b|\bwas\b|original|->|=>|→"
@@ -282,60 +299,21 @@ def match_unit(text: str) -> str | None:
     return unit if (unit := plain_unit(text)) in UNITS else None
 
 
-def _leading_unit(text: str) -> str:
-    """Return the first words of a text that are a unit, with nothing but punctuation behind them; else the text."""
-    words = text.split()
-    for count in range(len(words), 0, -1):
-        phrase = " ".join(words[:count])
-        if plain_unit(phrase) in _QUANTITIES and (count == len(words) or phrase[-1] in ".,;:"):
-            return phrase
-    return text.strip()
-
-
-def _heading_units(heading: str) -> list[str]:
-    """Return the unit at a column's heading: in brackets at its end, else behind "in" or the word acceleration."""
-    if _ASIDE.search(heading):
-        return []
-    bracket = re.search(_BRACKET + r"\W*$", heading)
-    if bracket and (plain_unit(bracket[1]) in _QUANTITIES or "/" in bracket[1]):
-        return [bracket[1]]
-    plain = heading[: bracket.start()] if bracket else heading
-    tail = _TAIL.search(plain.strip())
-    text = tail[1] if tail else plain
-    spellings = (text, text.replace("_", "/"), text.replace("_", ""))
-    return [unit for unit in spellings if match_unit(unit) and (tail or plain_unit(unit) != "g")][:1]
-
-
-def _remark_units(text: str) -> list[tuple[str, str]]:
-    """Return the units that a line of a header states after "units", after "in" or behind "acceleration", and where."""
-    if _ASIDE.search(text):
-        return []
-    stated: list[tuple[str, str]] = []
-    for match in _UNITS.finditer(text):
-        pieces = [_leading_unit(piece) for piece in re.split(r"[,;]", match[2])]
-        units = [piece for piece in pieces if plain_unit(piece) in _QUANTITIES]
-        if not units and match[1] and pieces[0] and plain_unit(pieces[0]) not in ("s", "ms", "min", "h", "hz"):
-            units = pieces[:1]
-        stated += [(unit, match[0][: match[0].index(unit) + len(unit)]) for unit in units]
-    if stated:
-        return stated
-    stated = [(match[1], match[0]) for match in _BEHIND_ACC.finditer(text)]
-    for match in _IN.finditer(text):
-        unit = _leading_unit(match[1])
-        if match_unit(unit) and (plain_unit(unit) not in ("g", "mg") or _VALUES.search(text[: match.start()])):
-            stated.append((unit, match[0][: match[0].index(unit) + len(unit)]))
-    for piece in map(str.strip, re.split(r"[,;|\t]", text)):
-        stated += [(unit, piece) for unit in _heading_units(piece) if _TAIL.search(piece)]
-    return stated
+def _units_of(patterns: Iterable[str], text: str) -> list[tuple[str, str]]:
+    """Return the units that a text states in any of some ways, each with the words that do so."""
+    matches = (match for pattern in patterns for match in re.finditer(pattern, text, re.IGNORECASE))
+    return [] if _ASIDE.search(text) else [(match["unit"].strip(), match[0]) for match in matches]
 
 
 def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> list[Stated]:
     """Collect the units that the lines of a header state for the column with a heading."""
-    units = (
-        [Stated(unit, f"{heading[1]!r}, line {heading[0]}") for unit in _heading_units(heading[1])] if heading else []
-    )
+    units = []
+    for unit, _ in _units_of(_HEADING_UNITS, heading[1])[:1] if heading else ():
+        units.append(Stated(unit, f"{heading[1]!r}, line {heading[0]}" if heading else ""))
     for line, text in lines:
-        units += [Stated(unit, f"{' '.join(phrase.split())!r}, line {line}") for unit, phrase in _remark_units(text)]
+        ways = (_units_of(patterns, text) for patterns in _REMARK_UNITS)
+        for unit, phrase in next(filter(None, ways), []):
+            units.append(Stated(unit, f"{' '.join(phrase.split())!r}, line {line}"))
     return list(dict.fromkeys(units))
 
 
