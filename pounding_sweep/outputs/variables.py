@@ -105,7 +105,7 @@ class KernelResults:
         return np.where(lasted < 1e30, lasted, np.nan)
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Variable:
     """One output of a sweep."""
 
@@ -134,17 +134,11 @@ class Variable:
     flag_meanings: str = ""
     definition: str = ""  # what exactly is reported, out of `DEFINITIONS`
 
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario."""
-        return DIMS[self.per]
-
-    @property
-    def fill(self) -> float | int | None:
-        """What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing."""
-        if self.flag_values:
-            return None
-        return float("nan") if self.dtype == "f8" else INTEGER_FILL
+    def __post_init__(self) -> None:
+        #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
+        self.dims = DIMS[self.per]
+        #: What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing.
+        self.fill = None if self.flag_values else float("nan") if self.dtype == "f8" else INTEGER_FILL
 
     def exists_in(self, scene: Scene) -> bool:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
@@ -790,13 +784,12 @@ def relative_errors(
 ) -> dict[str, np.ndarray]:
     """`relative_error` of every comparable output, by name; relative to what the registry says."""
     largest = {name: _largest(name, own) for name, own in reference.items() if name in VARIABLES}
-
-    def scale(name: str) -> np.ndarray:
+    errors = {}
+    for name in comparable(outputs):
         others = [(other,) if isinstance(other, str) else other for other in (name, *VARIABLES[name].relative_to)]
-        known = [parts for parts in others if all(part in largest for part in parts)]
-        return np.max([np.prod([largest[part] for part in parts], axis=0) for parts in known], axis=0)
-
-    return {name: relative_error(name, values[name], reference[name], scale(name)) for name in comparable(outputs)}
+        scales = [np.prod([largest[part] for part in parts], axis=0) for parts in others if largest.keys() >= {*parts}]
+        errors[name] = relative_error(name, values[name], reference[name], np.max(scales, axis=0))
+    return errors
 
 
 def _largest(name: str, values: np.ndarray) -> np.ndarray:
