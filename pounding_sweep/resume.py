@@ -26,17 +26,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from filelock import Timeout
 
+from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError, WriteError
-from pounding_sweep.base.files import (
-    LOCK,
-    SOFT_LOCK,
-    TEMPORARY,
-    absolute,
-    acquire_lock,
-    failure,
-    replacing,
-    sync_folder,
-)
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.identity import libraries, package_digest
 from pounding_sweep.spec.spec import to_json
@@ -66,7 +57,7 @@ class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught b
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
     """Return the folder of a run's chunks: beside the cube `out`, links followed."""
-    return Path(f"{absolute(out)}.parts")
+    return Path(f"{files.absolute(out)}.parts")
 
 
 def identity_of(plan: Plan) -> dict[str, str]:
@@ -81,10 +72,10 @@ def identity_of(plan: Plan) -> dict[str, str]:
 
 def running(folder: Path) -> str | None:
     """Return who runs on a folder now; None if nobody does."""
-    if not any((folder / name).exists() for name in (LOCK, SOFT_LOCK)):
+    if not any((folder / name).exists() for name in (files.LOCK, files.SOFT_LOCK)):
         return None
     try:
-        acquire_lock(folder, 0.0).release()
+        files.acquire_lock(folder, 0.0).release()
     except OSError:  # somebody has it
         return _holder(folder) or "a process that has not said its name"
     return None
@@ -101,7 +92,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Make a folder and keep other runs out of it while the context is open; it is removed if it is empty then."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = acquire_lock(folder, PATIENCE)
+        lock = files.acquire_lock(folder, PATIENCE)
     except Timeout:
         raise OutputError(
             f"another run is at work in {str(folder)!r}: {running(folder) or 'it has just ended'}; "
@@ -121,7 +112,7 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         with suppress(OSError):  # the folder may be gone
-            for name in (HOLDER, LOCK):
+            for name in (HOLDER, files.LOCK):
                 (folder / name).unlink(missing_ok=True)
         lock.release()
         with suppress(OSError):  # chunks are in it, or it is a link
@@ -259,8 +250,8 @@ class ChunkStore:
         """Write all that is held."""
         if not self._is_open:
             self._append({"sweep": self.details}, lead="\n")  # which closes off a line that a killed run left half
-            sync_folder(self.folder)
-            sync_folder(self.folder.parent)
+            files.sync_folder(self.folder)
+            files.sync_folder(self.folder.parent)
             self._is_open = True
         while self._waiting:
             self._waiting.pop(0)()
@@ -268,7 +259,11 @@ class ChunkStore:
     def write(self, key: str, table: np.ndarray, rows: np.ndarray, **more: Any) -> None:
         """Store a chunk with the numbers of its scenarios; when this returns, it outlasts a power cut."""
         rows, path = np.asarray(rows, ROW), self.path(key)
-        with self._writing(f"chunk {key!r} "), replacing(path, self.folder) as temporary, temporary.open("wb") as file:
+        with (
+            self._writing(f"chunk {key!r} "),
+            files.replacing(path, self.folder) as temporary,
+            temporary.open("wb") as file,
+        ):
             np.save(file, table, allow_pickle=False)
             file.write(rows.tobytes())
         self._entries[key] = {**more, "key": key, "crc32": _checksum(table, rows), "rows": len(table)}
@@ -288,17 +283,17 @@ class ChunkStore:
         try:
             yield
         except OSError as error:
-            raise WriteError(failure(f"writing {what}to {str(self.folder)!r}", error)) from error
+            raise WriteError(files.failure(f"writing {what}to {str(self.folder)!r}", error)) from error
 
     def discard(self) -> None:
         """Remove the store's own files; what was held is not written any more."""
         self._waiting.clear()
         (self.folder / MANIFEST).unlink(missing_ok=True)  # first: what is left is not complete
-        sync_folder(self.folder)
+        files.sync_folder(self.folder)
         self._remove()
 
     def _remove(self, but_for: Collection[str] = ()) -> None:
-        for pattern in (MANIFEST, self.path("*").name, TEMPORARY):
+        for pattern in (MANIFEST, self.path("*").name, files.TEMPORARY):
             for path in self.folder.glob(pattern):
                 if path.name not in but_for:
                     path.unlink(missing_ok=True)

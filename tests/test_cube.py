@@ -274,15 +274,6 @@ class TestAssemble:
         there = np.isfinite(cube["impulse"].isel(law=0))
         np.testing.assert_array_equal(there, np.isfinite(elevation))
 
-    def test_diverged_scenario_reports_nothing(self, cube):
-        bad = cube.isel(law=0, gap=0, record=0)
-        assert int(bad["status"]) == Status.DIVERGED
-        for name in cube.data_vars:
-            if name != "status":
-                assert not np.isfinite(bad[name]).any(), name
-        assert np.isfinite(cube["drift_max"].isel(law=1, gap=2, record=1, building=0)).all()
-        assert cube["status"].dtype == np.int8
-
     def test_single_building(self, tmp_path):
         arrays = results(SINGLE, AXES[2:])
         cube = assemble(SINGLE, AXES[2:], arrays)

@@ -212,14 +212,6 @@ def test_building_properties(tmp_path):
         sweep(**axes).run(extend=tmp_path / "old.nc")
 
 
-def test_nothing_in_common(tmp_path):
-    few = {"scales": 1.0, "stiffness_factors": 1.0, "restitutions": 0.7}
-    sweep(**few, records=motions()[:1], laws="kelvin_voigt").run(tmp_path / "old.nc", workers=1).close()
-    for other in ({"records": motions()[1:], "laws": "kelvin_voigt"}, {"laws": ["none"]}):
-        job = sweep(**few, **other)
-        same(job.run(extend=tmp_path / "old.nc", workers=1), job.run(workers=1))
-
-
 def louder():
     one, two = motions()
     return [Record("one", one.dt, one.acceleration * 1.01), two]
@@ -594,19 +586,6 @@ def of_accuracy(job):
     outcome = Outcome(results, np.ones(len(plan.unique), bool))
     more = {"package_sha256": sweeping.package_digest()}
     return write_cube_of(plan, outcome, None, execute.Progress(), more).to_dataset()
-
-
-@pytest.mark.slow  # processes are started
-def test_with_processes(whole, ran, tmp_path):
-    """What is known is never sent to a worker."""
-    sweep(**LESS).run(tmp_path / "old.nc", workers=1).close()
-    before = set(ran)
-    ran.clear()
-    job = sweep()
-    with job.run(tmp_path / "new.nc", extend=tmp_path / "old.nc", scheduler="processes", workers=2) as found:
-        same(found, whole)
-        assert job.last_outcome.run + found_taken(found) == whole.attrs["unique_run"]
-    assert before.isdisjoint(ran)
 
 
 SWEEP = """

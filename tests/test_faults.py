@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 import re
 import shutil
@@ -188,30 +187,3 @@ def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, 
     assert re.search(rf"belong to another sweep: they differ in {named}", said)
     assert {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()} == before
     assert not (folder / OUT).exists()
-
-
-PEAK = """
-import json
-import test_cache as t
-run = t.kernel_of().shape
-print(json.dumps({"compiled": t.hits_and_misses(run)[1], "soft": t.peak(k=2e5), "stiff": t.peak(k=4e5)}))
-"""
-
-
-@pytest.mark.slow  # compiles
-def test_an_edited_kernel_is_compiled_anew(tmp_path):
-    """By a process that finds the kernel of the package as it was on disk: twice the stiffness by formula."""
-
-    def run(package):
-        path = os.pathsep.join([*package.values(), str(ROOT / "tests")])
-        env = environment(PYTHONPATH=path, POUNDING_SWEEP_CACHE=str(tmp_path / "kernels"))
-        return json.loads(subprocess.check_output([sys.executable, "-c", PEAK], env=env, cwd=tmp_path, text=True))
-
-    before, copy = run({"as it is": str(ROOT)}), tmp_path / "package"
-    copy.mkdir()
-    package = own_package(copy)
-    assert run(package) == {**before, "compiled": 0}
-    CHANGES["a kernel"][0](tmp_path)
-    after = run(package)
-    assert before["compiled"] == after["compiled"] == 1
-    assert after["soft"] == before["stiff"] > 1.1 * before["soft"]

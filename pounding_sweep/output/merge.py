@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.output import identity
 from pounding_sweep.output.audited import AUDIT_DIMS, add_audit, has_audit
 from pounding_sweep.output.dataset import (
     VERSION_ATTRIBUTE,
@@ -28,22 +29,6 @@ from pounding_sweep.output.dataset import (
     coordinate_values,
     package_version,
     unfilled,
-)
-from pounding_sweep.output.identity import (
-    AXIS_KEYS,
-    BUILDING_AXES,
-    MAKER_ATTRIBUTES,
-    MAKERS_REMEDY,
-    ORIGINS,
-    OWN_LAWS,
-    check_one_study,
-    differing_sweeps,
-    made_by,
-    makers,
-    motions_of,
-    plain,
-    recorded_sweep,
-    runs,
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.scenario_rows import scenario_keys
@@ -65,10 +50,15 @@ CASE_COORDINATES = (
 OWN_ATTRIBUTES = frozenset(
     {
         *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step"),
-        *("accuracy_choice", "accuracy_numbers", *MAKER_ATTRIBUTES, *ORIGINS),
+        *("accuracy_choice", "accuracy_numbers", *identity.MAKER_ATTRIBUTES, *identity.ORIGINS),
     }
 )
 OWN_BEGINNINGS = ("scenarios_", "audit_")
+#: What else helps where parts were made by two sources.
+MIX_REMEDY = (
+    "Where you know that what changed between sources or libraries of one version touches no result, allow both: "
+    "mix_sources=True, on the command line --mix-sources; the cube names the source of each"
+)
 #: Values of an axis that differ by less than this were meant to be the same.
 NEARLY = 1e-9
 #: Scenarios, missing or in conflict, that are named.
@@ -163,7 +153,7 @@ def merge_cubes(
     with ExitStack() as files:
         parts: Parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
         sweeps = check_parts(parts, mix_sources=mix_sources)
-        sources = set().union(*(makers(part.attrs) for part in parts.values()))
+        sources = set().union(*(identity.makers(part.attrs) for part in parts.values()))
         base, cases = next(iter(parts.values())), None
         if CASE in base.dims:
             parts, case_labels, cases = _number_cases(_of_one_design(parts, sweeps), sweeps)
@@ -205,18 +195,14 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
             raise InputError(
                 f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
             )
-    sweeps = [recorded_sweep(name, cube) for name, cube in parts.items()]
+    sweeps = [identity.recorded_sweep(name, cube) for name, cube in parts.items()]
     (first, base), *_ = parts.items()
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        one, two = made_by(base.attrs), made_by(cube.attrs)
+        one, two = identity.made_by(base.attrs), identity.made_by(cube.attrs)
         pairs = [(key, one[key], two[key]) for key in ([VERSION_ATTRIBUTE] if mix_sources else one)]
-        remedy = (
-            f"{MAKERS_REMEDY}. Where you know that what changed between sources or libraries of one version touches no "
-            "result, allow both: mix_sources=True, on the command line --mix-sources; the cube names the source of each"
-        )
-        check_one_study(repr(first), repr(name), pairs, remedy)
+        identity.check_one_study(repr(first), repr(name), pairs, f"{identity.MAKERS_REMEDY}. {MIX_REMEDY}")
         remedy = "Run one of them again with the other's"
-        check_one_study(repr(first), repr(name), _differences(base, cube, sweeps[0], sweep), remedy)
+        identity.check_one_study(repr(first), repr(name), _differences(base, cube, sweeps[0], sweep), remedy)
         for key in ("law", "record") if CASE in cube.dims else ():
             if cube[key].values.tolist() != [case[key] for case in sweep["cases"]]:
                 raise InputError(f"{name!r} has other cases than its sweep; give the cube as it was made")
@@ -231,15 +217,15 @@ def _differences(
     yield "the list of variables", scenario_variables(a), scenario_variables(b)
     varying = "period_factor" in a.coords, "period_factor" in b.coords
     yield "whether building properties vary, in kernels of their own,", *varying
-    yield from differing_sweeps(one, two)
-    for key in sorted(AXIS_KEYS):
+    yield from identity.differing_sweeps(one, two)
+    for key in sorted(identity.AXIS_KEYS):
         yield f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None
     for key in sorted({*_shared(a), *_shared(b)}):
-        yield f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))
+        yield f"attribute {key!r}", identity.plain(a.attrs.get(key)), identity.plain(b.attrs.get(key))
     for name in INNER_DIMS:
         yield f"the list of {name}s", *(cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
-    motions = motions_of(two)
-    for name, motion in motions_of(one).items():
+    motions = identity.motions_of(two)
+    for name, motion in identity.motions_of(one).items():
         yield f"record {name!r}", motion, motions.get(name, motion)
 
 
@@ -338,14 +324,14 @@ def _merge_sweeps(sweeps: Sweeps, cases: list[dict[str, Any]] | None) -> dict[st
     whole = {**sweeps[0], "cases": cases}
     if any(sweep.get("design") != sweeps[0].get("design") for sweep in sweeps):
         whole.pop("design", None)
-    for key in AXIS_KEYS:
+    for key in identity.AXIS_KEYS:
         if whole.get(key) is not None:
             whole[key] = merge_values(key, [sweep[key] for sweep in sweeps])
-    for key in BUILDING_AXES & whole.keys():
+    for key in identity.BUILDING_AXES & whole.keys():
         by_building = zip(*(sweep[key] for sweep in sweeps), strict=True)
         whole[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_building]
-    if laws := {key: law for sweep in sweeps for key, law in sweep.get(OWN_LAWS, {}).items()}:
-        whole[OWN_LAWS] = laws
+    if laws := {key: law for sweep in sweeps for key, law in sweep.get(identity.OWN_LAWS, {}).items()}:
+        whole[identity.OWN_LAWS] = laws
     records = {record["name"]: record for sweep in reversed(sweeps) for record in sweep["records"]}
     names = dict.fromkeys(record["name"] for sweep in sweeps for record in sweep["records"])
     whole["records"] = [records[name] for name in names]
@@ -361,7 +347,7 @@ def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str
     names = [record["name"] for record in whole["records"]]
     text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
     described = {record["name"]: record for cube in reversed(cubes) for record in json.loads(cube.attrs["records"])}
-    all_runs = runs({file: cube.attrs for file, cube in parts.items()})
+    all_runs = identity.runs({file: cube.attrs for file, cube in parts.items()})
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     attributes = _shared(cubes[0]) | {
         **{key: base[key] for key in ("title",) if key in base},
@@ -376,14 +362,14 @@ def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str
     if "time_step" in base:
         steps: dict[str, float] = {}
         for sweep, cube in zip(sweeps, cubes, strict=True):
-            steps |= dict(zip(motions_of(sweep), np.ravel(cube.attrs["time_step"]).tolist(), strict=True))
+            steps |= dict(zip(identity.motions_of(sweep), np.ravel(cube.attrs["time_step"]).tolist(), strict=True))
         attributes["time_step"] = np.array([steps[name] for name in names])
     if "accuracy_choice" in base:
         attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
     if whole["records_left_out"]:
         attributes["records_left_out"] = json.dumps(whole["records_left_out"])
-    all_makers = set().union(*(makers(cube.attrs) for cube in cubes))
-    for key, values in zip(MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
+    all_makers = set().union(*(identity.makers(cube.attrs) for cube in cubes))
+    for key, values in zip(identity.MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
         if len(set(values)) == 1 and values[0] is not None:
             attributes[key] = values[0]
     return attributes
@@ -405,7 +391,7 @@ def _merge_audits(cube: CubeParts, parts: Parts) -> None:
     keys = scenario_keys({str(name): whole[name].transpose("audit", ...).values for name in known})
     whole = whole.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))
     whole["audit"] = ("audit", np.arange(1, whole.sizes["audit"] + 1, dtype=np.int32), first["audit"].attrs)
-    totals = [run for run in runs({file: p.attrs for file, p in audited.items()}) if "audit_touching" in run]
+    totals = [run for run in identity.runs({file: p.attrs for file, p in audited.items()}) if "audit_touching" in run]
     touching = [int(run["audit_touching"]) for run in totals]
     add_audit(
         cube,
