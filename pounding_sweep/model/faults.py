@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
-from typing import Annotated, Any, TypeVar, dataclass_transform
+from typing import Annotated, Any, Literal, TypeVar, dataclass_transform
 
 import numpy as np
 from pydantic import (
@@ -157,7 +157,18 @@ class Table(BaseModel):
     _check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[arg-type]
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def derived(*, init: Literal[False] = False) -> Any:
+    """Make a field that follows from the others; `__post_init__` gives it by `set_fields`."""
+    return field(default=None, init=init, repr=False, compare=False)
+
+
+def set_fields(item: Any, **values: Any) -> None:
+    """Give fields of a frozen dataclass their values."""
+    for name, value in values.items():
+        object.__setattr__(item, name, value)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field, derived))
 def checked(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose arguments pydantic checks, given in Python or as a table of a file."""
     cls._check = model_validator(mode="wrap")(classmethod(_check))  # type: ignore[attr-defined, arg-type]

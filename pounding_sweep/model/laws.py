@@ -39,7 +39,18 @@ from pydantic import Field
 from pounding_sweep.base.errors import LawError, shown, unknown
 from pounding_sweep.base.files import data_tables, expanded
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.faults import Flag, Listed, NotNegative, Number, Positive, checked, checked_call, one_of
+from pounding_sweep.model.faults import (
+    Flag,
+    Listed,
+    NotNegative,
+    Number,
+    Positive,
+    checked,
+    checked_call,
+    derived,
+    one_of,
+    set_fields,
+)
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, check_basis
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting contact, zero gap) is damped as if it
@@ -75,7 +86,7 @@ class Law:
     damper, damper_slope : str
         B(d) (kN s/m) and dB/dd; empty for a law without damping.
     damper_exponent : float
-        Power of the penetration in B, as it begins.
+        Power of the penetration in B, as it begins; follows from `damper`.
     damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
     number : str or None
@@ -124,7 +135,7 @@ class Law:
     elastic_slope: str = ""
     damper: str = ""
     damper_slope: str = ""
-    damper_exponent: Number = math.nan
+    damper_exponent: Number = 0.0
     damping: Annotated[str, one_of("damping", ("none", "viscous", "elastic", "jump", "yield"))] = "none"
     number: str | None = None
     number_text: str = ""
@@ -139,9 +150,29 @@ class Law:
     source: str = field(default="", compare=False)
     ERROR: ClassVar = LawError
 
+    #: whether floors that meet act on each other, whether velocities jump and floors rest on each other without
+    #: penetration, and whether the force depends on how deep this contact has been before
+    has_contact: bool = derived()
+    impulsive: bool = derived()
+    yields: bool = derived()
+    takes_restitution: bool = derived()
+    stiffness_unit: str = derived()  # "" for a law without contact
+    validity: str = derived()  # valid coefficients of restitution, as text
+
     def __post_init__(self) -> None:
-        for name, value in _completed(self).items():
-            object.__setattr__(self, name, value)
+        set_fields(self, **_completed(self))
+        jumps, takes, n = self.damping == "jump", self.number is not None, self.exponent
+        contact = n is not None or jumps
+        valid = "0 <= e <= 1" if self.zero_restitution else "0 < e <= 1"
+        set_fields(
+            self,
+            has_contact=contact,
+            impulsive=jumps,
+            yields=self.damping == "yield",
+            takes_restitution=takes,
+            stiffness_unit="" if n is None else "kN m-1" if n == 1 else f"kN m-{n:g}",
+            validity=valid if takes else "takes none (e = 1)" if contact else "takes none",
+        )
 
     @property
     def described(self) -> dict[str, Any]:
@@ -154,16 +185,6 @@ class Law:
         return hashlib.sha256(json.dumps(self.described, sort_keys=True).encode()).hexdigest()
 
     @property
-    def has_contact(self) -> bool:
-        """Whether floors that meet act on each other at all."""
-        return self.exponent is not None or self.impulsive
-
-    @property
-    def impulsive(self) -> bool:
-        """Whether velocities jump at the touch, and floors rest on each other without penetration."""
-        return self.damping == "jump"
-
-    @property
     def is_power(self) -> bool:
         """Whether E is a power of the penetration all along."""
         if self.exponent is None or self.yields:
@@ -174,30 +195,6 @@ class Law:
     def grows(self) -> bool:
         """Whether the force grows with the penetration at any rate of approach: E does of every law."""
         return not self.damper or bool((np.diff(_tried(self.damper, _DEPTHS)) >= 0.0).all())
-
-    @property
-    def yields(self) -> bool:
-        """Whether the force depends on how deep this contact has been before."""
-        return self.damping == "yield"
-
-    @property
-    def takes_restitution(self) -> bool:
-        """Whether the coefficient of restitution enters the law."""
-        return self.number is not None
-
-    @property
-    def stiffness_unit(self) -> str:
-        """Unit of the contact stiffness ("" for a law without contact)."""
-        if self.exponent is None:
-            return ""
-        return "kN m-1" if self.exponent == 1 else f"kN m-{self.exponent:g}"
-
-    @property
-    def validity(self) -> str:
-        """Valid coefficients of restitution, as text."""
-        if not self.takes_restitution:
-            return "takes none (e = 1)" if self.has_contact else "takes none"
-        return "0 <= e <= 1" if self.zero_restitution else "0 < e <= 1"
 
     def check_restitution(self, e: float | None, basis: str = "published") -> None:
         """Raise `LawError` unless `e` is valid for this law on that basis ("published" or "realised")."""
@@ -305,11 +302,8 @@ def _completed(law: Law) -> dict[str, Any]:
     power = float(np.round(np.log2(spring[1] / spring[0]), 6))
     if power != round(n, 6):
         raise LawError(f"elastic {elastic!r} begins as d^{power:g}, and the exponent is {n:g}; make them agree")
-    exponent, relation, factor = law.damper_exponent, law.relation, law.relation_factor
-    if damper:
-        dashpot = _force(damper, None, "damper")
-        if math.isnan(exponent):
-            exponent = float(np.round(np.log2(dashpot[1] / dashpot[0]), 6))
+    relation, factor = law.relation, law.relation_factor
+    dashpot = _force(damper, None, "damper") if damper else np.ones(2)
     if relation is None:
         relation, factor = _relation(law, spring, dashpot) if damper else ("", 1.0)
     if number == SOLVED and not relation:
@@ -325,7 +319,7 @@ def _completed(law: Law) -> dict[str, Any]:
         "elastic": elastic,
         "damper": damper,
         **slopes,
-        "damper_exponent": 0.0 if math.isnan(exponent) else exponent,
+        "damper_exponent": float(np.round(np.log2(dashpot[1] / dashpot[0]), 6)),
         "relation": relation,
         "relation_factor": factor,
         "formula": law.formula or f"F = {shape}" + (f" + {law.damper}*v{phase}" if damper else ""),

@@ -5,6 +5,7 @@ Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -27,9 +28,11 @@ from pounding_sweep.model.faults import (
     Positive,
     Whole,
     checked,
+    derived,
     one_of,
     one_or_several,
     optional,
+    set_fields,
 )
 from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, names_file, rubber_bumper
 
@@ -242,10 +245,25 @@ class Building:
     bouc_wen: BoucWen | None = field(default=None, kw_only=True)
     dashpots: NotNegatives | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
+    n_storeys: int = derived()
+    #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
+    yields: tuple[bool, ...] = derived()
+    hardenings: tuple[float, ...] = derived()
+    dashed: tuple[bool, ...] = derived()
+    #: floor elevations above the common base (m), shape (n_storeys,)
+    elevations: np.ndarray = derived()
 
     def __post_init__(self) -> None:
-        if self.storey_heights is None:
-            object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
+        n, hardening = len(self.masses), self.hardening
+        set_fields(
+            self,
+            n_storeys=n,
+            storey_heights=self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n,
+            yields=tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * n)),
+            hardenings=hardening if isinstance(hardening, tuple) else (hardening,) * n,
+            dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
+        )
+        set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
         with Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
@@ -295,21 +313,6 @@ class Building:
             )
 
     @property
-    def n_storeys(self) -> int:
-        """Number of storeys."""
-        return len(self.masses)
-
-    @property
-    def yields(self) -> tuple[bool, ...]:
-        """Whether each storey may yield."""
-        return tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * self.n_storeys))
-
-    @property
-    def hardenings(self) -> tuple[float, ...]:
-        """Hardening of each storey."""
-        return self.hardening if isinstance(self.hardening, tuple) else (self.hardening,) * self.n_storeys  # type: ignore[return-value]
-
-    @property
     def uniform_hardening(self) -> float:
         """Hardening of all storeys, NaN if they differ."""
         return self.hardenings[0] if len(set(self.hardenings)) == 1 else math.nan
@@ -329,16 +332,6 @@ class Building:
     def stability_coefficients(self) -> tuple[float, ...]:
         """P / (k h) of each storey; zeros without `p_delta`."""
         return tuple(np.divide(self.geometric_stiffnesses, self.stiffnesses).tolist())
-
-    @property
-    def dashed(self) -> tuple[bool, ...]:
-        """Whether each storey has a dashpot."""
-        return tuple(c > 0.0 for c in self.dashpots or (0.0,) * self.n_storeys)
-
-    @cached_property
-    def elevations(self) -> np.ndarray:
-        """Floor elevations above the common base (m), shape (n_storeys,)."""
-        return np.cumsum(self.storey_heights or ())
 
     @property
     def inertias(self) -> np.ndarray:
@@ -633,17 +626,17 @@ class Bumper:
             if not self.thickness:
                 raise SceneError(f"law {RUBBER!r} needs the thickness of the rubber (m), a positive number")
             law = rubber_bumper(self.thickness)
-            object.__setattr__(self, "law", law)
+            set_fields(self, law=law)
         if law.exponent is None:
             raise SceneError(f"law {law.key!r} has no force that a bumper could have; give another law")
         if self.thickness is None:
-            object.__setattr__(self, "thickness", law.thickness)
+            set_fields(self, thickness=law.thickness)
         elif law.thickness and self.thickness != law.thickness:
             raise SceneError(
                 f"thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
             )
         if self.stiffness is None:
-            object.__setattr__(self, "stiffness", law.reference_stiffness)
+            set_fields(self, stiffness=law.reference_stiffness)
         if self.stiffness is None:
             raise SceneError(f"law {law.key!r} needs a stiffness ({law.stiffness_unit})")
         if self.restitution is not None and not law.takes_restitution:
@@ -787,12 +780,21 @@ class Scene:
     allow_unmet: Flag = field(default=False, kw_only=True)
     links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
     bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)
+    #: the buildings of the row, left to right, without walls, and the name of each pair of neighbours
+    buildings: tuple[Building, ...] = derived()
+    pair_names: tuple[str, ...] = derived()
+    n_storeys: int = derived()  # of the highest building
+    n_dof: int = derived()  # floors of all buildings
+    offsets: tuple[int, ...] = derived()  # first degree of freedom of each building, and the total at the end
+    #: whether the storey below each floor may yield, has the hysteresis of Bouc and Wen, has a dashpot
+    yields: tuple[bool, ...] = derived()
+    smooth: tuple[bool, ...] = derived()
+    dashed: tuple[bool, ...] = derived()
+    foundations: tuple[int, ...] = derived()  # buildings that stand on foundations, by their numbers
     #: labels along ``pair`` in results: each pair, and after it the columns of either building that are struck
-    pair_labels: tuple[str, ...] = field(default=(), init=False, repr=False, compare=False)
-    #: index of the pair of neighbours of each of them
-    pair_of_label: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
-    #: bumper of each contact; None where it takes the law of the sweep
-    bumper_of: tuple[Bumper | None, ...] = field(default=(), init=False, repr=False, compare=False)
+    pair_labels: tuple[str, ...] = derived()
+    pair_of_label: tuple[int, ...] = derived()  # index of the pair of neighbours of each of them
+    bumper_of: tuple[Bumper | None, ...] = derived()  # of each contact; None where it takes the law of the sweep
     FILE_KEYS: ClassVar = ("preset",)  # a sweep file's reader replaces it
 
     def __post_init__(self) -> None:
@@ -806,7 +808,20 @@ class Scene:
                 )
         if len(row) > 1 and all(isinstance(row[i], Wall) for i in (0, -1)) and row[0].name == row[-1].name:
             row = (Wall(f"left {row[0].name}"), *row[1:-1], Wall(f"right {row[-1].name}"))
-            object.__setattr__(self, "row", row)
+        buildings = tuple(item for item in row if isinstance(item, Building))
+        set_fields(
+            self,
+            row=row,
+            buildings=buildings,
+            pair_names=tuple(f"{a.name}-{b.name}" for a, b in itertools.pairwise(row)),
+            n_storeys=max(building.n_storeys for building in buildings),
+            n_dof=sum(building.n_storeys for building in buildings),
+            offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
+            yields=tuple(each for building in buildings for each in building.yields),
+            smooth=tuple(each and building.bouc_wen is not None for building in buildings for each in building.yields),
+            dashed=tuple(each for building in buildings for each in building.dashed),
+            foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
+        )
         names = [item.name for item in row]
         if repeated := sorted({n for n in names if names.count(n) > 1}):
             raise SceneError(f"names must differ within a row; repeated: {', '.join(map(repr, repeated))}")
@@ -829,7 +844,7 @@ class Scene:
                         faults.attempt((name, index), check, item)
                     else:
                         faults.add((name, index), unknown("pair", item.pair, self.pair_names))
-        object.__setattr__(self, "bumper_of", tuple(bumper_of))
+        set_fields(self, bumper_of=tuple(bumper_of))
 
     def _place_bumper(self, bumper_of: list[Bumper | None], bumper: Bumper) -> None:
         """Place a bumper at its contacts, one at each."""
@@ -900,51 +915,14 @@ class Scene:
                     "may yield, or of a building on a foundation or with p_delta; give that storey the strength inf, "
                     'leave out the foundation or p_delta, or give contacts = "floors"'
                 )
-        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
-        object.__setattr__(self, "pair_labels", tuple(label for label, _ in labels))
-        object.__setattr__(self, "pair_of_label", tuple(pair for _, pair in labels))
-        object.__setattr__(self, "contacts", Contacts(contacts))
+        set_fields(
+            self,
+            storeys=tuple((name, limits[name]) for name in names if name in limits),
+            pair_labels=tuple(label for label, _ in labels),
+            pair_of_label=tuple(pair for _, pair in labels),
+            contacts=Contacts(contacts),
+        )
         self.contacts.asked = asked
-
-    @cached_property
-    def buildings(self) -> tuple[Building, ...]:
-        """The buildings of the row, left to right, without walls."""
-        return tuple(item for item in self.row if isinstance(item, Building))
-
-    @cached_property
-    def pair_names(self) -> tuple[str, ...]:
-        """Name of each pair of neighbours, ``"left-middle"``."""
-        return tuple(f"{a.name}-{b.name}" for a, b in zip(self.row[:-1], self.row[1:], strict=True))
-
-    @cached_property
-    def n_storeys(self) -> int:
-        """Storeys of the highest building."""
-        return max(b.n_storeys for b in self.buildings)
-
-    @cached_property
-    def n_dof(self) -> int:
-        """Number of floors of all buildings."""
-        return sum(b.n_storeys for b in self.buildings)
-
-    @property
-    def yields(self) -> tuple[bool, ...]:
-        """Whether the storey below each floor may yield, of all buildings."""
-        return tuple(each for building in self.buildings for each in building.yields)
-
-    @property
-    def smooth(self) -> tuple[bool, ...]:
-        """Whether that storey has the hysteresis of Bouc and Wen, of all buildings."""
-        return tuple(each and b.bouc_wen is not None for b in self.buildings for each in b.yields)
-
-    @cached_property
-    def dashed(self) -> tuple[bool, ...]:
-        """Whether the storey below each floor has a dashpot, of all buildings."""
-        return tuple(each for building in self.buildings for each in building.dashed)
-
-    @cached_property
-    def foundations(self) -> tuple[int, ...]:
-        """Buildings that stand on foundations, by their numbers."""
-        return tuple(b for b, building in enumerate(self.buildings) if building.foundation is not None)
 
     @cached_property
     def _starts(self) -> tuple[int, ...]:
@@ -985,11 +963,6 @@ class Scene:
     def has_own_modes(self) -> bool:
         """Whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations."""
         return not (any(self.dashed) or self.links or self.foundations)
-
-    @cached_property
-    def offsets(self) -> tuple[int, ...]:
-        """First degree of freedom of each building, and the total at the end."""
-        return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
 
     def faced(self, pair: int) -> list[list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
