@@ -256,7 +256,7 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
         raise OSError(number, os.strerror(number))
 
     store = ChunkStore(tmp_path)
-    monkeypatch.setattr("pounding_sweep.resume.replacing", fails)
+    monkeypatch.setattr("pounding_sweep.base.files.replacing", fails)
     with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
         store.write("k", np.zeros(1, [("a", "f8")]), [0])
     assert store.completed() == {}
