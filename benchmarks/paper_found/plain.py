@@ -26,12 +26,10 @@ def plain_program(
     mass = np.concatenate([building.masses for building in scene.buildings])
     k = block_diag(*(building.stiffness_matrix for building in scene.buildings))
     factors = [building.rayleigh for building in scene.buildings]
-    c = block_diag(
-        *(
-            a * np.diag(own.masses) + b * own.stiffness_matrix
-            for own, (a, b) in zip(scene.buildings, factors, strict=True)
-        )
+    dampings = (
+        a * np.diag(b.masses) + beta * b.stiffness_matrix for b, (a, beta) in zip(scene.buildings, factors, strict=True)
     )
+    c = block_diag(*dampings)
     left, right = (np.array([getattr(one, side) for one in scene.contacts]) for side in ("left", "right"))
     gap = np.array([scene.gaps[one.pair] for one in scene.contacts])
     n, times = len(mass), record.time

@@ -54,11 +54,11 @@ class Open:
 
 #: Inputs of every building and contact.
 INPUTS: dict[str, Open] = {
-    each.key: each
-    for each in (
+    one.key: one
+    for one in (
         *(
-            Open(name, f"stiffness of the {name} building over the printed one", f"{name} stiffness", "", 0.4, 4.0)
-            for name in BUILDINGS
+            Open(b, f"stiffness of the {b} building over the printed one", f"{b} stiffness", "", 0.4, 4.0)
+            for b in BUILDINGS
         ),
         Open("stiffness", "gap stiffness", "gap stiffness", "kN/m", 5e4, 4e6),
         Open("gap", "gap", "gap", "mm", 0.005, 0.02, 1e3),
@@ -72,7 +72,7 @@ LAW_INPUTS: dict[float | None, dict[str, tuple[float, float]]] = {
     1.5: {"stiffness": (2e3, 3e7), "restitution": (0.2, 0.95), "gap": (0.005, 0.05)},
 }
 Box = Mapping[str, tuple[float, float]]
-WIDE: Box = {each.key: (each.low, each.high) for each in INPUTS.values()}
+WIDE: Box = {one.key: (one.low, one.high) for one in INPUTS.values()}
 
 
 def reading_points() -> dict[str, np.ndarray]:
@@ -263,15 +263,11 @@ def damped(scene: Scene, modes: tuple[str, int, int], ratio: float) -> Scene:
 
 def scene_at(points: Points, at: int) -> Scene:
     """Return the row of one point, with its own stiffnesses, gap, damping and gap stiffness."""
-    printed = get_preset(READINGS["as_printed"].preset)
-    row = [
-        replace(
-            building,
-            stiffnesses=tuple(k * float(points[building.name][at]) for k in building.stiffnesses),
-            damping_ratio=float(points["damping_ratio"][at]),
-        )
-        for building in printed.buildings
-    ]
+    printed, ratio = get_preset(READINGS["as_printed"].preset), float(points["damping_ratio"][at])
+    row = []
+    for building in printed.buildings:
+        stiffnesses = tuple(k * float(points[building.name][at]) for k in building.stiffnesses)
+        row.append(replace(building, stiffnesses=stiffnesses, damping_ratio=ratio))
     contact = replace(printed.contact, linear_stiffness=float(points["stiffness"][at]))
     return Scene(row, gaps=[float(points["gap"][at])] * len(printed.gaps), contact=contact)
 
@@ -280,11 +276,8 @@ def other_forms(records: Sequence[Record], box: Box, points: Points, at: int, sa
     """Try forms of damping, and ground motions of the other sign, around a point: a design over the other inputs."""
     centre = scene_at(points, at)
     around = {name: float(points[name][at]) for name in BUILDINGS}  # factors on the row are over the centre's
-    inner = {
-        key: (low / around.get(key, 1.0), high / around.get(key, 1.0))
-        for key, (low, high) in box.items()
-        if key != "damping_ratio"
-    }
+    inner = {key: (low / around.get(key, 1.0), high / around.get(key, 1.0)) for key, (low, high) in box.items()}
+    del inner["damping_ratio"]
     tried = design(inner, samples, seed=11)
     ratio = get_preset(READINGS["as_printed"].preset).buildings[0].damping_ratio
     rows = {title: damped(centre, modes, ratio) for title, modes in DAMPINGS.items()}  # type: ignore[arg-type]
@@ -300,12 +293,8 @@ PLAIN_STEPS = (0.01, 0.005, 0.002, 0.001)
 
 def plain_steps(records: Sequence[Record], points: Points) -> dict[float, Squares]:
     """Run points with a plain RK4 of fixed steps; missing values where that is unstable."""
-    return {
-        step: held_against(
-            run(points, records, method="rk4", dt=step, locate=False, force_unstable=True), records, missing=np.nan
-        )
-        for step in PLAIN_STEPS
-    }
+    plain: dict[str, Any] = {"method": "rk4", "locate": False, "force_unstable": True}
+    return {step: held_against(run(points, records, dt=step, **plain), records, missing=np.nan) for step in PLAIN_STEPS}
 
 
 @dataclass(frozen=True)
@@ -326,9 +315,9 @@ OF_LAW = tuple(name for name in FITTED if name != "displacement")
 def law_fit(law: str, records: Sequence[Record], row: Scene, samples: int) -> LawFit:
     """Try contact stiffness, restitution and gap of a law, then the first two at the printed gap."""
     about = LAWS[law]
-    box = {
-        key: ends for key, ends in LAW_INPUTS[about.exponent].items() if key != "restitution" or about.takes_restitution
-    }
+    box = dict(LAW_INPUTS[about.exponent])
+    if not about.takes_restitution:
+        del box["restitution"]
     points = design(box, samples, seed=21)
     near = design({key: ends for key, ends in box.items() if key != "gap"}, samples // 2, seed=22)
     near["gap"] = np.full(samples // 2, GAP)
