@@ -12,26 +12,17 @@ from benchmarks.peers import all_peers
 from benchmarks.report import Report
 
 
-def _parser() -> argparse.ArgumentParser:
+def main(arguments: list[str] | None = None) -> int:
+    """Run the suite; tables go to standard output, what goes on to standard error."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure the engine beside other tools.")
     parser.add_argument("--short", action="store_true", help="a few settings on the first seconds of the record")
     parser.add_argument("--tools", action="store_true", help="compare the tools, and measure nothing else")
-    parser.add_argument("--peers", metavar="LIST", help="names with commas between, 'none', or 'all' (default)")
+    parser.add_argument("--peers", metavar="LIST", default="all", help="names with commas between, 'none', or 'all'")
     parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="write speed.md, .json and .png there")
     parser.add_argument("--json", action="store_true", help="print JSON in place of markdown")
-    return parser
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the suite; tables go to standard output, what goes on to standard error."""
-    parser = _parser()
-    given = parser.parse_args(arguments)
-    known = all_peers()
-    names = {None: list(known), "all": list(known), "none": []}.get(given.peers)
-    if names is None:
-        names = given.peers.split(",")
-    unknown = [name for name in names if name not in known]
-    if unknown:
+    given, known = parser.parse_args(arguments), all_peers()
+    names = {"all": list(known), "none": []}.get(given.peers, given.peers.split(","))
+    if unknown := [name for name in names if name not in known]:
         parser.error(f"unknown peers {', '.join(unknown)}; valid: {', '.join(known)}, all, none")
 
     def notify(line: str) -> None:

@@ -86,7 +86,6 @@ def best_cost(points: Sequence[Point], error: float) -> tuple[str, float]:
     by_tool: dict[str, list[Point]] = {}
     for point in points:
         by_tool.setdefault(point.title, []).append(point)
-    costs = {title: cost_at(own, error) for title, own in by_tool.items()}
-    costs = {title: cost for title, cost in costs.items() if np.isfinite(cost)}
+    costs = {title: cost for title, own in by_tool.items() if np.isfinite(cost := cost_at(own, error))}
     title = min(costs, key=lambda name: costs[name], default="")
     return title, costs.get(title, math.nan)

@@ -56,33 +56,22 @@ def prepare(work: Work, **settings: Any) -> Run:
 
 
 def _scheme(
-    key: str, title: str, knob: str, settings: tuple[float, ...], short: tuple[float, ...], **fixed: Any
+    key: str, title: str, settings: tuple[float, ...], short: tuple[float, ...] = (), knob: str = "dt", **fixed: Any
 ) -> Peer:
-    return Peer(
-        key=key,
-        title=title,
-        package="pounding-sweep",
-        module="pounding_sweep",
-        knob=knob,
-        settings=settings,
-        short=short,
-        prepare=lambda work, value: prepare(work, **{knob: value}, **fixed),
-        laws=("linear", "hertz_damped", "nonlinear_viscoelastic"),
-        batch=BATCH,
-    )
+    def prepared(work: Work, value: float) -> Run:
+        return prepare(work, **{knob: value}, **fixed)
+
+    laws = ("linear", "hertz_damped", "nonlinear_viscoelastic")
+    return Peer(key, title, "pounding-sweep", "pounding_sweep", knob, settings, short, prepared, laws, BATCH)
 
 
 #: The engine's own rows.
 SCHEMES = (
-    _scheme("exact", "engine exact", "dt", (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3,), method="exact"),
-    _scheme("rk4", "engine rk4", "dt", (1e-2, 5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3, 1e-3), method="rk4"),
-    _scheme("newmark", "engine newmark", "dt", (2.5e-3, 1e-3, 5e-4, 2.5e-4), (), method="newmark"),
-    _scheme(
-        "exact-float32", "engine exact, float32", "dt", (5e-3, 2.5e-3, 1e-3), (), method="exact", precision="float32"
-    ),
-    _scheme(
-        "rk4-float32", "engine rk4, float32", "dt", (1e-2, 5e-3, 2.5e-3, 1e-3), (), method="rk4", precision="float32"
-    ),
-    _scheme("rk4-plain", "engine rk4, not located", "dt", (1e-3, 2.5e-4), (), method="rk4", locate=False),
-    _scheme("accuracy", "engine, accuracy asked for", "accuracy", (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), ()),
+    _scheme("exact", "engine exact", (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3,), method="exact"),
+    _scheme("rk4", "engine rk4", (1e-2, 5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3, 1e-3), method="rk4"),
+    _scheme("newmark", "engine newmark", (2.5e-3, 1e-3, 5e-4, 2.5e-4), method="newmark"),
+    _scheme("exact-float32", "engine exact, float32", (5e-3, 2.5e-3, 1e-3), method="exact", precision="float32"),
+    _scheme("rk4-float32", "engine rk4, float32", (1e-2, 5e-3, 2.5e-3, 1e-3), method="rk4", precision="float32"),
+    _scheme("rk4-plain", "engine rk4, not located", (1e-3, 2.5e-4), method="rk4", locate=False),
+    _scheme("accuracy", "engine, accuracy asked for", (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), knob="accuracy"),
 )

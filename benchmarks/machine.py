@@ -35,8 +35,7 @@ def describe(peers: Iterable[Peer] = ()) -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "Python": platform.python_version(),
     }
-    compiler = find_compiler()
-    if compiler:
+    if compiler := find_compiler():
         done = subprocess.run([compiler, "--version"], check=False, capture_output=True, text=True)
         found["C compiler"] = done.stdout.partition("\n")[0]
     for name in (*LIBRARIES, *dict.fromkeys(peer.package for peer in peers)):

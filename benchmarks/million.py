@@ -26,7 +26,6 @@ class Run:
 
 def _watch(process: subprocess.Popen[bytes]) -> int:
     """Wait for a process; return its peak resident memory (bytes)."""
-
     # what the system says of an ended child counts the memory of this process too, which it had before it became
     # another
     peak = 0

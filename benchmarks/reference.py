@@ -37,7 +37,6 @@ def independent(work: Work, gap: float) -> Peaks:
 
 def force_errors(found: Peaks, reference: Peaks) -> np.ndarray:
     """Relative error (n,) of the peak impact forces: the largest over a scenario's contacts, each of its own peak."""
-
     # a contact that only one of the two solutions closes has an infinite error
     off = np.abs(found.force - reference.force)
     with np.errstate(divide="ignore", invalid="ignore"):

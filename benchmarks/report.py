@@ -95,20 +95,17 @@ class Report:
                 ],
             )
         if self.agreement is not None:
-            lines += [
-                "",
-                f"Errors are relative to a converged solution (rk4 located at a step of {1e3 * STEP:g} ms). Its peak "
-                f"forces differ by at most {self.agreement:.1e} from those of another program with adaptive steps.",
-            ]
+            lines.append(
+                f"\nErrors are relative to a converged solution (rk4 located at a step of {1e3 * STEP:g} ms). Its peak "
+                f"forces differ by at most {self.agreement:.1e} from those of another program with adaptive steps."
+            )
         lines += [f"\nNot measured: {reason}." for reason in self.missing]
-        if self.arithmetic is not None:
-            a = self.arithmetic
-            lines += [
-                "",
-                f"Arithmetic: beside a C kernel written by hand for this row (vectors of {a.width} doubles), the rk4 "
+        if (a := self.arithmetic) is not None:
+            lines.append(
+                f"\nArithmetic: beside a C kernel written by hand for this row (vectors of {a.width} doubles), the rk4 "
                 f"kernel takes {a.plain:.2f} times as long where it does just the same, contacts not located, and "
-                f"{a.located:.2f} times as long as sweeps use it.",
-            ]
+                f"{a.located:.2f} times as long as sweeps use it."
+            )
         for title, heads, rows in self._tables():
             if rows:
                 lines += [f"\n**{title[0]}**{title[1]}\n", *_table(heads, rows)]
@@ -148,7 +145,6 @@ class Report:
 
 def equal_error(points: Sequence[Point], law: str, error: float) -> list[tuple[str, float, float]]:
     """Tools by cost at a given error: title, milliseconds, and how many times the engine's cheapest row that is."""
-
     # tools that do not reach the error are left out
     own = [p for p in points if p.law == law]
     _, best = best_cost([p for p in own if p.title.startswith(ENGINE)], error)

@@ -33,13 +33,8 @@ def test_calibration_measures_an_order(monkeypatch):
 
 
 def test_written_measurements_can_be_read(tmp_path):
-    data = {
-        "about": {"quantile": 0.9},
-        "cost": {"rk4/float64": 2.5},
-        "errors": {
-            "rk4/float64": {"linear": {"motions": [[1.0, 0.1], [2.0, 0.01]]}, "none": {"motions": [[4.0, 1e-3]]}}
-        },
-    }
+    laws = {"linear": {"motions": [[1.0, 0.1], [2.0, 0.01]]}, "none": {"motions": [[4.0, 1e-3]]}}
+    data = {"about": {"quantile": 0.9}, "cost": {"rk4/float64": 2.5}, "errors": {"rk4/float64": laws}}
     calibrate.write(data, tmp_path / "m.json")
     text = (tmp_path / "m.json").read_text()
     assert json.loads(text) == data

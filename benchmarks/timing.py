@@ -16,7 +16,6 @@ def medians(
     *jobs: Callable[[], object], rounds: int = ROUNDS, clock: Callable[[], float] = time.process_time
 ) -> list[float]:
     """Median seconds of each job, the jobs, which are compiled, taking turns."""
-
     # a slow moment of the machine falls on all jobs alike; processor time (of all threads of this process) does not
     # count what other programs do on the same core
     taken: list[list[float]] = [[] for _ in jobs]

@@ -82,15 +82,10 @@ class Row:
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """Damping and stiffness matrices (n, n) of the whole row."""
         n = len(self.mass)
-        stiffness, damping = np.zeros((n, n)), np.diag(self.alpha * self.mass)
-        for i in range(n):
-            drift = np.zeros(n)
-            drift[i] = 1.0
-            if not self.bottom[i]:
-                drift[i - 1] = -1.0
-            stiffness += self.stiffness[i] * np.outer(drift, drift)
-            damping += self.beta[i] * self.stiffness[i] * np.outer(drift, drift)
-        return damping, stiffness
+        drift = np.eye(n) - np.eye(n, k=-1) * ~self.bottom[:, None]
+        stiffness = drift.T @ (self.stiffness[:, None] * drift)
+        damping = drift.T @ ((self.beta * self.stiffness)[:, None] * drift)
+        return np.diag(self.alpha * self.mass) + damping, stiffness
 
 
 @dataclass(frozen=True)
@@ -118,16 +113,10 @@ def cut(record: Record, seconds: float) -> Record:
 
 def make_work(law: str = "linear", *, short: bool = False) -> Work:
     """Return the work: the whole of El Centro 1940 N-S, or its first seconds in the short form."""
-    record = ps.find_record("el_centro")
-    scene = ps.get_preset("mate2015")
-    linear = Work(
-        scene,
-        cut(record, SHORT_SECONDS) if short else record,
-        "linear",
-        float(scene.contact.linear_stiffness or 0.0),
-        float(scene.contact.restitution or 1.0),
-    )
-    return linear.under(law)
+    record, scene = ps.find_record("el_centro"), ps.get_preset("mate2015")
+    motion, contact = cut(record, SHORT_SECONDS) if short else record, scene.contact
+    stiffness, restitution = float(contact.linear_stiffness or 0.0), float(contact.restitution or 1.0)
+    return Work(scene, motion, "linear", stiffness, restitution).under(law)
 
 
 def neighbouring_gaps(n: int) -> np.ndarray:
