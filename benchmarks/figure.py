@@ -18,7 +18,7 @@ ENGINE = "engine"
 @in_style()
 def speed(points: Sequence[Point], caption: str) -> Figure:
     """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool."""
-    figure, axes = subplots(1, 1, (6.4, 5.2))
+    figure, axes = subplots(1, 1, (6.4, 0.0, 5.2, 0.0))
     ax = axes[0, 0]
     titles = list(dict.fromkeys(p.title for p in points))
     for title, look in zip(titles, MARKED, strict=False):

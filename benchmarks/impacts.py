@@ -65,7 +65,7 @@ def measure(work: Work, method: str, law: str, gaps: Sequence[float] = GAPS, rou
 @in_style()
 def draw(found: Sequence[Series]) -> Figure:
     """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
-    figure, axes = subplots(1, 1, (5.2, 3.6))
+    figure, axes = subplots(1, 1, (5.2, 0.0, 3.6, 0.0))
     ax = axes[0, 0]
     for each, look in zip(found, MARKED, strict=False):
         style = look | {"linestyle": "", "label": f"{each.method}, {each.law}"}

@@ -33,9 +33,9 @@ SOURCES: dict[str, str] = {
 }
 #: A law with contact, and the one without, as needs.
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
-#: A need in words: a variable, coordinate or dimension, `CONTACT` or `NO_CONTACT`, or of alternatives separated by
-#: ``|`` any one; "several " before axes means one with more than one value; or what says in words what is missing.
-Need = str | Callable[["xr.Dataset"], str]
+#: Further needs: of a map, of profiles, of a design.
+TWO_AXES = "two axes of several numbers such as gap and restitution"
+FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli"'
 #: What several values of an axis are called.
 _PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
@@ -61,28 +61,33 @@ class Kind:
     draw: Callable[..., Figure]
     source: str  # what it is drawn from, a key of `SOURCES`
     title: str  # what it shows
-    needs: tuple[Need, ...]
+    #: in words: variables, coordinates or dimensions, or what `missing` checks; of alternatives between ``|`` any one
+    needs: tuple[str, ...]
     options: tuple[str, ...]  # what of it may be chosen: the arguments of its function that are given by name
 
     def missing(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what a dataset lacks of what the figure needs."""
         from pounding_sweep.analysis.scenarios import law_keys
+        from pounding_sweep.figures.select import plot_axes
 
-        laws = law_keys(dataset) or ("", "none")  # of both kinds if the dataset does not say
-        present = {*dataset.variables, *dataset.sizes, *(NO_CONTACT if law == "none" else CONTACT for law in laws)}
-        several = {dim for dim, size in dataset.sizes.items() if size > 1}
-        if "law" in dataset.dims and len({*laws} - {"none"}) < 2:
-            several -= {"law"}
+        laws = {*law_keys(dataset)} or {"", "none"}  # of both kinds if the dataset does not say
+        contact = laws - {"none"}
+        checks = {
+            CONTACT: contact,
+            NO_CONTACT: "none" in laws,
+            TWO_AXES: len({axis.dim for axis in plot_axes(dataset).values()}) > 1,
+            FIRST_STOREY: "storey" not in dataset.coords or 1 in dataset["storey"],
+            SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords),
+        }
+        present = {*dataset.variables, *dataset.sizes, *(text for text, is_met in checks.items() if is_met)}
+        several = {dim for dim, size in dataset.sizes.items() if size > 1 and (dim != "law" or len(contact) > 1)}
         missing = []
         for need in self.needs:
-            if not isinstance(need, str):
-                missing.append(need(dataset))
-                continue
             plural, names = need.startswith("several "), need.removeprefix("several ").split("|")
             if (several if plural else present).isdisjoint(names):
                 words = " or ".join(_PLURAL.get(axis, f"{axis}s") if plural else axis for axis in names)
                 missing.append(f"several {words}" if plural else words)
-        return tuple(filter(None, missing))
+        return tuple(missing)
 
 
 @cache
@@ -93,9 +98,7 @@ def _figures() -> dict[str, Kind]:
     return dict(sorted(_FIGURES.items()))
 
 
-def figure_of(
-    key: str, source: str, title: str, needs: str, *lacking: Callable[[xr.Dataset], str]
-) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+def figure_of(key: str, source: str, title: str, needs: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
     """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
     Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
@@ -132,7 +135,7 @@ def figure_of(
                 *("", "Returns", "-------", "matplotlib.figure.Figure"),
             ]
         )
-        _FIGURES[key] = Kind(key, drawn, source, title, (*filter(None, needs.split(", ")), *lacking), tuple(options))
+        _FIGURES[key] = Kind(key, drawn, source, title, tuple(needs.split(", ")), tuple(options))
         return drawn
 
     return register

@@ -53,14 +53,22 @@ class NotebookFigure(Figure):
 
 
 def subplots(
-    rows: int, columns: int, size: tuple[float, float], ax: Any = None, *, styles: Any = None, **sharing: Any
+    rows: int,
+    columns: int,
+    size: tuple[float, float, float, float],
+    ax: Any = None,
+    *,
+    styles: Any = None,
+    **sharing: Any,
 ) -> tuple[Any, Any]:
-    """Return a figure of that size (inches) and its axes, a 2-D array, whose lines have those styles in turn.
+    """Return a figure and its axes, a 2-D array, whose lines have those styles in turn.
 
-    With `ax`, these axes stand for both.
+    The size (inches) is a width and what each column adds to it, a height and what each row adds. With `ax`, these axes
+    stand for both.
     """
     if ax is None:
-        figure = NotebookFigure(figsize=size, layout="constrained")
+        width, column, height, row = size
+        figure = NotebookFigure(figsize=(width + column * columns, height + row * rows), layout="constrained")
         options: Any = {"sharex": True, "sharey": "row"} | sharing
         axes: Any = figure.subplots(rows, columns, squeeze=False, **options)
     elif rows * columns == 1:

@@ -19,9 +19,9 @@ from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
 from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directions, needed_for
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
-from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, pounding_only
+from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, pounding_only
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
+from pounding_sweep.figures import CONTACT, FIRST_STOREY, NO_CONTACT, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
     PlotAxis,
     check_value,
@@ -84,7 +84,7 @@ _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)
 
 
 def _draw_laws(
-    result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: tuple[float, float], ax: Any = None
+    result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, ax: Any = None
 ) -> tuple[Any, Any]:
     """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law."""
     result = result.sortby(axis.name)
@@ -116,8 +116,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     axis = choose_axis(cube, x or ("gap" if cube.sizes["gap"] > 1 else None)) or plot_axis(cube, "gap")
     cube, shown = select_default(cube, ("law", axis.dim), ["impact_force_max"])
     rows = {name: label for name, label in _FORCES.items() if value in (None, name)}
-    size = (2.0 + 3.2 * cube.sizes["pair"], 0.8 + 2.2 * len(rows))
-    figure, axes = _draw_laws(cube[[*rows]].max("storey"), rows, "pair", axis, size, ax)
+    figure, axes = _draw_laws(cube[[*rows]].max("storey"), rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), ax)
     for panel in axes[:, 0]:
         panel.set_ylim(bottom=0.0)
     return finish(figure, axes, axis.label, [*rows.values()], shown)
@@ -147,8 +146,7 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     if axis.dim != "storey" and "storey" in result.dims:
         over = "largest of the storeys" * (result.sizes["storey"] > 1)
         result = result.max("storey")
-    buildings = result.sizes["building"]
-    size = (1.6 + 2.4 * buildings, 1.3 + 1.7 * len(rows)) if buildings * len(rows) > 1 else (5.6, 4.2)
+    size = (1.6, 2.4, 1.3, 1.7) if result.sizes["building"] * len(rows) > 1 else (5.6, 0.0, 4.2, 0.0)
     figure, axes = _draw_laws(result, rows, "building", axis, size, ax)
     for panel in axes.flat:
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
@@ -182,8 +180,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         )
     ratio, shown = select_default(ratio, ("law", "basis", axis.dim), ["ratio"], median=True)
     bases = ratio["ratio"].to_dataset("basis")
-    size = (1.8 + 2.8 * bases.sizes["pair"], 1.4 + 2.1 * len(bases))
-    figure, axes = _draw_laws(bases, [*bases], "pair", axis, size)
+    figure, axes = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1))
     for row, basis in zip(axes, bases, strict=True):
         for panel, pair in zip(row, bases["pair"].values, strict=True):
             panel.set_title(f"pair {pair}\nequal {basis} restitution")
@@ -206,11 +203,7 @@ _LEVELS = (0.1, 0.2, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
     "map",
     "cube",
     "a response or its amplification over two axes of the sweep, pair by pair and law by law",
-    "",
-    lambda cube: (
-        "two axes of several numbers, such as gap and restitution"
-        * (len({axis.dim for axis in plot_axes(cube).values()}) < 2)
-    ),
+    TWO_AXES,
 )
 def response_map(
     cube: xr.Dataset,
@@ -242,8 +235,6 @@ def response_map(
     assert across is not None
     upward = upward or choose_axis(cube, None, [across.dim])
     assert upward is not None
-    if value is None and COMPARISON in cube.attrs:
-        value = str(next(iter(cube.data_vars)))
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
     if value in ratios and value not in cube:
         cube = result_of(cube, "amplification", responses=needed_for([value]))
@@ -265,7 +256,7 @@ def response_map(
     cube = cube.sel(law=valued[:_LAWS]).sortby([across.name, upward.name])
     cube = cube.transpose("law", per, upward.dim, across.dim)
     rows, columns = cube.sizes["law"], cube.sizes[per]
-    size = (2.2 + 2.6 * columns, 1.3 + 2.3 * rows) if rows * columns > 1 else (5.6, 4.2)
+    size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
     figure, axes = subplots(rows, columns, size, ax)
     look, levels, ticks = _choose_colours(cube[name].values, name, ratio)
     at = [axis.values(cube) for axis in (across, upward)]
@@ -334,7 +325,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)
-    figure, axes = subplots(rows, columns, (1.2 + 3.4 * columns, 1.2 + 2.8 * rows))
+    figure, axes = subplots(rows, columns, (1.2, 3.4, 1.2, 2.8))
     edges = [cell_edges(cube[name].values) for name in ("dt", "stiffness")]
     legend: dict[str, Any] = {}
     for ax, scheme in zip(axes.flat, schemes, strict=False):
@@ -372,8 +363,7 @@ _TOGETHER = 3
     "profiles",
     "cube",
     "peak displacement, drift, storey shear and acceleration over the height, law by law",
-    f"law, floor_elevation, {_RESPONSES}",
-    lambda cube: "the storeys from the first on" if 1 not in np.atleast_1d(cube.get("storey", 1)) else "",
+    f"law, floor_elevation, {_RESPONSES}, {FIRST_STOREY}",
 )
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height.
@@ -391,7 +381,7 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     if value or by_law:
         responses = [row_of[value or ("drift_max" if "drift_max" in row_of else next(iter(row_of)))]]
     rows = list(product(by_law or [""], responses))
-    size = (1.4 + 2.4 * cube.sizes["building"], 1.3 + (1.9 if len(rows) <= len(_ROWS) else 1.3) * len(rows))
+    size = (1.4, 2.4, 1.3, 1.9 if len(rows) <= len(_ROWS) else 1.3)
     sharing: Any = {"sharex": "all" if by_law else "row", "sharey": True}
     figure, axes = subplots(len(rows), cube.sizes["building"], size, **sharing)
     for line, (own, (both, words, where)) in zip(axes, rows, strict=True):
@@ -462,7 +452,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     names = [fill(law_name(result, law), 16) for law in laws]
     longest = max(len(line) for name in names for line in name.split("\n"))
     count = buildings + ("contact_work" in result)
-    figure, axes = subplots(1, count, (1.0 + 1.9 * count, 3.6 + 0.09 * longest), sharex=False, sharey=False)
+    figure, axes = subplots(1, count, (1.0, 1.9, 3.6 + 0.09 * longest, 0.0), sharex=False, sharey=False)
     x, ends = np.arange(len(laws)), [0.0, *result["energy_input"].values.ravel()]
     for ax, part in panels(axes[0, :buildings], result, "building"):
         above, below = np.zeros((2, len(laws)))
@@ -546,7 +536,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     axis = first_varied(result, but=keep) or "law"
     result, shown = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
-    figure, axes = subplots(1, result.sizes[per], (1.4 + 3.4 * result.sizes[per], 4.6))
+    figure, axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
     for ax, end in panels(axes[0], lines, per):
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
             _draw_fit(ax, end.isel({axis: number}), axis, style, marker)
@@ -602,8 +592,8 @@ def incremental(cube: xr.Dataset) -> Figure:
     result = result.sel(law=laws[:_LAWS])
     ways, suite = directions(result[scaled].values), result.sizes["record"] > 1
     thin = {"color": "0.7", "linewidth": 0.8} if suite else {"color": COLOURS[0]}
-    rows, columns = result.sizes["law"], result.sizes[per]
-    figure, axes = subplots(rows, columns, (1.6 + 2.6 * columns, 1.3 + 2.0 * rows))
+    rows = result.sizes["law"]
+    figure, axes = subplots(rows, result.sizes[per], (1.6, 2.6, 1.3, 2.0))
     for ax, storeys in panels(axes, result, "law", per):
         largest = storeys[name].max(["record", scaled])
         part = storeys.isel(storey=int(largest.fillna(-np.inf).argmax("storey")))
@@ -647,7 +637,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "suite")
     result, shown = select_default(result, ("record", "probability", "curve", axis), ["median", "trial_gap"])
     rows = ["probability of touching (-)", *["annual rate of touching (1/year)"] * ("gap_in_years" in result)]
-    figure, axes = subplots(len(rows), result.sizes["pair"], (1.6 + 3.0 * result.sizes["pair"], 0.9 + 2.7 * len(rows)))
+    figure, axes = subplots(len(rows), result.sizes["pair"], (1.6, 3.0, 0.9, 2.7))
     result = select_lines(with_dims(result, axis, absent=""), axis)
     for ax, pair in panels(axes[0], result, "pair"):
         for number, style in zip(range(result.sizes[axis]), DASHED, strict=False):
@@ -701,7 +691,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     result, shown = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
     rules = result["rule"].values.tolist()
     names = [str(rule).replace("_", " ") for rule in rules]
-    figure, axes = subplots(2, result.sizes["pair"], (2.0 + 3.2 * result.sizes["pair"], 6.2), sharex=False)
+    figure, axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
     x = np.arange(result.sizes[trials])
     spread = np.linspace(-0.22, 0.22, len(x)) if len(x) > 1 else np.zeros(1)
     tilted: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

@@ -47,8 +47,7 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     """
     part = time_slice(one, start, end)
     pairs = one.pair.values.tolist() if "contact_force" in one else []
-    rows = 2 + len(pairs)
-    figure, axes = subplots(rows, 1, (7.2, 1.4 + 1.5 * rows), sharey=False, styles=DASHED)
+    figure, axes = subplots(2 + len(pairs), 1, (7.2, 0.0, 1.4, 1.5), sharey=False, styles=DASHED)
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
@@ -111,7 +110,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     scene, time = stored_scene(one), part.time.values
     moved = 1e3 * part.displacement.transpose("time", "building", "storey").values
     u = np.column_stack([moved[:, b, : building.n_storeys] for b, building in enumerate(scene.buildings)])
-    figure, axes = subplots(len(scene.gaps), 1, (7.2, 1.2 + 2.0 * len(scene.gaps)), ax, styles=DASHED)
+    figure, axes = subplots(len(scene.gaps), 1, (7.2, 0.0, 1.2, 2.0), ax, styles=DASHED)
     for number, (panel, gap) in enumerate(zip(axes[:, 0], 1e3 * np.array(scene.gaps), strict=True)):
         faces = {gap}
         for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
@@ -145,7 +144,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     """Draw the velocity of each building's top floor against its displacement, bold where it is in contact."""
     part, scene = time_slice(one, start, end), stored_scene(one)
     members = [item.name for item in scene.row]
-    figure, axes = subplots(1, one.sizes["building"], (1.4 + 2.6 * one.sizes["building"], 3.6), ax)
+    figure, axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
     for panel, here in panels(axes[0], part, "building"):
         building = here.building.item()
         top = _top_floor(part, building)
@@ -174,7 +173,7 @@ def force_penetration(
     Contacts are short: smaller steps of the histories (``output_step``) draw rounder loops.
     """
     part = time_slice(one, start, end)
-    figure, axes = subplots(1, one.sizes["pair"], (1.4 + 3.2 * one.sizes["pair"], 3.8), ax, styles=DASHED)
+    figure, axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
     for panel, here in panels(axes[0], part, "pair"):
         for storey in here.storey.values:
             depth, force = 1e3 * here.penetration.sel(storey=storey), here.contact_force.sel(storey=storey)
@@ -195,7 +194,7 @@ def force_penetration(
 )
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw the hysteresis loops of each building's storeys."""
-    figure, axes = subplots(1, one.sizes["building"], (1.0 + 3.1 * one.sizes["building"], 3.9), sharey=True)
+    figure, axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
         here = building.dropna("storey", how="all", subset=["storey_drift"])
         largest = np.argsort(-np.abs(here.storey_drift).max("time").values)[:_STOREYS]
@@ -282,7 +281,7 @@ def draw_row(
     high = max(right[inside[-1]] + 1.2 * _SWAY * top, right[-1])
     tall = min(5.0, max(2.4, 7.2 * 0.85 * 1.15 * top / (high - low)))
     flat: Any = {"height_ratios": [tall, *[0.95] * below], "sharex": False}
-    figure, axes = subplots(1 + below, 1, (7.2, tall + 0.9 + 0.95 * below), ax, **flat)
+    figure, axes = subplots(1 + below, 1, (7.2, 0.0, tall - 0.05, 0.95), ax, **flat)
     ax = axes[0, 0]
     ax.set(xlim=(low, high), ylim=(-0.12 * top, 1.1 * top), aspect="equal", ylabel="elevation (m)")
     ax.grid(visible=False)

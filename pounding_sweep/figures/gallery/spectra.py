@@ -99,7 +99,7 @@ def floor_response(histories: xr.Dataset) -> Figure:
 def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
     """Draw pseudo-acceleration above displacement, in a column for each building that there is."""
     buildings = spectra["building"].values.tolist() if "building" in spectra.dims else [""]
-    figure, axes = subplots(2, len(buildings), (2.6 + 3.4 * len(buildings), 5.6))
+    figure, axes = subplots(2, len(buildings), (2.6, 3.4, 5.6, 0.0))
     entries: dict[str, Any] = {}
     for column, building in enumerate(buildings):
         part = spectra.sel(building=building) if building else spectra

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import SALTELLI, figure_of
 from pounding_sweep.figures.select import (
     RESPONSES,
     NothingToDrawError,
@@ -42,8 +42,7 @@ _INDICES = {
     "sensitivity",
     "design",
     "which inputs of a design matter: first and total Sobol indices",
-    "",
-    lambda cube: "" if {"input", "design_block"} & {*cube.coords} else 'a design of kind "saltelli"',
+    SALTELLI,
 )
 def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the Sobol indices of an output with their intervals; inputs that matter most are at the top.
@@ -69,8 +68,7 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     shown = groups[:_GROUPS]
     rank = np.mean([part[key].isel(group=shown).mean("group") for part in places], axis=0)
     order = np.argsort(np.nan_to_num(rank), kind="stable")  # the largest last, at the top
-    size = (2.2 + 2.4 * len(places), 1.5 + len(shown) * (0.6 + 0.3 * len(order)))
-    figure, axes = subplots(len(shown), len(places), size, ax)
+    figure, axes = subplots(len(shown), len(places), (2.2, 2.4, 1.5, 0.6 + 0.3 * len(order)), ax)
     varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
     extremes = [0.0, 1.0]
     for (row, column), panel in np.ndenumerate(axes):
@@ -122,7 +120,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     if not valued.any():
         raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
     outputs = leading_outputs(trade)
-    figure, axes = subplots(1, len(outputs), (1.2 + 3.6 * len(outputs), 4.6))
+    figure, axes = subplots(1, len(outputs), (1.2, 3.6, 4.6, 0.0))
     ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
     for ax, output in zip(axes[0], outputs, strict=True):
         one = chosen.where(valued).sel(output=output)
