@@ -102,7 +102,7 @@ def parse_columns(source: RecordText) -> Content:
         wraps = wraps or len(_cells(row)) != 2 or source.numbers(line).size != 2 * points
     if wraps:
         values = source.numbers(line, points, where)
-        return _described(source, header, values, choose_step(source, steps, header))
+        return _described(header, values, choose_step(source, steps))
     content = _read_table(source, header, line, row, steps)
     if points is not None:
         check_count(points, len(content.values), where)
@@ -123,23 +123,16 @@ def _read_header(source: RecordText) -> tuple[Lines, int, str]:
 
 
 def _described(
-    source: RecordText,
-    header: Lines,
-    values: Array,
-    step: Step,
-    heading: tuple[int, str] | None = None,
-    column: str | None = None,
+    header: Lines, values: Array, step: Step, heading: tuple[int, str] | None = None, column: str | None = None
 ) -> Content:
     """Put together what a file holds: its unit by the heading of the column, or by the lines before it."""
     # the line of headings of several components states no unit for all of them
     remarks = [item for item in header if heading is None or column is None or item[0] != heading[0]]
-    heading = heading or (header[-1] if header else None)
-    check_quantity(remarks, heading)
-    lines = [heading] if heading else []
-    lines += [item for item in remarks if heading and item[0] != heading[0]][:2]
-    shown = ", ".join(f"{text[:60]!r} (line {line})" for line, text in lines)
+    headings = [heading] if heading else header[-1:]
+    check_quantity(remarks, *headings)
+    shown = [f"{text[:60]!r} (line {line})" for line, text in dict.fromkeys([*headings, *remarks[:2]])]
     title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
-    return Content(values, step, stated_units(remarks, heading), title, header=shown, column=column)
+    return Content(values, step, stated_units(remarks, *headings), title, header=", ".join(shown), column=column)
 
 
 def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: list[Step]) -> Content:
@@ -165,9 +158,8 @@ def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: l
     time = None if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else None
     if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
         raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
-    others = [index for index in range(columns) if index != time]
     names = heads or [str(index + 1) for index in range(columns)]
-    chosen = others[source.choose([names[index] for index in others], [index + 1 for index in others])]
+    chosen = source.choose({index + 1: name for index, name in enumerate(names) if index != time}) - 1
     counts = time == 0 and not timed and values[0, 0] in (0.0, 1.0) and steady.size > 0 and bool((steady == 1.0).all())
     if counts and source.dt is None and not steps:
         head = f", headed {heads[0]!r}," if heads else ""
@@ -176,7 +168,7 @@ def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: l
             "or head the column 'time (s)'"
         )
     if time is None or counts:
-        step = choose_step(source, steps, header)
+        step = choose_step(source, steps)
     else:
 
         def printed(time: int = time) -> Iterator[tuple[int, str]]:
@@ -186,7 +178,9 @@ def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: l
         step = step_of_times(source, values[:, time], printed, steps, what)
         _check_last_line(header, line, values[0, time] - step[0])
     heading = (where, heads[chosen]) if heads else None
-    return _described(source, header, values[:, chosen], step, heading, names[chosen] if len(others) > 1 else None)
+    return _described(
+        header, values[:, chosen], step, heading, names[chosen] if columns - (time is not None) > 1 else None
+    )
 
 
 def _check_last_line(header: Lines, line: int, before: float) -> None:
@@ -266,9 +260,7 @@ def _numbers(row: str) -> list[float] | None:
 # --- COSMOS: a line of points, step and unit above the values --------------------------------------------------------
 
 _ABOVE = re.compile(
-    r"^\s*(?P<points>\d{1,9})\s+(?:points of )?(?P<quantity>\w+)\s+"
-    r"(?:pts,\s*approx\s+[\d.]+\s*secs?,|data equally spaced at\s*(?P<step>[\d.]+)\s*sec\w*[.,]?)\s*"
-    r"(?:(?:units\s*=|in\b)\s*(?P<unit>[^,(.\s]+))?",
+    r"^\s*(?P<points>\d{1,9})\s+(?:points of )?(?P<quantity>\w+)\s+(?:pts,\s*approx|data equally spaced at)",
     re.IGNORECASE,
 )
 _CHANNEL = re.compile(r"\bChan(?:nel)?\s*\d+")
@@ -281,20 +273,19 @@ def _parse_cosmos(source: RecordText) -> Content:
     if not blocks:
         raise not_acceleration(above[0][0]["quantity"].lower(), f"line {above[0][1]}")
     channels = [source.find(_CHANNEL, last=line)[-1:] for _, line in blocks]
-    names = [channel[0][0][0] if channel else f"channel {i}" for i, channel in enumerate(channels, 1)]
+    names = {i: channel[0][0][0] if channel else f"channel {i}" for i, channel in enumerate(channels, 1)}
     chosen = source.choose(names)
-    match, line = blocks[chosen]
-    where = f"{' '.join(match[0].split())!r}, line {line}"
-    steps = [(float(match["step"]), where)] if match["step"] else []
+    match, line = blocks[chosen - 1]
+    stated = [(line, " ".join(source.lines[line - 1].split()))]
+    steps = stated_steps(source, stated)
     for _, start in source.find(_REAL_HEADER, last=line)[-1:]:
         real = floats(" ".join(source.lines[start : start + 17]))
         if real and len(real) > 61 and not steps:
             places = (1e-3 * real[61], 62), (real[33], 34)
             steps = [(step, f"real header, number {place}") for step, place in places if step > 0.0][:1]
     values = source.numbers(line + 1, int(match["points"]), f"line {line}")
-    units = [Stated(match["unit"], where)] if match["unit"] else []
-    column = names[chosen] if len(names) > 1 else None
-    return Content(values, choose_step(source, steps), units, " ".join(source.lines[0].split()), column=column)
+    title, column = " ".join(source.lines[0].split()), names[chosen] if len(names) > 1 else None
+    return Content(values, choose_step(source, steps), stated_units(stated), title, column=column)
 
 
 # --- GeoNet: for each component lines of text, perhaps 100 numbers, then values ten a row ----------------------------
@@ -311,9 +302,9 @@ def _parse_geonet(source: RecordText) -> Content:
     starts = [line for _, line in source.find(_GEONET)]
     ends = [*starts[1:], len(source.lines) + 1]
     components = [source.find(_GEONET_COMPONENT, *lines) for lines in zip(starts, ends, strict=True)]
-    names = [component[0][0][1] if component else "unnamed" for component in components]
+    names = {i: component[0][0][1] if component else "unnamed" for i, component in enumerate(components, 1)}
     chosen = source.choose(names)
-    start, end = starts[chosen], ends[chosen]
+    start, end = starts[chosen - 1], ends[chosen - 1]
     first = next((line for line in range(start, end) if floats(source.lines[line - 1]) is not None), end)
     points, (unit, line) = source.find(_GEONET_POINTS, start, first)[0][0], source.find(_GEONET_UNIT, start, first)[0]
     steps = [(float(match[1]), f"{match[0]!r}, line {line}") for match, line in source.find(_GEONET_STEP, start, first)]
@@ -331,36 +322,28 @@ def _parse_geonet(source: RecordText) -> Content:
 # --- K-NET and KiK-net: 17 lines of header, then counts of the recorder in rows of eight -----------------------------
 # https://www.kyoshin.bosai.go.jp/kyoshin/man/knetform_en.html
 
-#: What the header states in numbers, each in its form.
-_KNET_NUMBERS = {
-    "Sampling Freq(Hz)": rf"({NUMBER.pattern})\s*Hz",
-    "Scale Factor": rf"({NUMBER.pattern})\s*\(gal\)\s*/\s*({NUMBER.pattern})",
-    "Duration Time(s)": rf"({NUMBER.pattern})",
-}
+_SCALE = re.compile(rf"^Scale Factor\s+({NUMBER.pattern})\s*\(gal\)\s*/\s*(?=\S*[1-9])({NUMBER.pattern})")
+_DURATION = re.compile(rf"^Duration Time\(s\)\s+({NUMBER.pattern})")
 
 
 def _parse_knet(source: RecordText) -> Content:
     end = [line for _, line in source.find(re.compile("^Memo"), last=18)]
     if not end:
         raise RecordError("has no line 'Memo.' at the end of its header; get the file again")
-    fields = {line[:18].strip(): line[18:].strip() for line in source.lines[: end[0]]}
-    numbers: list[float] = []
-    for key, form in _KNET_NUMBERS.items():
-        match = re.fullmatch(form, fields.get(key, ""))
-        values = [to_float(text) for text in match.groups()] if match else [0.0]
-        if 0.0 in values:
-            raise RecordError(f"its header says {fields.get(key, '')[:24]!r} as {key!r}; get the file again")
-        numbers += values
-    rate, full, counts, seconds = numbers
-    check_points(seconds * rate)
-    step = choose_step(source, [(1.0 / rate, "Sampling Freq(Hz)")])
+    step = choose_step(source, stated_steps(source, enumerate(source.lines[: end[0]], 1)))
+    scales, durations = source.find(_SCALE), source.find(_DURATION)
+    if not scales or not durations:
+        raise RecordError("has no line 'Scale Factor' or 'Duration Time(s)' with numbers; get the file again")
+    (scale, _), (duration, line) = scales[0], durations[0]
+    points = to_float(duration[1]) / step[0]
+    check_points(points)
     motion = source.numbers(end[0] + 1)
-    if len(motion) == 0 or abs(len(motion) - seconds * rate) > rate:  # the header has whole seconds
-        stated = f"{seconds:g} s at {rate:g} points per second"
-        raise RecordError(f"its header says {stated}, it holds {len(motion)} points; get the file again")
+    if len(motion) == 0 or abs(len(motion) - points) * step[0] > 1.0 + 1e-9:  # the header has whole seconds
+        check_count(round(points), len(motion), f"line {line}")
     # Recorders have an offset; the maximum in the header is also that of the record without its mean.
     with np.errstate(invalid="ignore", over="ignore"):  # the record tells of what is not finite
-        motion = (motion - motion.mean()) * (full / counts)
+        motion = (motion - motion.mean()) * (to_float(scale[1]) / to_float(scale[2]))
+    fields = {text[:18].strip(): text[18:].strip() for text in source.lines[: end[0]]}
     title = f"{fields.get('Station Code')} {fields.get('Dir.')}, earthquake of {fields.get('Origin Time')}"
     return Content(motion, step, [Stated("gal", "Scale Factor, in gal")], title)
 
@@ -408,7 +391,7 @@ def _parse_smc(source: RecordText) -> Content:
     if not whole or not real or len(whole) != 48 or len(real) != 50:
         raise RecordError("lines 12 to 27 are not the numbers of an SMC header; get the file again")
     where = f"second real number of the header, {real[1]:g} samples/s, line 18"
-    step = choose_step(source, [(1.0 / real[1], where)])
+    step = choose_step(source, [(1.0 / (real[1] or float("nan")), where)])
     values = source.numbers(28 + int(whole[15]), int(whole[16]), "the number of points")
     return Content(values, step, [Stated("cm/s2", "that of SMC files")], " ".join(lines[5].split()))
 
