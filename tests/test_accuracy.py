@@ -19,16 +19,7 @@ from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.variables import UNMEASURED, VARIABLES, Status, comparable, relative_error, relative_errors
 from pounding_sweep.plan import advice
-from pounding_sweep.plan.advice import (
-    CLASSES,
-    Curve,
-    Measured,
-    approach_speeds,
-    classes_of,
-    elastic_duration,
-    load_measured,
-    shortest_contact,
-)
+from pounding_sweep.plan.advice import CLASSES, Curve, Measured, classes_of, load_measured, shortest_contact
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import Dispatcher, execute
@@ -331,7 +322,7 @@ def test_every_output_has_a_class():
 def test_durations_are_those_of_two_masses(law, k):
     for speed in (0.05, 0.8):
         exact = two_mass_impact(law, k, 1.0, 100.0, 80.0, speed)["duration"]
-        found = elastic_duration(LAWS[law].exponent, np.array(k), np.array(100 * 80 / 180), np.array(speed))
+        found = advice.elastic_duration(LAWS[law].exponent, np.array(k), np.array(100 * 80 / 180), np.array(speed))
         assert float(found) == pytest.approx(exact, rel=1e-6)
 
 
@@ -353,7 +344,7 @@ def test_speeds_are_those_of_the_first_modes():
         for b in scene.buildings
     ]
     expected = [np.abs(velocities[0] - velocities[1]).max(), np.abs(velocities[1]).max()]
-    np.testing.assert_allclose(approach_speeds(scene, record), [expected], rtol=1e-9)
+    np.testing.assert_allclose(advice.approach_speeds(scene, record), [expected], rtol=1e-9)
 
 
 def test_errors_of_one_range_share_their_scale():

@@ -148,9 +148,6 @@ def test_every_command_has_help():
     for command in get_command(app).commands:
         assert re.search(rf"^ +{command} ", text, re.MULTILINE), command
         assert f"pounding-sweep {command}" in cli(command, "--help").stdout
-
-
-def test_version():
     for start in ((), ("-m", "pounding_sweep")):
         assert re.fullmatch(r"pounding-sweep \S.*\n", cli("--version", start=start).stdout)
 
@@ -258,11 +255,6 @@ def test_plan_says_what_an_accuracy_takes(tmp_path):
     assert "accuracy is 1.0; it must be in [1e-06, 0.01]" in bad("plan", sweep, "--accuracy", "1")
 
 
-def test_plan_says_what_is_refused(tmp_path):
-    text = cli("plan", write(tmp_path, edited("[solver]", "stiffness_factors = [1.0, 1e5]\n[solver]"))).stdout
-    assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", text, re.MULTILINE)
-
-
 def test_run_prints_a_summary_and_the_path(tiny):
     folder, done = tiny
     row, records, *lines = done.stdout.split("\n\n", 2)
@@ -340,15 +332,17 @@ def written_files(command=None, name=""):
             yield f"{name} {option}", options[option].help, options
 
 
-@pytest.mark.parametrize(("name", "told", "options"), [pytest.param(*item, id=item[0]) for item in written_files()])
-def test_data_are_never_replaced_unasked_and_figures_say_that_they_are(name, told, options):
+def test_data_are_never_replaced_unasked_and_figures_say_that_they_are():
     pictures = {"plot -o", "animate -o", "records plot -o", "tradeoff --plot", "extremes --plot"}
-    assert told.endswith("replaced if it exists.") == (name in pictures)
-    assert name in pictures or "--overwrite" in options
+    for name, told, options in written_files():
+        assert told.endswith("replaced if it exists.") == (name in pictures), name
+        assert name in pictures or "--overwrite" in options, name
 
 
-def test_run_says_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
+def test_plan_and_run_say_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
     sweep = write(tmp_path, edited("[solver]", "stiffness_factors = [1e5]\n[solver]").replace(', "none"', ""))
+    planned = cli("plan", sweep).stdout
+    assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", planned, re.MULTILINE)
     done = cli("run", sweep, "-o", tmp_path / "out.nc")  # all are refused: no kernel is needed
     status = Status.BEYOND_STABILITY_LIMIT
     assert f"{status.label}  6: {status.meaning}; {status.remedy}" in re.sub("  +", "  ", done.stdout)
@@ -478,17 +472,6 @@ def test_summary_of_a_product_of_listed_cases_and_in_parts(summary, monkeypatch,
     statuses = summary(cube(), "statuses")
     assert [(item["label"], item["count"]) for item in statuses] == [("ok", 5), ("under_resolved_contact", 1)]
     assert statuses[1]["remedy"] == Status.UNDER_RESOLVED_CONTACT.remedy
-
-
-def test_summary_of_what_is_not_there(summary):
-    rows = summary(cube().drop_vars(["impact_force_max", "impact_count"]))
-    assert [(row["peak_force"], row["touching"]) for row in rows] == [(None, None)] * 4
-    assert summary(cube().drop_vars("impact_count"))[0]["touching"] == 2
-    assert summary(cube().drop_dims("pair").drop_vars("pair", errors="ignore")) == []
-    nothing = cube()
-    nothing["status"][:] = int(Status.DIVERGED)
-    row = summary(nothing)[0]
-    assert [row[name] for name in ("scenarios", "peak_force", "impacts_max")] == [0, None, None]
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -15,38 +15,11 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
-from pounding_sweep.accuracy.extremes import (
-    OF_MANY_SHAPES,
-    OUTPUTS,
-    Reference,
-    Run,
-    all_families,
-    beside_wall,
-    earthquake,
-    family_batches,
-    judge,
-    make_batch,
-    make_reference,
-    pair,
-    peak_error,
-    random_batches,
-    run_extremes,
-    run_judged,
-    sensitive_rows,
-    stability_map,
-    staggered,
-    yielding_pair,
-)
+from pounding_sweep.accuracy.extremes import Run, beside_wall, judge, make_reference, pair, peak_error, run_extremes
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.engine.postprocess import (
-    MAX_PHASE_ERROR,
-    displacement_limit,
-    energy_limit,
-    loses_ground,
-    phase_error,
-    variables_of,
-)
+from pounding_sweep.engine import postprocess
+from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.figures import plot
 from pounding_sweep.model.laws import LAWS
@@ -58,15 +31,15 @@ from pounding_sweep.schemes import SCHEMES
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 #: Families whose rows are of few shapes, and the others, each with kernels of its own.
-FEW_SHAPES = [family for family in all_families() if family not in OF_MANY_SHAPES]
-MANY_SHAPES = (*OF_MANY_SHAPES, "random")
+FEW_SHAPES = [family for family in suite.all_families() if family not in suite.OF_MANY_SHAPES]
+MANY_SHAPES = (*suite.OF_MANY_SHAPES, "random")
 #: Laws of many kinds, the first with a force that jumps at the touch.
 LAW, *OTHER_LAWS = ("kelvin_voigt", "stereomechanical", "modified_kelvin_voigt", "hertz")
 OFF_BY = re.compile(r"but a peak is off by ([\d.e+-]+) ")
 
 
 def batch_of(scene, record=None, law=LAW, **settings):
-    return make_batch("", "", scene, LAWS[law], record, **{"steps": (1e-3,), **settings})
+    return suite.make_batch("", "", scene, LAWS[law], record, **{"steps": (1e-3,), **settings})
 
 
 def reference_of(batch, shortest=1e-2, wanted=True):
@@ -81,7 +54,8 @@ def violations(report):
 def fast(pytestconfig):
     with pytest.MonkeyPatch.context() as patch:
         if "not slow" in pytestconfig.option.markexpr:  # of each family some, by the stand-in
-            patch.setattr(suite, "family_batches", lambda *asked: family_batches(*asked)[::3])
+            every = suite.family_batches
+            patch.setattr(suite, "family_batches", lambda *asked: every(*asked)[::3])
         return run_extremes(0, laws=[LAW], families=FEW_SHAPES, workers=2)
 
 
@@ -89,7 +63,10 @@ def check(report, names, limited):
     """No violation; every family has resolved scenarios in every scheme; those `limited` are too much for some."""
     assert violations(report) == []
     results, laws = {(r["family"], r["method"]): r for r in report["results"]}, [LAWS[LAW]]
-    batches = {name: random_batches(1, 1, laws) if name == "random" else family_batches([name], laws) for name in names}
+    batches = {
+        name: suite.random_batches(1, 1, laws) if name == "random" else suite.family_batches([name], laws)
+        for name in names
+    }
     assert set(results) == {(name, m) for name, some in batches.items() for m in some[0].schemes(measured_schemes())}
     for result in results.values():
         assert sum(result["statuses"].values()) == result["scenarios"] > 0
@@ -164,7 +141,7 @@ def test_many_scenes_under_many_laws(scenes, laws):
 
 
 def test_the_same_seed_gives_the_same_scenes():
-    one, two, other = (random_batches(20, seed, [LAWS["linear"]]) for seed in (3, 3, 4))
+    one, two, other = (suite.random_batches(20, seed, [LAWS["linear"]]) for seed in (3, 3, 4))
     assert [len(b) for b in one] == [16, 16]
     for a, b, c in zip(one, two, other, strict=True):
         np.testing.assert_array_equal(a.table.gaps, b.table.gaps)
@@ -174,7 +151,7 @@ def test_the_same_seed_gives_the_same_scenes():
 
 def test_laws_share_the_slow_kernels_of_their_exponent():
     laws = [LAWS[key] for key in ("linear", "kelvin_voigt", "hertz")]
-    of = {family: {b.law.key for b in family_batches([family], laws)} for family in ("row", "gap", "columns")}
+    of = {family: {b.law.key for b in suite.family_batches([family], laws)} for family in ("row", "gap", "columns")}
     assert of["row"] == {"linear", "hertz"}
     assert of["gap"] == {"linear", "kelvin_voigt", "hertz"}
     assert of["columns"] == {"linear", "kelvin_voigt"}  # else it is no spring in series with a column
@@ -188,7 +165,7 @@ def test_laws_share_the_slow_kernels_of_their_exponent():
         (lambda: run_extremes(0, families=["gaps"]), "did you mean 'gap'"),
         (lambda: run_extremes(0, seed=-1), "must not be negative"),
         (lambda: run_extremes(-1), "must not be negative"),
-        (lambda: stability_map("none"), "no contact force to map"),
+        (lambda: suite.stability_map("none"), "no contact force to map"),
         (lambda: plot(xr.Dataset(), "stability-map", "never.png"), "extremes --map"),
     ],
 )
@@ -265,7 +242,7 @@ def test_of_what_is_not_resolved_only_impossible_motion_is_a_fault(honest):
 
 def test_impossible_motion_of_storeys_that_yield_is_found():
     """Of which a displacement grows like the energy, not like its root."""
-    batch = batch_of(yielding_pair(0.1, 0.0))
+    batch = batch_of(suite.yielding_pair(0.1, 0.0))
     run, nothing = Run(batch, "rk4", 2e-3, batch.run("rk4", 2e-3)), reference_of(batch, wanted=False)
     assert {"ductility_max", "residual_drift", "hysteretic_energy"} <= set(run.values)
     limit = displacement_limit(batch.scene, energy_limit(batch.scene, batch.record, batch.table.scale))
@@ -285,7 +262,7 @@ def test_an_implicit_scheme_may_not_diverge(honest):
 def test_slowness_is_found_and_what_has_no_reference_counted(honest):
     run, reference = honest
     assert faults_of(honest, seconds=suite.TIME_LIMIT + 1.0) == [(0, "took 61 s")]
-    known, unknown = verdict(honest), verdict((run, Reference(reference.peaks, np.full(3, np.nan))))
+    known, unknown = verdict(honest), verdict((run, suite.Reference(reference.peaks, np.full(3, np.nan))))
     assert np.isfinite(known.error).tolist() == unknown.unknown.tolist() == [True, True, False]
     assert not known.unknown.any()
 
@@ -297,7 +274,7 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not(monkeypatch):
     batch = batch_of(beside_wall(), gaps=[reach * (1 - 1e-9), reach * (1 + 1e-9), 0.3 * reach])
     reference = reference_of(batch)
     assert np.isfinite(reference.step).all()
-    assert sensitive_rows(batch, reference, np.arange(3)).tolist() == [True, True, False]
+    assert suite.sensitive_rows(batch, reference, np.arange(3)).tolist() == [True, True, False]
     monkeypatch.setattr(suite, "REFERENCE_STEPS", 10)  # too few to converge
     reference = reference_of(batch)
     assert np.isnan(reference.step).all()
@@ -349,20 +326,20 @@ def test_newmark_stays_bounded_at_any_step(law, dts):
 
 
 def test_rows_of_families_are_what_they_say():
-    near, far, deep = staggered(3.0015), staggered(5.9985), staggered(5.99, depth=2.98)
+    near, far, deep = suite.staggered(3.0015), suite.staggered(5.9985), suite.staggered(5.99, depth=2.98)
     assert [(c.struck, c.below, round(c.xi, 6)) for c in near.contacts] == [(1, 1, 5e-4), (0, -1, round(3 / 3.0015, 6))]
     assert [round(c.xi, 6) for c in far.contacts] == [0.9995, round(3 / 5.9985, 6)]
     assert [(c.struck, round(c.xi, 3)) for c in deep.contacts] == [(1, 0.5), (0, round(3 / 5.99, 3))]
-    softest = all_families()["columns"][-2][1].buildings[1]
+    softest = suite.all_families()["columns"][-2][1].buildings[1]
     assert softest.column_stiffnesses == pytest.approx(1e-6 * np.array(softest.stiffnesses))
-    left, right = yielding_pair(0.1, 0.05).buildings  # strengths are taken over the masses above
+    left, right = suite.yielding_pair(0.1, 0.05).buildings  # strengths are taken over the masses above
     assert [left.yield_strengths, right.yield_strengths] == pytest.approx(np.array([[20.0, 10.0], [200.0, 100.0]]))
-    assert yielding_pair(np.inf, 0.0).yields == (False, False, True, True)
+    assert suite.yielding_pair(np.inf, 0.0).yields == (False, False, True, True)
 
 
 @pytest.mark.slow
 def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
-    (batch,) = family_batches(["together"], [LAWS["kelvin_voigt"]])
+    (batch,) = suite.family_batches(["together"], [LAWS["kelvin_voigt"]])
     ok = np.zeros(len(batch), bool)
     for method in measured_schemes():
         found = batch.run(method, 2e-4)
@@ -427,7 +404,7 @@ def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping)
 def test_a_motion_that_is_not_resolved_is_told():
     scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
     batch = batch_of(scene, gaps=1.0, steps=(1e-2,))
-    assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > MAX_PHASE_ERROR
+    assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > postprocess.MAX_PHASE_ERROR
     found = batch.run("newmark", 1e-2)
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
     assert peak_error(found, reference_of(batch, np.inf).peaks)[0] > OK_CLAIM
@@ -449,7 +426,7 @@ def test_ground_that_turns_back_within_steps_is_told():
         assert peak_error(found, reference.peaks)[0] == pytest.approx(error, rel=0.1)
         assert found["energy_residual"][0] == pytest.approx(residual, rel=0.1)
     assert not loses_ground(shaking, Numerics("exact", 1e-2))
-    for record in (earthquake(), ps.Record("quiet", 0.01, np.zeros(9)), ps.Record("point", 0.01, [1.0])):
+    for record in (suite.earthquake(), ps.Record("quiet", 0.01, np.zeros(9)), ps.Record("point", 0.01, [1.0])):
         assert not loses_ground(record, Numerics("newmark", 1e-2))
 
 
@@ -458,14 +435,20 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
     batch = honest[0].batch[:2]
     kernel, columns = batch.kernel("rk4", 1e-3), ("scale", "gaps", "stiffness", "restitution")
     raw = kernel.run(batch.record, **{name: getattr(batch.table, name) for name in columns})
-    assert variables_of(kernel, raw, OUTPUTS, batch.record)["status"].tolist() == [Status.OK, Status.OK]
+    assert postprocess.variables_of(kernel, raw, suite.OUTPUTS, batch.record)["status"].tolist() == [
+        Status.OK,
+        Status.OK,
+    ]
     raw["umin"] = changed(raw["umin"], 1, lambda x: 1e3 * x)
-    assert variables_of(kernel, raw, OUTPUTS, batch.record)["status"].tolist() == [Status.OK, Status.DIVERGED]
+    assert postprocess.variables_of(kernel, raw, suite.OUTPUTS, batch.record)["status"].tolist() == [
+        Status.OK,
+        Status.DIVERGED,
+    ]
 
 
 def test_a_batch_is_judged_at_each_of_its_steps():
-    batch = make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
-    verdicts = pd.DataFrame(run_judged(batch)).groupby(["method", "dt"], sort=False).error
+    batch = suite.make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
+    verdicts = pd.DataFrame(suite.run_judged(batch)).groupby(["method", "dt"], sort=False).error
     assert list(verdicts.groups) == [(method, dt) for method in measured_schemes() for dt in batch.steps]
     for method in measured_schemes():
         coarse, finest = (verdicts.get_group((method, dt)).to_numpy() for dt in (batch.steps[0], batch.steps[-1]))
@@ -476,7 +459,7 @@ def test_a_batch_is_judged_at_each_of_its_steps():
 
 
 def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
-    made = stability_map("kelvin_voigt", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
+    made = suite.stability_map("kelvin_voigt", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
     assert made.scheme.values.tolist() == [f"{m} {p}" for p in ("float64", "float32") for m in ("rk4", "newmark")]
     status, error = (made[name].sel(scheme="rk4 float64") for name in ("status", "peak_force_error"))
     assert status.sel(stiffness=1e10).values.tolist()[1:] == [Status.BEYOND_STABILITY_LIMIT] * 2

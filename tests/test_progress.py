@@ -5,15 +5,12 @@ from __future__ import annotations
 import io
 import os
 import re
-import select
-import subprocess
 import sys
 import threading
 
 import pytest
 from rich.console import Console
 from scenes import AXES, motions, row
-from test_cli import TINY, environment, write
 
 from pounding_sweep.cli.progress import BETWEEN_LINES, ProgressDisplay
 from pounding_sweep.run.sweep import Sweep
@@ -66,49 +63,6 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(when):
     file.gone = True
     progress.advance(3)
     progress.close()
-
-
-#: Tells when it is about to write the cube, and waits for word to go on; stdout is the display's meanwhile.
-WAITS = """
-import os
-import stub_engine
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-
-real = filling.write_cube_of
-
-def waits(*arguments, **more):
-    os.write(1, b"begun")
-    os.read(0, 1)
-    return real(*arguments, **more)
-
-filling.write_cube_of = waits
-stub_engine.install()
-cli.main()
-"""
-
-
-@pytest.mark.slow  # a process of its own
-def test_a_run_outlives_its_terminal(tmp_path):
-    write(tmp_path, TINY)
-    ours, theirs = os.openpty()
-    command = [sys.executable, "-c", WAITS, "run", "sweep.toml", "-o", "out.nc"]
-    more = {"cwd": tmp_path, "env": environment(TERM="xterm"), "start_new_session": True}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": theirs}
-    with subprocess.Popen(command, **more, **pipes) as process:
-        os.close(theirs)
-        shown = b""
-        while process.stdout not in (ready := select.select([ours, process.stdout], [], [], 300)[0]):
-            assert ready
-            shown += os.read(ours, 4096)
-        assert process.stdout.read(5) == b"begun"
-        os.close(ours)
-        out, _ = process.communicate(b"y", timeout=300)
-    assert b"scenarios" in shown
-    assert process.returncode == 0
-    assert out.splitlines()[-1] == b"out.nc"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "sweep.toml"]
-    assert re.search(r" ended after \d+\.\d s$", (tmp_path / "out.nc.log").read_text())
 
 
 def lines_of(*events):

@@ -15,20 +15,8 @@ from scenes import EVERY, pair
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.tradeoff import (
-    POPULATIONS,
-    draw,
-    find_touching,
-    measure,
-    order_table,
-    pareto_front,
-    statistics,
-    summarise,
-    table_of,
-    trade_rows,
-    tradeoff,
-    warn_of_doubt,
-)
+from pounding_sweep.accuracy import tradeoff as module
+from pounding_sweep.accuracy.tradeoff import draw, measure, summarise, table_of, tradeoff
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
@@ -244,19 +232,19 @@ def test_errors_below_the_converged_solution_are_marked(measured):
 
 
 def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured):
-    warn_of_doubt(measured)  # says nothing: warnings are errors here
+    module.warn_of_doubt(measured)  # says nothing: warnings are errors here
     second = measured.scenario == 2
     doubtful = measured.assign(scenario_reference_error=measured.scenario_reference_error.where(~second, 2e-3))
     with pytest.warns(RuntimeWarning, match=r"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt"):
-        warn_of_doubt(doubtful)
+        module.warn_of_doubt(doubtful)
     with pytest.warns(RuntimeWarning, match="of 1 of 6"):  # however sensitive
-        warn_of_doubt(doubtful.assign(sensitivity=measured.sensitivity.where(~second, 1.0)))
+        module.warn_of_doubt(doubtful.assign(sensitivity=measured.sensitivity.where(~second, 1.0)))
 
 
 @pytest.mark.slow
 def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
     plan = sweep.plan()
-    touching = find_touching(plan)
+    touching = module.find_touching(plan)
     laws = [law.key for law in plan.laws]
     share = {law: (plan.unique.law[touching] == laws.index(law)).mean() for law in LAWS}
     mixed = sum(share[law] * trade.law_cost.sel(law=law) for law in LAWS)
@@ -296,7 +284,7 @@ NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), max_size=30))
 def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points):
     cost, error = np.array(points).reshape(-1, 2).T
-    front = pareto_front(cost, error)
+    front = module.pareto_front(cost, error)
     usable = [(c, e) for c, e in points if np.isfinite(c) and np.isfinite(e)]
     for (c, e), on in zip(points, front, strict=True):
         if not (np.isfinite(c) and np.isfinite(e)):
@@ -311,13 +299,13 @@ def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points
 def test_statistics_are_errors_of_scenarios(errors):
     """Those that have one."""
     table = xr.DataArray([[np.nan, np.nan], *([error, 1.0] for error in errors)], dims=("scenario", "output"))
-    median, p90, worst = statistics(table).isel(output=0).values
+    median, p90, worst = module.statistics(table).isel(output=0).values
     assert worst == max(errors)
     assert sum(e <= median for e in errors) >= 0.5 * len(errors)
     assert sum(e < median for e in errors) < 0.5 * len(errors)
     assert sum(e <= p90 for e in errors) >= 0.9 * len(errors)
     assert {median, p90, worst} <= set(errors)
-    assert statistics(table[:1]).isnull().all()
+    assert module.statistics(table[:1]).isnull().all()
 
 
 def test_the_file_holds_everything(trade, sweep, tmp_path):
@@ -332,7 +320,7 @@ def test_the_file_holds_everything(trade, sweep, tmp_path):
     assert json.loads(again.attrs["machine"])["lanes_per_kernel"] == LANES
     for variable in again.data_vars.values():
         assert {"long_name", "units"} <= set(variable.attrs) or "flag_values" in variable.attrs
-    assert trade_rows(again) == trade_rows(trade)
+    assert module.trade_rows(again) == module.trade_rows(trade)
     text = describe(again)
     assert "Speed-accuracy trade" in text
     assert "scenario_error" in text
@@ -359,7 +347,7 @@ def test_the_tables_have_a_row_per_configuration_and_orders(trade):
     assert refused[headings.index("s per 1000")] == "-"
     assert "6 beyond stability limit" in refused[headings.index("not ok")]
     assert any(row[headings.index("force worst")].endswith("*") for row in rows)
-    headings, rows = order_table(trade)
+    headings, rows = module.order_table(trade)
     assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
     assert {row[0] for row in rows} == set(LAWS)
     forces = [row for row in rows if row[1] == "force"]
@@ -431,7 +419,7 @@ def test_the_command_prints_json(tiny):
     first = report["configurations"][0]
     assert first["scheme"] == "rk4"
     assert first["cost"] > 0.0
-    assert set(first["errors"]["impact_force_max"]) == set(POPULATIONS)
+    assert set(first["errors"]["impact_force_max"]) == set(module.POPULATIONS)
     assert first["errors"]["impact_force_max"]["all"]["worst"]["value"] > 0.0
 
 
