@@ -21,16 +21,10 @@ SETTINGS = {
 
 
 class DaskCluster:
-    """A scheduler and workers, each in a process of its own, as a user starts them.
-
-    Attributes
-    ----------
-    killed : int
-        Processes ended by SIGKILL so far.
-    """
+    """A scheduler and workers, each in a process of its own, as a user starts them."""
 
     def __init__(self, folder: Path, env=None):
-        self.folder, self.killed = folder, 0
+        self.folder = folder
         self._workers, self._file = {}, folder / "scheduler.json"
         where = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
         self._scheduler = self._start("scheduler", *where, "--scheduler-file", self._file, env=env)
@@ -74,29 +68,22 @@ class DaskCluster:
         options = ("--name", name, "--nthreads", 1, "--no-dashboard", "--no-nanny", "--local-directory", self.folder)
         self._workers[name] = self._start("worker", "--scheduler-file", self._file, *options, env=env)
         if wait:
-            self.wait_for(name)
+            self._wait(lambda: self._has(name))
         return self
 
-    def wait_for(self, name):
-        """Wait until the scheduler has this worker."""
-        self._wait(lambda: self._address(name))
-
-    def _address(self, name):
+    def _has(self, name):
         from distributed import Client
 
         with Client(self.address, set_as_default=False) as client:
-            workers = client.scheduler_info()["workers"]
-        return next((address for address, worker in workers.items() if worker["name"] == name), None)
+            return name in {worker["name"] for worker in client.scheduler_info()["workers"].values()}
 
     def kill(self, name):
         """End a worker as a power cut would."""
         process = self._workers.pop(name)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        self.killed += 1
 
     def kill_scheduler(self):
         """End the scheduler."""
         self._scheduler.kill()
         self._scheduler.wait()
-        self.killed += 1
