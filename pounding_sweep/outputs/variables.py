@@ -201,78 +201,63 @@ OK_CLAIM = 0.05
 SETTLED = 0.02
 
 
-class Status(IntEnum):
-    """How a scenario ended; its value in the cube, with what it means and what to do."""
-
-    meaning: str
-    remedy: str
-    has_values: bool
-
-    def __new__(cls, code: int, meaning: str, remedy: str, has_values: bool) -> Status:
-        """Make the member of value `code`."""
-        member = int.__new__(cls, code)
-        member._value_ = code
-        member.meaning = meaning
-        member.remedy = remedy
-        member.has_values = has_values
-        return member
-
-    OK = (
-        0,
-        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by "
-        "all rules of the engine; where error_estimate is there, a run at another step agrees as well",
+#: How scenarios end, by the value of the status: what it means, and what to do.
+_ENDINGS = (
+    (
+        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by all rules "
+        "of the engine; where error_estimate is there, a run at another step agrees as well",
         "",
-        True,
-    )
-    DIVERGED = (
-        1,
+    ),
+    (
         "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
         "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
         "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
-        False,
-    )
-    UNDER_RESOLVED_CONTACT = (
-        2,
+    ),
+    (
         "the shortest contact lasted too few time steps for its peaks to be trusted",
         "use a smaller dt (see steps_per_contact)",
-        True,
-    )
-    NEWTON_NOT_CONVERGED = (
-        3,
+    ),
+    (
         "the implicit equation of contacts or of smooth storeys was not solved within its tolerance in some step",
         "use a smaller dt",
-        True,
-    )
-    BEYOND_STABILITY_LIMIT = (
-        4,
+    ),
+    (
         "the time step is beyond the stability limit of the scheme; the scenario was refused",
         "use a smaller dt or the newmark scheme",
-        False,
-    )
-    NOT_RUN = (
-        5,
+    ),
+    (
         "the scenario has no result, for instance because its worker failed or because no merged cube has it",
         "run the sweep again, for a merged cube with --extend of it",
-        False,
-    )
-    UNDER_RESOLVED_MOTION = (
-        6,
+    ),
+    (
         "the time step is too long for a building's fundamental period, or for the ground motion",
         "use a smaller dt, or the exact scheme",
-        True,
-    )
-    UNSETTLED = (
-        7,
+    ),
+    (
         "the estimated error is more than the accuracy asked for, however often the time step was halved, or, "
         f"at a given step, more than {SETTLED:.0%}",
         "use a smaller dt, or ask for a larger relative error (see error_estimate)",
-        True,
-    )
+    ),
+)
 
-    @property
-    def label(self) -> str:
-        """Name in ``flag_meanings``."""
-        return self.name.lower()
+
+class Status(IntEnum):
+    """How a scenario ended; its value in the cube, with what it means and what to do."""
+
+    OK = 0
+    DIVERGED = 1
+    UNDER_RESOLVED_CONTACT = 2
+    NEWTON_NOT_CONVERGED = 3
+    BEYOND_STABILITY_LIMIT = 4
+    NOT_RUN = 5
+    UNDER_RESOLVED_MOTION = 6
+    UNSETTLED = 7
+
+    def __init__(self, code: int) -> None:
+        self.meaning, self.remedy = _ENDINGS[code]
+        self.has_values = code not in (1, 4, 5)
+        #: Name in ``flag_meanings``.
+        self.label = self.name.lower()
 
 
 #: Every status, by rising value.
