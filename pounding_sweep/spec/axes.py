@@ -5,6 +5,7 @@ dimension of the cube, how values are checked and what they are in a scenario. A
 the field of `Case` that has the dimension's name.
 """
 
+# ruff: noqa: RUF009 - fields of axes are made by functions
 from __future__ import annotations
 
 import math
@@ -77,65 +78,55 @@ class Axis:
         return result
 
 
-#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
-REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
-
-
 def contact_stiffness(
     scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
 ) -> float:
     """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact."""
-    found = get_law(law)
-    if found.exponent is None:
+    law = get_law(law)
+    if law.exponent is None:
         return 0.0
     if stiffness is not None:
         return stiffness
-    reference = reference_stiffness(scene, found)
-    if reference is None:
-        raise SweepError(_missing_reference(found.exponent, [found.key]))
-    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
+    for _, fault in _need_references(scene, [law], ()):
+        raise SweepError(fault)
+    return (_reference_stiffness(scene, law) or 0.0) * (1.0 if stiffness_factor is None else stiffness_factor)
 
 
-def reference_stiffness(scene: Scene, law: Law) -> float | None:
+def _reference_stiffness(scene: Scene, law: Law) -> float | None:
     """Contact stiffness that factors scale: the scene's for that force exponent, else the law's own; or None."""
-    found = None if law.exponent is None else scene.contact.reference(law.exponent)
-    return law.reference_stiffness if found is None else found
-
-
-def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
-    """Say which contact property the scene lacks for laws of a force exponent."""
-    what = REFERENCE_PROPERTIES.get(exponent)
-    where = f"{what} of the scene's contact properties" if what else "the law's reference_stiffness"
-    return (
-        f"a reference stiffness for force ~ d^{exponent:g} (kN/m^{exponent:g}) is missing: stiffness factors of "
-        f"{', '.join(laws)} scale it; give {where}, or an absolute stiffness"
-    )
+    reference = None if law.exponent is None else scene.contact.reference(law.exponent)
+    return law.reference_stiffness if reference is None else reference
 
 
 def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
     """Return the laws of each force exponent."""
-    found: dict[float, list[Law]] = {}
+    groups: dict[float, list[Law]] = {}
     for law in laws:
         if law.exponent is not None:
-            found.setdefault(law.exponent, []).append(law)
-    return found
+            groups.setdefault(law.exponent, []).append(law)
+    return groups
 
 
 def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell each reference stiffness that the scene lacks."""
+    names = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
     for exponent, group in by_exponent(laws).items():
-        lacking = [law.key for law in group if reference_stiffness(scene, law) is None]
-        if lacking:
-            yield ("scene", "contact"), _missing_reference(exponent, lacking)
+        if lacking := [law.key for law in group if _reference_stiffness(scene, law) is None]:
+            name = names.get(exponent)
+            where = f"{name} of the scene's contact properties" if name else "the law's reference_stiffness"
+            yield (
+                ("scene", "contact"),
+                f"a reference stiffness for force ~ d^{exponent:g} (kN/m^{exponent:g}) is missing: stiffness factors "
+                f"of {', '.join(lacking)} scale it; give {where}, or an absolute stiffness",
+            )
 
 
 def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell laws of different exponents."""
-    found = by_exponent(laws)
-    if len(found) > 1:
+    if len(of_exponent := by_exponent(laws)) > 1:
         groups = " but ".join(
             f"{', '.join(law.key for law in group)}: {group[0].stiffness_unit} (exponent {exponent:g})"
-            for exponent, group in found.items()
+            for exponent, group in of_exponent.items()
         )
         yield (
             ("stiffnesses",),
@@ -174,91 +165,98 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
 _FACTOR = {"ge": 1e-3, "le": 1e3}
 
 
+def _axis(*about: Any, values: Any = None, **more: Any) -> Any:
+    """Make the field of an axis, with the values of a sweep without it."""
+    return field(default=values, metadata={"axis": Axis(*about, **more)})
+
+
+def _by_building(*about: Any, **more: Any) -> Any:
+    """Make the field of an axis that is given for each building by name."""
+    return _axis(*about, values=(), of_buildings=True, by_building=True, **more)
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
 
     # fmt: off
-    gaps: Values = field(default=None, metadata={"axis": Axis(
+    gaps: Values = _axis(
         "gap", "gap", "gap in m", {"ge": 0.0},
         "Gaps (m), each for every pair; by default the scene's own.",
         "gap of every pair", "m",
-    )})
-    stiffnesses: Values = field(default=None, metadata={"axis": Axis(
+    )
+    stiffnesses: Values = _axis(
         "stiffness", "stiffness", "contact stiffness in kN/m**exponent", {"gt": 0.0},
         "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
         "contact stiffness", requires=_need_one_exponent,
         value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
-    )})
-    stiffness_factors: Values = field(default=None, metadata={"axis": Axis(
+    )
+    stiffness_factors: Values = _axis(
         "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
         "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
         "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
         value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
-    )})
-    restitutions: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+    )
+    restitutions: tuple[float, ...] = _axis(
         "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
         "Coefficients of restitution; by default the scene's.",
-        "nominal coefficient of restitution",
-    )})
-    scales: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+        "nominal coefficient of restitution", values=(),
+    )
+    scales: tuple[float, ...] = _axis(
         "scale", "scale", "record scale", {},
         "Factors on the records; 1 by default.",
-        "factor on the record", default=(1.0,),
-    )})
-    pgas: Values = field(default=None, metadata={"axis": Axis(
+        "factor on the record", values=(), default=(1.0,),
+    )
+    pgas: Values = _axis(
         "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
         "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
         "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
         value=lambda value, record, **_: value / record.pga, requires=_need_motion,
-    )})
-    sas: Values = field(default=None, metadata={"axis": Axis(
+    )
+    sas: Values = _axis(
         "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
         "Spectral accelerations (m/s2; pseudo-acceleration, 5 % damping) at the period `sa_period` that every record "
         "is scaled to, in place of `scales`.",
         "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
         "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
         value=_factor_to_spectrum, requires=_need_motion,
-    )})
-    period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+    )
+    period_factors: BuildingValues = _by_building(
         "period_factor", "period_factor", "factor on periods", _FACTOR,
         "Factors on all natural periods of a building, by its name, one axis each: "
         "stiffnesses are divided by the square, masses kept.",
         "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
-        of_buildings=True, by_building=True,
-    )})
-    mass_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+    )
+    mass_factors: BuildingValues = _by_building(
         "mass_factor", "mass_factor", "factor on masses", _FACTOR,
         "Factors on all masses of a building, by its name, one axis each: stiffnesses "
         "take the same factor, so that periods are kept.",
         "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
-        of_buildings=True, by_building=True,
-    )})
-    damping_ratios: Values = field(default=None, metadata={"axis": Axis(
+    )
+    damping_ratios: Values = _axis(
         "damping_ratio", "damping_ratio", "damping ratio", {"ge": 0.0, "lt": 1.0},
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
-    )})
-    strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+    )
+    strength_factors: BuildingValues = _by_building(
         "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
         "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
-        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True,
-    )})
-    hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "factor on all yield strengths", requires=_need_strengths,
+    )
+    hardenings: BuildingValues = _by_building(
         "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
-        of_buildings=True, by_building=True,
-    )})
-    ductilities: Values = field(default=None, metadata={"axis": Axis(
+    )
+    ductilities: Values = _axis(
         "ductility", "ductility", "ductility", {"ge": 1.0},
         "Largest storey ductilities, at least 1: each building gets the factor on its yield strengths at which it "
         "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
         "largest storey ductility without pounding",
         comment="the coordinate strength_factor has the factor on the yield strengths of each building",
         requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
-    )})
+    )
     # fmt: on
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
