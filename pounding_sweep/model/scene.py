@@ -540,15 +540,14 @@ class Link:
     stiffness: NotNegative = 0.0
     damping: NotNegative = 0.0
 
+    #: storeys of the left and of the right building, link by link
+    floors: tuple[tuple[int, int], ...] = derived()
+
     def __post_init__(self) -> None:
         if not (self.stiffness or self.damping):
             raise SceneError("stiffness and damping are zero; give one of them, or leave it out")
-
-    @property
-    def floors(self) -> tuple[tuple[int, int], ...]:
-        """Storeys of the left and of the right building, link by link."""
-        both = ((each, each) if isinstance(each, int) else each for each in self.storeys)
-        return tuple((left, right) for left, right in both)
+        pairs = ((storey, storey) if isinstance(storey, int) else storey for storey in self.storeys)
+        set_fields(self, floors=tuple(pairs))
 
 
 @dataclass(frozen=True)
@@ -791,10 +790,14 @@ class Scene:
     smooth: tuple[bool, ...] = derived()
     dashed: tuple[bool, ...] = derived()
     foundations: tuple[int, ...] = derived()  # buildings that stand on foundations, by their numbers
+    #: whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations
+    has_own_modes: bool = derived()
     #: labels along ``pair`` in results: each pair, and after it the columns of either building that are struck
     pair_labels: tuple[str, ...] = derived()
     pair_of_label: tuple[int, ...] = derived()  # index of the pair of neighbours of each of them
     bumper_of: tuple[Bumper | None, ...] = derived()  # of each contact; None where it takes the law of the sweep
+    #: whether all contacts have bumpers, so that a sweep's law, stiffness and restitution matter to none
+    padded: bool = derived()
     FILE_KEYS: ClassVar = ("preset",)  # a sweep file's reader replaces it
 
     def __post_init__(self) -> None:
@@ -821,6 +824,7 @@ class Scene:
             smooth=tuple(each and building.bouc_wen is not None for building in buildings for each in building.yields),
             dashed=tuple(each for building in buildings for each in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
+            has_own_modes=not (self.links or any(any(item.dashed) or item.foundation for item in buildings)),
         )
         names = [item.name for item in row]
         if repeated := sorted({n for n in names if names.count(n) > 1}):
@@ -844,7 +848,7 @@ class Scene:
                         faults.attempt((name, index), check, item)
                     else:
                         faults.add((name, index), unknown("pair", item.pair, self.pair_names))
-        set_fields(self, bumper_of=tuple(bumper_of))
+        set_fields(self, bumper_of=tuple(bumper_of), padded=bool(bumper_of) and None not in bumper_of)
 
     def _place_bumper(self, bumper_of: list[Bumper | None], bumper: Bumper) -> None:
         """Place a bumper at its contacts, one at each."""
@@ -941,11 +945,6 @@ class Scene:
                 links.append(LinkedFloors(pair, s, *ends, link.stiffness, link.damping, place))
         return tuple(links)
 
-    @property
-    def padded(self) -> bool:
-        """Whether all contacts have bumpers, so that a sweep's law, stiffness and restitution matter to none."""
-        return bool(self.bumper_of) and None not in self.bumper_of
-
     def thicknesses(self, others: Any = 0.0) -> np.ndarray:
         """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""
         own = [math.nan if bumper is None else bumper.thickness for bumper in self.bumper_of]
@@ -958,11 +957,6 @@ class Scene:
         joined = {self.pair_names.index(link.pair) - first for link in self.links}  # those with a link to the right
         groups = np.split(np.arange(count), [b for b in range(1, count) if b - 1 not in joined])
         return tuple(tuple(map(int, group)) for group in groups)
-
-    @property
-    def has_own_modes(self) -> bool:
-        """Whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations."""
-        return not (any(self.dashed) or self.links or self.foundations)
 
     def faced(self, pair: int) -> list[list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
