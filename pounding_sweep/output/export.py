@@ -387,8 +387,6 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
 
 
 def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
-    import pandas as pd
-
     about = {
         "table": path.name,
         "rows": table.n_rows,
@@ -398,24 +396,18 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
     with replacing(path.with_name(f"{path.name}.json")) as description, replacing(path) as temporary:
         description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         with temporary.open("w", encoding="utf-8", newline="") as file:
-            pd.DataFrame(columns=[*table.columns]).to_csv(file, index=False)
-            for part in table.parts():
-                part.to_csv(file, index=False, header=False)
+            for number, part in enumerate(table.parts()):
+                part.to_csv(file, index=False, header=number == 0)
 
 
 def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    kinds = {label: column.dtype for label, column in table.columns.items()}
     schema = pa.schema(
         [
-            pa.field(
-                label,
-                pa.string() if kind.kind == "O" else pa.from_numpy_dtype(kind),
-                metadata=table.columns[label].attributes,
-            )
-            for label, kind in kinds.items()
+            pa.field(label, pa.string() if kind.kind == "O" else pa.from_numpy_dtype(kind), metadata=about)
+            for label, (_, _, _, kind, about) in table.columns.items()
         ],
         metadata={str(key): json.dumps(plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
@@ -429,13 +421,12 @@ def _zarr(cube: xr.Dataset, path: Path, chosen: xr.Dataset) -> None:
     sizes = [chosen.sizes[dim] for dim in outer]
     largest = max(array.nbytes for array in chosen.data_vars.values()) // max(1, math.prod(sizes))
     block = dict(zip(outer, block_shape(sizes, BLOCK_BYTES // max(1, largest)), strict=True))
-    encoding: Any = {}
-    for name, array in chosen.data_vars.items():
-        if array.dtype.kind not in "OSUT":
-            stored = encoding_of(str(name), array.dtype)
-            encoding[name] = {key: value for key, value in stored.items() if value is not None}
-    with replacing(path) as unfinished:
-        # format 2: the later one has no agreed way to store text
+    encoding: Any = {
+        name: {key: value for key, value in encoding_of(str(name), array.dtype).items() if value is not None}
+        for name, array in chosen.data_vars.items()
+        if array.dtype.kind not in "OSUT"
+    }
+    with replacing(path) as unfinished:  # in format 2: the later one has no agreed way to store text
         blocks = chosen.drop_encoding().chunk(block)
         writing = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
         writing.compute(scheduler="synchronous")  # as little in memory as can be

@@ -138,13 +138,12 @@ def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
             f"{path!r} does not say what its sweep was: its attribute 'sweep' is damaged; make the cube again"
         )
     sweep: dict[str, Any] = json.loads(text)
+    axes, records = axes_of(sweep), [record["name"] for record in sweep["records"]]
     expected: dict[str, Any] = {"case": sweep["cases"]}
     if sweep["cases"] is None:
-        axes = axes_of(sweep)
-        expected = {**axes.along(sweep["laws"], [record["name"] for record in sweep["records"]]), "gap": axes.gaps}
-    dims = list(map(str, cube["status"].dims))
-    fault = ""
-    if set(dims) != set(expected):
+        expected = {**axes.along(sweep["laws"], records), "gap": axes.gaps}
+    dims, fault = [str(dim) for dim in cube["status"].dims], ""
+    if {*dims} != {*expected}:
         fault = f"the axes {', '.join(dims) or 'none'}, its sweep had {', '.join(expected)}"
     for name in dims if not fault else ():
         values = cube[name].values.tolist()

@@ -69,30 +69,14 @@ TOLERANCE = 1e-6
 
 @dataclass
 class Merged:
-    """What a merge found.
+    """What a merge found."""
 
-    Attributes
-    ----------
-    path : Path
-        The cube of all parts.
-    scenarios : int
-        Scenarios of it: every combination of the values on its axes, or all listed cases.
-    overlapping : int
-        Scenarios that several parts have a result of.
-    missing : int
-        Scenarios that no part has a result of; their status is not_run.
-    named : list of str
-        The first of the missing, by what they differ in from others.
-    sources : int
-        States of the package's source that made the parts, each with other versions of the libraries that compute
-        counted apart.
-    """
-
-    path: Path
-    scenarios: int
-    overlapping: int = 0
-    missing: int = 0
-    named: list[str] = field(default_factory=list)
+    path: Path  # the cube of all parts
+    scenarios: int  # of it: every combination of the values on its axes, or all listed cases
+    overlapping: int = 0  # scenarios that several parts have a result of
+    missing: int = 0  # scenarios that no part has a result of; their status is not_run
+    named: list[str] = field(default_factory=list)  # the first of the missing, by what they differ in from others
+    #: states of the package's source that made the parts, each with other versions of the libraries counted apart
     sources: int = 1
 
 
@@ -239,9 +223,8 @@ def _of_one_design(parts: Parts, sweeps: Sweeps) -> Parts:
     designs = [sweep.get("design") or {} for sweep in sweeps]
     if all(design == designs[0] for design in designs):
         return parts
-    inputs = {item["name"] for design in designs for item in design.get("inputs", ())}
-    drawn = {SAMPLE, BLOCK, *inputs} - {*CASE_COORDINATES}
-    return {file: cube.drop_vars(drawn & {*cube.coords}) for file, cube in parts.items()}
+    drawn = {SAMPLE, BLOCK, *(item["name"] for design in designs for item in design.get("inputs", ()))}
+    return {file: cube.drop_vars(drawn - {*CASE_COORDINATES}, errors="ignore") for file, cube in parts.items()}
 
 
 def _number_cases(parts: Parts, sweeps: Sweeps) -> tuple[Parts, list[Any], list[dict[str, Any]]]:

@@ -88,7 +88,9 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
 
     sizes = {dim: part.sizes[dim] for dim in dims}
     scene, law = scene_of(sweep["scene"]), part["law"]
-    laws = {**LAWS, **{key: _law_of(described) for key, described in sweep.get("own_laws", {}).items()}}
+    laws = dict(LAWS)
+    for key, described in sweep.get("own_laws", {}).items():
+        laws[key] = Law(**{name: value for name, value in described.items() if name != "sha256"})
     first = next((key for key in sweep["laws"] if laws[key].has_contact), "")
     keys, index = np.unique(law.values, return_inverse=True)
 
@@ -114,11 +116,6 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
         inner = {str(dim): size for dim, size in numbers.sizes.items() if dim not in sizes}
         result[name] = numbers.set_dims(sizes | inner).values.reshape(math.prod(sizes.values()), -1)
     return result
-
-
-def _law_of(described: Mapping[str, Any]) -> Law:
-    """Return a law of a user's own that a sweep describes."""
-    return Law(**{key: value for key, value in described.items() if key != "sha256"})
 
 
 def _building_columns(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataArray]:
