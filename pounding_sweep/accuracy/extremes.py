@@ -29,21 +29,8 @@ from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import CONTACTS, Building, Foundation, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import made_here
-from pounding_sweep.outputs.variables import (
-    CHANGE,
-    OK_CLAIM,
-    SETTLED,
-    STATUS,
-    Status,
-    cube_variables,
-    get_variable,
-    inner_shape,
-    mask_invalid,
-    reducers_for,
-    relative_error,
-    scatter_contact,
-    scatter_dof,
-)
+from pounding_sweep.outputs import variables
+from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, STATUS, Status, get_variable, relative_error
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record, synthetic_record
@@ -93,10 +80,8 @@ class Batch:
 
     def kernel(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> RowKernel:
         """Return the kernel that runs it."""
-        numerics, reducers = (
-            Numerics(method, dt, precision=precision, refinement=refinement),
-            reducers_for(self.outputs),
-        )
+        numerics = Numerics(method, dt, precision=precision, refinement=refinement)
+        reducers = variables.reducers_for(self.outputs)
         return RowKernel(self.scene, self.law, numerics, reducers, initial_velocity=self.initial_velocity)
 
     def step(self, method: str, dt: float) -> float:
@@ -110,16 +95,15 @@ class Batch:
     def run(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> Values:
         """Run every scenario at a step; those beyond the stability limit are refused."""
         rows, scene = np.flatnonzero(self.step(method, dt) <= self.stable_step(method)), self.scene
-        values = {
-            name: np.full((len(self), *inner_shape(name, scene)), np.nan) for name in cube_variables(self.outputs)
-        }
+        shapes = {name: variables.inner_shape(name, scene) for name in variables.cube_variables(self.outputs)}
+        values = {name: np.full((len(self), *shape), np.nan) for name, shape in shapes.items()}
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             kernel = self.kernel(method, dt, precision, refinement)
             part = run_once(kernel, self.record, self.table[rows], variants_of(scene), self.outputs)
             for name, column in values.items():
                 column[rows] = part[name]
-        return mask_invalid(values)
+        return variables.mask_invalid(values)
 
 
 def oscillator(name: str, period: float, mass: float = 100.0, storeys: int = 1, damping: float = 0.05) -> Building:
@@ -449,7 +433,8 @@ def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
     limit = energy_limit(batch.scene, batch.record, batch.table.scale, batch.initial_velocity)
     share = (values["energy_kinetic"] + values["energy_strain"]).sum(axis=1)
     yields = any(batch.scene.yields)  # beyond yielding a displacement grows up to like its energy, not like the root
-    reach = scatter_dof(displacement_limit(batch.scene, limit if yields else np.ones(len(batch))), batch.scene)
+    reach = displacement_limit(batch.scene, limit if yields else np.ones(len(batch)))
+    reach = variables.scatter_dof(reach, batch.scene)
     for name in ("displacement_max", "displacement_min"):
         part = np.abs(values[name]) / np.where(reach > 0.0, reach, 1e-300)
         implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
@@ -523,9 +508,9 @@ def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     dims, scene = get_variable(name).dims, batch.scene
     if dims == ("building", "storey"):
         exists = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
-        return np.isfinite(scatter_dof(exists[None], scene))[0]
+        return np.isfinite(variables.scatter_dof(exists[None], scene))[0]
     if dims == ("pair", "storey"):
-        return np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
+        return np.isfinite(variables.scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
     return np.ones(values.shape[1:], bool)
 
 

@@ -10,22 +10,8 @@ from typer import Exit, Option
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, seconds_text
-from pounding_sweep.cli.app import (
-    FAILED,
-    FIGURE_FILE,
-    AsJson,
-    Folders,
-    Overwrite,
-    Quiet,
-    SweepFile,
-    Workers,
-    command,
-    numbers_of,
-    option,
-    progress_display,
-    say,
-    say_laws,
-)
+from pounding_sweep.cli import app
+from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, SweepFile, Workers, command, option, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +26,7 @@ def tradeoff_command(
     ] = None,
     scenarios: Annotated[int, option("N", "About how many scenarios to measure on.")] = 96,
     seed: Annotated[int, option("S", "Seed of the random sample.")] = 0,
-    figure: Annotated[Path | None, option("FILE", f"Work-precision figure: {FIGURE_FILE}", "--plot")] = None,
+    figure: Annotated[Path | None, option("FILE", f"Work-precision figure: {app.FIGURE_FILE}", "--plot")] = None,
     folders: Folders = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
@@ -58,8 +44,8 @@ def tradeoff_command(
     if figure is not None:
         check_output(figure, overwrite=True, netcdf=False)
     loaded = load_sweep(sweep, folders=folders or None)
-    chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps")
-    with progress_display(quiet) as progress:
+    chosen = DEFAULT_STEPS if steps is None else app.numbers_of(steps, "--steps")
+    with app.progress_display(quiet) as progress:
         trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
     if out is not None:
         write_cube(trade, out, overwrite)
@@ -119,7 +105,7 @@ def extremes_command(
     map_file: Annotated[
         Path | None, option("MAP.nc", "Also map error and status over stiffness and step.", "--map")
     ] = None,
-    plot_file: Annotated[Path | None, option("FILE", f"Draw that map: {FIGURE_FILE}", "--plot")] = None,
+    plot_file: Annotated[Path | None, option("FILE", f"Draw that map: {app.FIGURE_FILE}", "--plot")] = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -134,7 +120,7 @@ def extremes_command(
         check_output(map_file, overwrite)
     if plot_file is not None:
         check_output(plot_file, overwrite=True, netcdf=False)
-    with progress_display(quiet) as progress:
+    with app.progress_display(quiet) as progress:
         report = run_extremes(
             scenes, seed=seed, laws=law, families=family, precision=precision, workers=workers, progress=progress
         )
@@ -152,7 +138,7 @@ def extremes_command(
         print(*files, sep="\n", end="\n" * bool(files))
     if report["violations"]:
         say(f"failed: {report['violations']} violations; each names its scenario, and --json gives all of them")
-        raise Exit(FAILED)
+        raise Exit(app.FAILED)
 
 
 def _print_extremes(report: dict[str, Any]) -> None:
@@ -225,7 +211,7 @@ def laws_command(
     """List the contact laws, say what restitution they really give, or check one, such as one of your own."""
     if nominal is not None and not (restitution or check):
         raise InputError(f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it")
-    values = None if nominal is None else numbers_of(nominal, "--e")
+    values = None if nominal is None else app.numbers_of(nominal, "--e")
     if check is not None:
         _check_law(check, values, as_json)
     elif restitution:
@@ -254,7 +240,7 @@ def _print_certificate(nominal: Sequence[float] | None, as_json: bool) -> None:
     from pounding_sweep.accuracy.certificate import RESTITUTIONS, certify, deviation
     from pounding_sweep.model.laws import get_law
 
-    with progress_display() as progress:
+    with app.progress_display() as progress:
         table = certify(nominal or RESTITUTIONS, progress=progress)
     off = deviation(table)
     worst = off.isel(off.argmax(...))
@@ -288,8 +274,8 @@ def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> Non
     from pounding_sweep.model.laws import find_law
 
     law = find_law(name)
-    say_laws([law] if law.source else [])
-    with progress_display() as progress:
+    app.say_laws([law] if law.source else [])
+    with app.progress_display() as progress:
         check = check_law(law, nominal or RESTITUTIONS, progress=progress)
     about = {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None}
     rows, faults = _rows(check.certificate), check.faults
@@ -317,7 +303,7 @@ def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> Non
         if not faults:
             print("All agree: the kernels do what the formulas say.")
     if faults:
-        raise Exit(FAILED)
+        raise Exit(app.FAILED)
 
 
 def _cells(row: dict[str, Any], **forms: str) -> list[str]:
@@ -351,7 +337,7 @@ def doctor_command(
         print_json(state)
     if not no_check and not state["self_check"]["passed"]:
         say("failed: this installation does not compute the stored values; install it again, or report this")
-        raise Exit(FAILED)
+        raise Exit(app.FAILED)
 
 
 def _print_state(state: dict[str, Any]) -> None:

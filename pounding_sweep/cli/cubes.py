@@ -11,19 +11,8 @@ from typer import Option
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.text import print_json, print_pairs, print_table
-from pounding_sweep.cli.app import (
-    FIGURE_FILE,
-    AsJson,
-    At,
-    CubeFile,
-    Folders,
-    Overwrite,
-    argument,
-    axis_values,
-    command,
-    option,
-    say,
-)
+from pounding_sweep.cli import app
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Overwrite, argument, command, option, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -100,7 +89,7 @@ def _print_unfinished(survey: Survey) -> None:
 def plot_command(
     cube: Annotated[Path | None, argument("CUBE.nc", "Cube made by 'run', or another file made here.")] = None,
     kind: Annotated[str | None, argument("FIGURE", "Figure; without it, figures are listed.")] = None,
-    out: Annotated[Path | None, option("FILE", FIGURE_FILE, "-o", "--output")] = None,
+    out: Annotated[Path | None, option("FILE", app.FIGURE_FILE, "-o", "--output")] = None,
     at: At = None,
     x: Annotated[str | None, option("AXIS", "Axis of numbers to draw along, such as period_ratio.")] = None,
     y: Annotated[str | None, option("AXIS", "Of a map, the other axis.")] = None,
@@ -122,7 +111,7 @@ def plot_command(
         print_table(["figure", "shows", "drawn from"], rows)
         return
     with open_cube(cube) as dataset:
-        chosen = _select(dataset, axis_values(at or []), kind)
+        chosen = _select(dataset, app.axis_values(at or []), kind)
         if only_list or kind is None:
             _print_figures(chosen)
         elif out is None:
@@ -216,7 +205,7 @@ def export_command(
     if fragility and len(intensities or ()) > 1:
         raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
     with open_cube(cube) as dataset:
-        part = select(dataset, axis_values(at or []))
+        part = select(dataset, app.axis_values(at or []))
         paths: list[Any] = [out]
         if pelicun is not None:
             samples = export_pelicun(part, out, pelicun, overwrite=overwrite)

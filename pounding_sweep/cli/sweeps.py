@@ -9,22 +9,17 @@ from typer import Exit, Option
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
+from pounding_sweep.cli import app
 from pounding_sweep.cli.app import (
-    FAILED,
-    WARNINGS,
     AsJson,
     Overwrite,
     Quiet,
     ScenarioOptions,
     SweepOptions,
     argument,
-    axis_values,
     command,
     option,
-    progress_display,
-    reporting,
     say,
-    say_laws,
 )
 from pounding_sweep.cli.records import print_read, read_as
 
@@ -91,14 +86,14 @@ def run_command(
 ) -> None:
     """Run a sweep, write its cube and print a summary."""
     named, out = out is not None, out or Path(f"{options.sweep.stem}.nc")
-    with reporting(out):
+    with app.reporting(out):
         from pounding_sweep.output.netcdf import check_output
 
         check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         sweep = options.load()
         if not named:
             say(f"the cube is written to {out}; -o names another file")
-        with progress_display(quiet) as progress:
+        with app.progress_display(quiet) as progress:
             sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend)
         report = _report(sweep, out)
         if as_json:
@@ -112,7 +107,7 @@ def run_command(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "
                 f"{parts_folder(out)}; run again with --overwrite to make only the rest"
             )
-            raise Exit(FAILED)
+            raise Exit(app.FAILED)
 
 
 def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
@@ -136,7 +131,7 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
         "kernels_compiled": outcome.compiled,
         "failures": outcome.failures,
         **summarize(out),
-        "warnings": WARNINGS,
+        "warnings": app.WARNINGS,
         "cube": str(out),
     }
 
@@ -160,7 +155,7 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
         "compile_seconds": seconds,
         "total_seconds": summary["seconds"] + seconds / workers,
         "largest_stable_step": float(plan.limit[plan.refused].min()) if plan.refused.any() else None,
-        "warnings": WARNINGS,
+        "warnings": app.WARNINGS,
         **_description(sweep),
     }
     if as_json:
@@ -278,12 +273,12 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     sweep, folders, skip_missing, at, step = (
         choice.pop(name) for name in ("sweep", "folders", "skip_missing", "at", "output_step")
     )
-    for name, values in axis_values(at or []).items():
+    for name, values in app.axis_values(at or []).items():
         if choice.get(name) is not None:
             raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)
     spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
-    say_laws(spec.own_laws)
+    app.say_laws(spec.own_laws)
     histories = simulate_shown(spec, step, **choice)
     say(scenario_title(histories))
     if histories.sizes.get("time", 0) > 1:
