@@ -250,14 +250,15 @@ def plot_axes(result: xr.Dataset) -> dict[str, PlotAxis]:
 
 
 def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()) -> PlotAxis | None:
-    """Return the axis that was asked for, else the first that has several numbers; None if none has.
+    """Return the axis that was asked for, else the first that has several numbers, building properties last, or None.
 
     Along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
     means the first of such names.
     """
     axes = plot_axes(result)
     if asked is None:
-        dim = first_varied(result, but)
+        free = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case", *but)]
+        dim = next((dim for dim in free if dim in axes), None)
         ratios = [axis for axis in axes.values() if axis.dim == dim and "_ratio_" in axis.name]
         return ratios[0] if ratios else axes.get(str(dim))
     name = asked if asked in axes else next((name for name in axes if name.startswith(f"{asked}_")), asked)
@@ -271,12 +272,6 @@ def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()
     if axes[name].dim in but:
         raise InputError(f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}")
     return axes[name]
-
-
-def first_varied(result: xr.Dataset, but: Collection[str]) -> str | None:
-    """Return the axis to draw along: the first that has several values, building properties last; None without one."""
-    axes = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case", *but)]
-    return next((dim for dim in axes if dim in plot_axes(result)), None)
 
 
 def panels(axes: np.ndarray, data: xr.Dataset, *dims: str) -> Iterator[tuple[Any, xr.Dataset]]:

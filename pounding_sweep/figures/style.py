@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from io import BytesIO
 from textwrap import fill
 from typing import Any
@@ -38,9 +39,8 @@ _SETTINGS: dict[str, Any] = {
 }
 
 
-def in_style() -> Any:
-    """Return a context, and decorator, that draws in the package's style whatever the user's matplotlib settings."""
-    return context(_SETTINGS, after_reset=True)
+#: A context, and decorator, that draws in the package's style whatever the user's matplotlib settings.
+in_style = partial(context, _SETTINGS, after_reset=True)
 
 
 class NotebookFigure(Figure):
@@ -119,16 +119,12 @@ def legend_beside(ax: Any) -> None:
 def put_title(figure: Any, *parts: str) -> Any:
     """Write above a figure, or above axes that stand for it, what it shows; return it."""
     if hasattr(figure, "suptitle"):
-        figure.suptitle(wrap_title(figure.get_figwidth(), *parts))
+        unbroken = join_nonempty(*parts).replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only
+        lines = fill(unbroken, int(14 * figure.get_figwidth()), break_long_words=False, break_on_hyphens=False)
+        figure.suptitle(lines.replace("\xa0", " "))
     else:
         figure.set_title("\n".join(filter(None, (figure.get_title(), join_nonempty(*parts)))))
     return figure
-
-
-def wrap_title(width: float, *parts: str) -> str:
-    """Return a title over a figure of that width (inches); lines end between its parts only."""
-    unbroken = join_nonempty(*parts).replace(" ", "\xa0").replace(";\xa0", "; ")
-    return fill(unbroken, int(14 * width), break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
 def join_nonempty(*parts: str) -> str:

@@ -22,8 +22,6 @@ from pounding_sweep.paper.compare import (
     CLOSE,
     LIMITS,
     WRITTEN,
-    Judgement,
-    Reproduction,
     energy_checks,
     findings,
     judge,
@@ -126,13 +124,26 @@ def contents_of(study: Study) -> dict[str, Any]:
 
 def summary(contents: Mapping[str, Any]) -> list[Grid]:
     """Return what a reader wants to know first, as tables: the verdict, and what it rests on."""
+    verdict = [
+        [part.word, part.reading, item] if item is part.items[0] else ["", "", item]
+        for part in contents["opening"]
+        for item in part.items
+    ]
+    claims = []
+    for one in contents["judgements"]:
+        label = READINGS[one.reading].label
+        claims.append([one.conclusion["key"], label, one.verdict.value, "", one.conclusion["text"]])
+        for claim, outcome in zip(one.conclusion["claims"], one.outcomes, strict=True):
+            cases = f"{outcome.held}/{outcome.cases}"
+            claims.append(["", "", outcome.verdict.value, cases, f"{claim['text']} {outcome.numbers}"])
     by_table = dict(zip(TABLES, contents["agreement"], strict=True))
     rows = [[str(n), *row[:2], *row[3:]] for n, grid in by_table.items() for row in grid.rows if row[2] == ALL]
     headings = [("", "table"), *(pair for pair in by_table[3].headings if pair[1] != "record")]
     impossible = [[one["title"], one["printed"]] for one in contents["findings"]]
+    claimed = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
     return [
-        _opening_grid(contents["opening"]),
-        _judgement_grid(contents["judgements"]),
+        Grid("The verdict", ungrouped("verdict", "reading", "what"), verdict),
+        Grid("The paper's conclusions", claimed, claims),
         Grid("Agreement with Tables 3 to 6, over all records", headings, rows),
         contents["hertz"],
         Grid("What can't be", ungrouped("in the paper's tables", "printed"), impossible),
@@ -187,29 +198,6 @@ def agreement(compared: xr.Dataset) -> Grid:
         rows.append([*place, str(paper.size), median, *shares, str(one_zero)])
     title = f"Agreement with {compared.attrs['title'].partition(':')[0]}"
     return Grid(title, [*headings, ("", "zero in one of the two alone")], rows)
-
-
-def _opening_grid(parts: Sequence[Reproduction]) -> Grid:
-    """Write the verdict, a row for each item."""
-    rows = [
-        [part.word, part.reading, item] if item is part.items[0] else ["", "", item]
-        for part in parts
-        for item in part.items
-    ]
-    return Grid("The verdict", ungrouped("verdict", "reading", "what"), rows)
-
-
-def _judgement_grid(judgements: Sequence[Judgement]) -> Grid:
-    """Write the verdicts: one row per conclusion and reading, and one per claim."""
-    rows = []
-    for one in judgements:
-        label = READINGS[one.reading].label
-        rows.append([one.conclusion["key"], label, one.verdict.value, "", one.conclusion["text"]])
-        for claim, outcome in zip(one.conclusion["claims"], one.outcomes, strict=True):
-            cases = f"{outcome.held}/{outcome.cases}"
-            rows.append(["", "", outcome.verdict.value, cases, f"{claim['text']} {outcome.numbers}"])
-    headings = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
-    return Grid("The paper's conclusions", headings, rows)
 
 
 def _records_grid(study: Study) -> Grid:

@@ -29,7 +29,6 @@ from pounding_sweep.figures.select import (
     choose_response,
     coord_text,
     drawn_unit,
-    first_varied,
     is_log,
     law_name,
     over_records,
@@ -533,7 +532,8 @@ def fragility(cube: xr.Dataset) -> Figure:
     words, per = spell_units(result.attrs["event_in_words"]), EVENTS[result.attrs["event"]].per
     result = with_dims(result, *(dim for dim in ("law", per) if dim in result.coords))
     keep = (*TRIALS, "bound", "intensity", "quantile")
-    axis = first_varied(result, but=keep) or "law"
+    varied = choose_axis(result, None, keep)
+    axis = varied.dim if varied else "law"
     result, shown = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
     figure, axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))

@@ -26,7 +26,6 @@ from pounding_sweep.figures.style import (
     legend_beside,
     put_title,
     subplots,
-    wrap_title,
 )
 from pounding_sweep.model.scene import Wall
 
@@ -266,7 +265,9 @@ def draw_row(
     gaps, most = np.array(scene.gaps), float(np.abs(motion).max(initial=0.0))
     limits = [_SWAY * top / most] if most > 0 else []
     limits += [_GAP * _WIDTH * top / gaps.max()] if gaps.any() else []
-    factor = round_down(min(limits, default=1.0))
+    largest = min(limits, default=1.0)
+    power = 10.0 ** math.floor(math.log10(largest))
+    factor = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= largest * (1.0 + 1e-12))
     # motion of each member's base and floors, and the turning of bases, as they are drawn
     moved = np.zeros((len(motion), len(members), motion.shape[2] + 1))
     turned = np.zeros(moved.shape[:2])
@@ -319,12 +320,6 @@ def draw_row(
         marks.set_sizes(sizes)
 
     return figure, axes[:, 0], factor, show
-
-
-def round_down(value: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is not above a positive number."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-12))
 
 
 #: Periods of the motion that are shown by default, and how long that takes to watch (s).
@@ -402,7 +397,8 @@ def animate(
         cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in strips]
         for strip in strips:
             strip.set_xlim(first, last)
-        title = wrap_title(7.2, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
+        put_title(figure, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
+        title = figure.get_suptitle()
         heading = figure.suptitle(f"{title}\n{first:.2f} s")
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves from frame to frame but the row

@@ -18,11 +18,13 @@ from pounding_sweep.figures.select import (
     RESPONSES,
     NothingToDrawError,
     check_value,
+    coord_text,
     labels_with_values,
     law_name,
     record_name,
     result_of,
     use_logarithms,
+    with_dims,
 )
 from pounding_sweep.figures.style import COLOURS, MARKED, finish, join_nonempty, subplots
 from pounding_sweep.outputs.variables import get_variable
@@ -57,22 +59,23 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     if not valued or value not in (None, *valued):
         raise NothingToDrawError
     value = value or valued[0]
-    total, key = result[f"{value}_total"], f"{value}_total"
-    per = next((dim for dim in ("pair", "building") if dim in total.dims), "")
-    ends = labels_with_values(result, per, [key]) if per else []
-    places = [result.sel({per: end}) for end in ends] or [result]
-    if "storey" in total.dims:
-        places = [part.dropna("storey", how="all", subset=[key]).isel(storey=-1) for part in places]
-    complete = np.any([part[key].notnull().all("input") for part in places], axis=0)
+    key = f"{value}_total"
+    per = next((dim for dim in ("pair", "building") if dim in result[key].dims), "scenario")
+    result = with_dims(result, per, absent="")
+    result = result.sel({per: labels_with_values(result, per, [key])})
+    if "storey" in result[key].dims:  # the highest that has indices
+        there = result[key].notnull().any(["group", "input"])
+        result = result.isel(storey=there.cumsum("storey").argmax("storey"))
+    complete = result[key].notnull().all("input").any(per).values
     groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
     shown = groups[:_GROUPS]
-    rank = np.mean([part[key].isel(group=shown).mean("group") for part in places], axis=0)
-    order = np.argsort(np.nan_to_num(rank), kind="stable")  # the largest last, at the top
-    figure, axes = subplots(len(shown), len(places), (2.2, 2.4, 1.5, 0.6 + 0.3 * len(order)), ax)
+    rank = result[key].isel(group=shown).mean(["group", per])
+    order = np.argsort(rank.fillna(0.0).values, kind="stable")  # the largest last, at the top
+    figure, axes = subplots(len(shown), result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * len(order)), ax)
     varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
     extremes = [0.0, 1.0]
     for (row, column), panel in np.ndenumerate(axes):
-        part = places[column].isel(group=int(shown[row]), input=order)
+        part = result.isel({per: column, "group": int(shown[row]), "input": order})
         for name, (label, colour, marker, up) in _INDICES.items():
             at = np.arange(len(order)) + up
             low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
@@ -80,14 +83,14 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
             panel.plot(part[f"{value}_{name}"], at, color=colour, marker=marker, linestyle="none", label=label)
             extremes += [*low, *high]
         panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
-        titles = [f"{dim} {part[dim].item()}" for dim in (per, "storey") if dim in part.coords]
-        lines = [join_nonempty(*titles), _describe_group(part, varied)]
+        place = [coord_text(part, dim) for dim in (per, "storey") if dim in part.coords]
+        lines = [join_nonempty(*place), _describe_group(part, varied)]
         panel.set_title("\n".join(fill(text, 34) for text in lines if text))
     inputs = [str(name).replace("_", " ") for name in result["input"].values[order]]
     limits = {"xlim": (np.nanmin(extremes) - 0.03, np.nanmax(extremes) + 0.03), "ylim": (-0.6, len(order) - 0.4)}
     for panel in axes[:, 0]:
         panel.set(yticks=range(len(inputs)), yticklabels=inputs, **limits)
-    what = str(total.attrs["long_name"]).removeprefix("total Sobol index: ")
+    what = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
     cut = f"{len(shown)} of {len(groups)} groups of scenarios" if len(shown) < len(groups) else ""
     same = _describe_group(result.isel(group=int(shown[0])), [name for name in _GROUP if name not in varied])
     title = f"Sobol indices of the {what}", f"{result.attrs['confidence']:.0%} intervals", same, cut
