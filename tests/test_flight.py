@@ -177,7 +177,7 @@ def test_blocks_bound_what_is_watched_in_them(alike):
     stops = stops_of(layout, points, substeps)
     tables = flight_tables(layout, stops, fixed)
     flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, points)
-    flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants), Ledger(None).cell)
+    flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants), Ledger().cell)
     with np.errstate(all="ignore"):
         blocks.fill()
     assert (blocks.stride, blocks.length, blocks.blocks) == (3, 27, stops)

@@ -227,7 +227,7 @@ def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """How modes move from a point to each Gauss node of the step, shape (variants, modes, nodes, numbers)."""
     found = []
     for share in nodes(layout.nodes)[0]:
-        a = step(None, modes.w, modes.c, modes.participation, share * h)
+        a = step(modes.w, modes.c, modes.participation, share * h)
         (q0, q1), (p0, p1) = ((a[f"{name}0"], a[f"{name}1"]) for name in "qp")
         ground = [(q0 + (1.0 - share) * q1, share * q1), (p0 + (1.0 - share) * p1, share * p1)]
         found.append(np.stack([a["qq"], a["qp"] / h, *ground[0], a["pq"], a["pp"] / h, *ground[1]], axis=2))
@@ -259,7 +259,7 @@ def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
 def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
-    a = step(None, w, c, modes.participation, h)
+    a = step(w, c, modes.participation, h)
     found = a | {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     if "weight" in layout.decays:  # energies of a unit mass at the first floor
         weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)

@@ -20,11 +20,12 @@ from pounding_sweep.kernel.lanes import (
     Ledger,
     Real,
     Rows,
+    Table,
     Tracer,
     count_to,
-    first_lane,
-    flag,
     has_wide_registers,
+    lane_of,
+    tracing,
     when,
 )
 from pounding_sweep.kernel.spec import GIVEN, LANES, PARAMETERS, KernelSpec, Slots, history_slots, input_slots
@@ -155,7 +156,7 @@ def run_twin(spec: KernelSpec, *numbers: Any) -> None:
         note = noter(group, put, True) if spec.history else None
         given = {**arrays, "memory": None} | {name: arrays[name].reshape(-1, LANES) for name in ("inputs", "results")}
         counts = arrays["rows"], arrays["scenarios"], group.passing
-        flights = make_flights(group, ground, given, counts, note, Ledger(None))
+        flights = make_flights(group, ground, given, counts, note, Ledger())
         Events(group, ground, flights.serve, flights.course, note).run()
         return
     for inputs, results in zip(arrays["inputs"], arrays["results"], strict=True):
@@ -169,7 +170,12 @@ def run_twin(spec: KernelSpec, *numbers: Any) -> None:
 
 def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
     """Write the kernel of `spec`, or its flight, where `builder` stands; `place` is the address of its frame."""
-    trace = Tracer(builder, spec.precision, width(spec.precision))
+    with tracing(trace := Tracer(builder, spec.precision, width(spec.precision))):
+        _emit(spec, trace, place)
+
+
+def _emit(spec: KernelSpec, trace: Tracer, place: Any) -> None:
+    builder = trace.builder
     frame = builder.inttoptr(place, _I64.as_pointer())
     arrays = _read_frame(trace, frame)
     state, ground = arrays["state"][0], Ground(trace, arrays)
@@ -179,9 +185,9 @@ def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
         _emit_groups(group, ground, arrays, put)
         return
     # flight's own rows come before those of the state
-    group.state.pointer = builder.gep(state, [_I64(_own_size(group))], inbounds=True)
-    note = noter(group, put, flag(trace, True)) if spec.history else None
-    ledger = Ledger(trace, builder.gep(frame, [_I64(GIVEN)], inbounds=True), begins=not spec.only_flight)
+    group.state.table.pointer = builder.gep(state, [_I64(_own_size(group))], inbounds=True)
+    note = noter(group, put, True) if spec.history else None
+    ledger = Ledger(builder.gep(frame, [_I64(GIVEN)], inbounds=True), begins=not spec.only_flight)
     if spec.only_flight:
         given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": state}
         counts = [Count(trace, arrays[name]) for name in ("rows", "scenarios", "passing")]
@@ -213,25 +219,25 @@ def _emit_groups(group: Group, ground: Ground, arrays: dict[str, Any], put: Call
     """Write a kernel that takes one lane group after another over the record."""
     spec, trace, builder = group.spec, ground.trace, ground.trace.builder
     parts = LANES // trace.lanes
-    for each in count_to(Count(trace, arrays["inputs"][1][0]) * parts, trace):
+    for each in count_to(Count(trace, arrays["inputs"][1][0]) * parts):
         row = each // parts
         part = each - row * parts
-        for i in count_to(group.state.size * trace.lanes, trace):
-            builder.store(trace.number(0.0), builder.gep(group.state.pointer, [i.value], inbounds=True))
+        for i in count_to(group.state.size * trace.lanes):
+            group.state.table.put_number(i, 0.0)
 
         def rows_of(name: str, slots: Slots, row: Any = row, part: Any = part) -> Rows:
             data, (_, columns) = arrays[name]
             first = builder.gep(data, [builder.add(builder.mul(row.value, columns), (part * trace.lanes).value)])
-            return Rows(trace, list(slots.count.items()), trace.lanes, first, LANES, wide=True)
+            return Rows(trace, slots.count, trace.lanes, first, LANES, double=True)
 
         inputs = rows_of("inputs", input_slots(spec))
         for name, n in inputs.count.items():
-            for i in count_to(n, trace):
+            for i in count_to(n):
                 group.state[name, i] = inputs[name, i]
         run_group(group, ground, noter(group, put, part == 0) if spec.history else None)
         results = rows_of("results", output_slots(spec))
         for name, n in results.count.items():
-            for i in count_to(n, trace):
+            for i in count_to(n):
                 results[name, i] = group.state[name, i]
 
 
@@ -245,13 +251,13 @@ def make_flights(
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])
     wide = None if trace is None else Tracer(trace.builder, "float64", flight.lanes)
-    own = flight, arrays["decays"], wide, MARGIN[spec.precision]
+    own = flight, Table(wide, arrays["decays"], flight.lanes), MARGIN[spec.precision]
     course = Course(group, ledger.cell)
     if spec.blocks:
         flight.blocks = Blocks(*own, rows, ledger.cell)
     fill = flight.blocks.fill if spec.blocks else partial(Tables(*own).fill, rows)
     inputs, results = (
-        Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
+        Rows(trace, slots.count, LANES, arrays[name], double=True)
         for slots, name in ((input_slots(spec), "inputs"), (output_slots(spec), "results"))
     )
     tables = fill, flight.blocks.blocks if spec.blocks else points
@@ -285,7 +291,7 @@ def _putter(trace: Tracer, array: Any) -> Callable[[Any, int, Any], None]:
     b = trace.builder
 
     def put(row: Any, column: int, value: Any) -> None:
-        x = first_lane(value).value
+        x = lane_of(value, 0).value
         at = b.add(b.mul(row.value, columns), _I64(column))
         b.store(x if trace.size == 8 else b.fpext(x, _DOUBLE), b.gep(data, [at])).align = 8
 

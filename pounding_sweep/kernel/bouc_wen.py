@@ -102,7 +102,7 @@ def rounds(group: Group) -> Iterator[None]:
         s["flow", i] = _share(group, i, n, *_end(group, i, below, "0"))
         s["rest", i] = s["slip0", i] - s["flow", i] * group.drift(i, below, "u0")
     going, astray = Cell(moves), Cell(moves & ~moves)
-    for _ in while_any(lambda: going.now, group.trace, at_most=MAX_ROUNDS):
+    for _ in while_any(lambda: going.now, at_most=MAX_ROUNDS):
         for i, *_ in storeys:
             soft = hardened(group, i)[1]
             s["kt", i] = fma(-soft, s["flow", i], group.full(group.prop("k", i)))
@@ -116,8 +116,8 @@ def rounds(group: Group) -> Iterator[None]:
             flow, then = _tangent(group, i, below, n, d, p)
             miss, scale = size(then - p), size(d) + group.prop("yield_drift", i) * group.prop("wen_limit", i)
             s["slip", i], better[i] = p, {"flow": flow, "rest": then - flow * d}
-            again.now = again.now | ~(miss <= group.limit.swept * scale)
-            far.now = far.now | ~(miss <= group.limit.unswept * scale)
+            again.now |= ~(miss <= group.limit.swept * scale)
+            far.now |= ~(miss <= group.limit.unswept * scale)
         going.now, astray.now = mine & again.now, mine & far.now
         for i, lines in better.items():
             for name, value in lines.items():
@@ -202,16 +202,16 @@ def may_change(group: Group, h: Any) -> Any:
     found = Cell(_too_long(group, h))
     for i, below, _ in each_storey(group):
         (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
-        found.now = found.now | (v0 * v1 < 0.0) | (z0 * z1 < 0.0)
+        found.now |= (v0 * v1 < 0.0) | (z0 * z1 < 0.0)
     return found.now
 
 
 def _too_long(group: Group, h: Any) -> Any:
     """Lanes in which a drift moved farther than it may in the step just taken."""
-    found = Cell(group.lanes_where(False))
+    found = Cell(group.full(False))
     for i, below, n in each_storey(group):
         fastest = maximum(size(group.drift(i, below, "v0")), size(group.drift(i, below, "v")))
-        found.now = found.now | ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(group, i, n))
+        found.now |= ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(group, i, n))
     return found.now
 
 
@@ -223,9 +223,9 @@ def first_event(group: Group, asks: Any) -> Any:
         turns, crosses = asks & (v0 * v1 < 0.0), asks & (z0 * z1 < 0.0)
         with when_any(turns | crosses):
             moves = course(group, partial(group.drift, i, below))
-            turn = crossing(group, turns, 0.0, 1.0, moves.rate, where(v0 > 0.0, -1.0, group.full(1.0)))
+            turn = crossing(group, turns, 0.0, 1.0, moves.rate, where(v0 > 0.0, -1.0, 1.0))
             w0, w1 = (h * (v - _share(group, i, n, z, v) * v) for z, v in ((z0, v0), (z1, v1)))
-            side = where(z0 > 0.0, -1.0, group.full(1.0))
+            side = where(z0 > 0.0, -1.0, 1.0)
             cross = crossing(group, crosses, 0.0, 1.0, cubic(z0, z1, w0, w1), side)
             for kinks, t in ((turns, turn), (crosses, cross)):
                 inside = kinks & (t > group.limit.at_kink) & (t < 1.0 - group.limit.at_kink)

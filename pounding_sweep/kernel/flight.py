@@ -36,6 +36,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import groupby
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -46,35 +47,28 @@ from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
     Rows,
+    Table,
     after,
     any_lane,
     count_to,
     each_lane,
     first_true,
-    flag,
     fma,
-    lane_numbers,
+    fold,
     lane_of,
-    largest_lane,
     lesser,
-    load,
-    load_one,
     maximum,
     minimum,
     not_,
-    one,
     real,
     rounded,
     side_by_side,
     size,
     sqrt,
-    store,
-    sum_lanes,
     transposed,
     when,
     where,
     while_any,
-    whole,
 )
 from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extremes
@@ -312,14 +306,14 @@ class Flight:
         #: Instants of the scenario that flies, side by side.
         self.times = group.in_lanes(layout.lanes)
         self.trace, self.lanes = self.times.trace, layout.lanes
-        self.tables, self.points, self.last = tables, points, points - 1
-        self.rows = Rows(self.trace, list(scratch(layout).items()), self.lanes, memory)
+        self.tables, self.points, self.last = Table(self.trace, tables, self.lanes), points, points - 1
+        self.rows = Rows(self.trace, scratch(layout), self.lanes, memory)
         #: Where the tables of the scenario that flies begin, and the record's scale.
-        self.base, self.scale = Cell(points), Cell(one(self.trace, 1.0))
-        self.at, self.hits = Cell(points), Cell(flag(self.trace, False))
-        self.going, self.steps = Cell(flag(self.trace, True)), Cell(points)
+        self.base, self.scale = Cell(points), Cell(1.0)
+        self.at, self.hits = Cell(points), Cell(False)
+        self.going, self.steps = Cell(True), Cell(points)
         #: Whether rates, and what leaves hulls of cubics, are known in a window.
-        self.rated, self.weighed = (Cell(flag(self.trace, False)) for _ in range(2))
+        self.rated, self.weighed = (Cell(False) for _ in range(2))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
         self.mode_parts, self.watched_parts = (
@@ -334,17 +328,10 @@ class Flight:
         place = self.layout.place(name, stops)
         return place if name in self.layout.shared else self.base.now + place
 
-    def _vector(self, at: Any) -> Any:
-        return load(self.trace, self.tables, at, self.lanes)
-
-    def number(self, at: Any) -> Any:
-        """Return a number of the tables."""
-        return load_one(self.trace, self.tables, at)
-
     def _then(self, name: str, t: Any, part: Any = 0) -> Any:
         """Vector number `part` of a name at point t."""
         width = self.layout.timed[name]
-        return self._vector(self.place_of(name) + t * width + part * self.lanes)
+        return self.tables.vector(self.place_of(name) + t * width + part * self.lanes)
 
     def _still(self, name: str, t: Any, part: Any) -> Any:
         """Modes, or their rates, of the motion without pounding at point t."""
@@ -355,7 +342,7 @@ class Flight:
     def _free(self, name: str, m: Any, t: Any) -> Any:
         """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
         if self.blocks is None:
-            return self._vector(self.place_of(name) + m * (self.points + self.lanes) + t)
+            return self.tables.vector(self.place_of(name) + m * (self.points + self.lanes) + t)
         at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
         return self.rows.vector(f"free_{name}", at)
 
@@ -363,30 +350,32 @@ class Flight:
         """Return the ground's accelerations at successive points from t on."""
         return self._free("ground", 0, t)
 
-    def put_decays(self, wide: Any, decays: Any, own: Any) -> None:
+    def put_decays(self, decays: Table, own: Any) -> None:
         """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
         many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
-        h, leap = self.number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
+        h, leap = self.tables.number(self.place_of("step")), rounded(decays.number(HEAD - 1))
         for part in self.mode_parts:
-            a = [load(wide, decays, own + (k * many + part * self.lanes), self.lanes) for k in range(4)]
+            a = [decays.vector(own + (k * many + part * self.lanes)) for k in range(4)]
             e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
-            for k in count_to(leap + 1, self.trace):
+            for k in count_to(leap + 1):
                 place = lesser(k, k * 0 + self.lanes)  # what comes after the last lane's is replaced, up to the leap's
                 for row, cell in enumerate(e):
                     there = at + place * (4 * many) + (row * many + part * self.lanes)
-                    store(self.trace, self.tables, there, cell.now)
+                    self.tables.put_vector(there, cell.now)
                 e0, e1, e2, e3 = (cell.now for cell in e)
                 e[0].now, e[1].now = fma(a[0], e0, a[1] * e2), fma(a[0], e1, a[1] * e3)
                 e[2].now, e[3].now = fma(a[2], e0, a[3] * e2), fma(a[2], e1, a[3] * e3)
             for row in range(4):
-                found = [self._vector(at + (k * 4 * many + row * many + part * self.lanes)) for k in range(self.lanes)]
+                found = [
+                    self.tables.vector(at + (k * 4 * many + row * many + part * self.lanes)) for k in range(self.lanes)
+                ]
                 for m, series in enumerate(transposed(found)[: self.layout.modes - part * self.lanes]):
                     place = times + ((part * self.lanes + m) * 4 + row) * self.lanes
-                    store(self.trace, self.tables, place, series * h if row >= 2 else series)
+                    self.tables.put_vector(place, series * h if row >= 2 else series)
 
     def each(self, n: int, times: int = 1) -> Iterator[Any]:
         """Count to n: in one straight line where that is short."""
-        yield from range(n) if n * times <= STRAIGHT else count_to(n, self.trace)
+        yield from range(n) if n * times <= STRAIGHT else count_to(n)
 
     # from and to lanes ---------------------------------------------------------------------------------------------
 
@@ -441,7 +430,7 @@ class Flight:
             for at, read in mine:
                 value = read(i)
                 for part, total in enumerate(sums):
-                    coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
+                    coefficient = self.tables.vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, value, total.now)
         return [total.now for total in sums]
 
@@ -458,11 +447,11 @@ class Flight:
         )
         for b, floors in enumerate(group.building_floors) if coupled else group.each_building():
             held = lane_of(kinetic(group, floors) + strain(group, floors), lane)
-            gained = one(self.trace, 0.0)
+            gained = 0.0
             for m in () if coupled else floors:
                 q, p = w.number("q", m), w.number("p", m)
-                more = self.number(late[0] + m) * q + self.number(late[1] + m) * p
-                gained = gained + self.scale.now * (more - self.scale.now * self.number(given + m))
+                more = self.tables.number(late[0] + m) * q + self.tables.number(late[1] + m) * p
+                gained = gained + self.scale.now * (more - self.scale.now * self.tables.number(given + m))
             if not coupled:
                 gained = sign * (gained * lane_of(group.full(group.prop("m", floors[0])), lane))
                 self._add("e_in", b, lane, gained)
@@ -489,7 +478,7 @@ class Flight:
         group, w, layout, zero = self.group, self.rows, self.layout, self.times.full(0.0)
         s, spec, count = group.state, group.spec, layout.nodes
         at, weights = nodes(count)
-        table = Lookup(self.trace, [*map(float, at), *map(float, weights)])
+        table = Lookup([*map(float, at), *map(float, weights)])
         for m in self.each(layout.modes, 4):
             w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
         early = self.scale.now * self.ground(t)
@@ -497,11 +486,11 @@ class Flight:
         gained, given, lost = (
             [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
         )
-        for k in count_to(count, self.trace):
+        for k in count_to(count):
             share, weight = table[k], table[k + count]
             for m in self.each(layout.modes, 8):
                 place = self.place_of("nodes") + ((m * count + k) * NODE_STATE)
-                c = [self.number(place + i) for i in range(NODE_STATE)]
+                c = [self.tables.number(place + i) for i in range(NODE_STATE)]
                 q, rate = w["y", m], w["rate", m]
                 for name, first in (("node_q", 0), ("node_p", 4)):
                     free = fma(c[first], q, c[first + 1] * rate)
@@ -525,10 +514,10 @@ class Flight:
                 for floor, v, sign in zip(spec.links[j], (left, right), (1.0, -1.0), strict=True):
                     cell = given[spec.building_of[floor]]
                     cell.now = fma(sign * pull, v, cell.now)
-        h, mine = self.number(self.place_of("step")), self._numbers_of(0) < real(steps)
+        h, mine = self.tables.number(self.place_of("step")), self._numbers_of(0) < real(steps)
 
         def total(cell: Cell) -> Any:
-            return h * sum_lanes(where(mine, cell.now, 0.0))
+            return h * fold(where(mine, cell.now, 0.0), add)
 
         for b in range(spec.n_buildings):
             taken = total(given[b])
@@ -547,8 +536,8 @@ class Flight:
         n, (low, many) = self.layout.modes, modes
         at, total = self.place_of("powers") + (2 * n * i + low), Cell(self.times.full(0.0))
         for m in self.each(many, 2):
-            total.now = fma(self.number(at + m), self.rows["node_q", low + m], total.now)
-            total.now = fma(self.number(at + (m + n)), self.rows["node_p", low + m], total.now)
+            total.now = fma(self.tables.number(at + m), self.rows["node_q", low + m], total.now)
+            total.now = fma(self.tables.number(at + (m + n)), self.rows["node_p", low + m], total.now)
         return total.now
 
     # storeys that yield --------------------------------------------------------------------------------------------
@@ -563,7 +552,7 @@ class Flight:
                 rest = Cell(group.full(0.0))
                 for j in self.each(n):
                     drift = (1.0 - group.prop("hardening", j)) * s["slip", j]
-                    rest.now = fma(self.number(at + (i * n + j)), drift, rest.now)
+                    rest.now = fma(self.tables.number(at + (i * n + j)), drift, rest.now)
                 s["set", i] = rest.now
             return
         for _, floors in group.each_building():
@@ -579,16 +568,16 @@ class Flight:
         sums = [Cell(self.times.full(0.0)) for _ in self.watched_parts]
         for to_modes, to_watched in (("modal", "across"), ("modal_pu", "across_rate"))[: 1 + layout.coupled]:
             # of rates times the step
-            unit = self.number(self.place_of("step")) if to_watched == "across_rate" else 1.0
+            unit = self.tables.number(self.place_of("step")) if to_watched == "across_rate" else 1.0
             for part, total in enumerate(self._mix([(to_modes, lambda i: s.lane(s.first["set"] + i, lane))])):
                 w["amplitude", part] = unit * total
             at = self.place_of(to_watched)
             for m in self.each(layout.modes, len(sums)):
                 q = w.number("amplitude", m)
                 for part, cell in enumerate(sums):
-                    cell.now = fma(self._vector(at + (m * layout.wide_watched + part * self.lanes)), q, cell.now)
+                    cell.now = fma(self.tables.vector(at + (m * layout.wide_watched + part * self.lanes)), q, cell.now)
         for part, cell in enumerate(sums):
-            shaken = self._vector(self.place_of("shaken") + part * self.lanes) > 0.5
+            shaken = self.tables.vector(self.place_of("shaken") + part * self.lanes) > 0.5
             w["shift", part] = where(shaken, 0.0, cell.now)
 
     def _storey_stiffness(self, i: Any) -> Any:
@@ -613,18 +602,18 @@ class Flight:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
-        self.hits.now, self.going.now = (flag(self.trace, x) for x in (False, True))
+        self.hits.now, self.going.now = False, True
         windows, blocks = self.group.spec.windows, self.blocks
         leaps = note is None and windows and not self.layout.powers
         for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
             self._bounds()
             for _ in when(self._undisturbed()):
                 self._begin() if leaps else self._survey()
-        for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
+        for _ in while_any(lambda: self.going.now & (self.at.now < self.last)):
             t = self.at.now
             self._bounds()
             room = self.last - t
-            far = flag(self.trace, False)
+            far = False
             if blocks is not None:
                 block = blocks.of(t)
                 room = lesser(room, (block + 1) * blocks.length - t)
@@ -636,14 +625,13 @@ class Flight:
                 for _ in while_any(
                     lambda: (
                         not_(self.last - self.at.now < WIDE) & not_(self._near(self.at.now, "widest", "widest_least"))
-                    ),
-                    self.trace,
+                    )
                 ):
                     self._advance(self.lanes)
-                    self.at.now = self.at.now + WIDE
+                    self.at.now += WIDE
                 far = self.at.now > t
             for _ in when(not_(far)):
-                room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
+                room = lesser(room, self.lanes - 1 if note is None else 1)
                 self.steps.now = room
                 if blocks is not None:
                     blocks.know(blocks.of(t))
@@ -671,7 +659,7 @@ class Flight:
         columns = (
             zip(*((each.most, each.least, each.storey) for each in watched), strict=True) if watched else [[0]] * 3
         )
-        return [Lookup(self.trace, list(column)) for column in columns]
+        return [Lookup(list(column)) for column in columns]
 
     @cached_property
     def _runs(self) -> list[tuple[int, int, Watched]]:
@@ -727,13 +715,13 @@ class Flight:
         w = self.rows
         slowness = self.place_of("slowness")
         for part in self.mode_parts:
-            q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
+            q, p = w["q", part], w["p", part] * self.tables.vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
 
     def _own(self, name: str, part: int) -> Any:
         """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) without pounding."""
-        return size(self.times.full(self.scale.now)) * self._vector(self.place_of(name) + part * self.lanes)
+        return size(self.times.full(self.scale.now)) * self.tables.vector(self.place_of(name) + part * self.lanes)
 
     def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "") -> None:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's `own`."""
@@ -743,14 +731,14 @@ class Flight:
         places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
             for part in self.mode_parts if factor else ():
-                each = self._vector(self.place_of(factor) + part * self.lanes)
+                each = self.tables.vector(self.place_of(factor) + part * self.lanes)
                 w[f"amplitude_{factor}", part] = each * w["amplitude", part]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
             for at, (_, factor) in zip(places, tables, strict=True):
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
                 for part, chains in enumerate(sums):
                     total = chains[m % CHAINS if isinstance(m, int) else 0]
-                    total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
+                    total.now = fma(self.tables.vector(at + (m * wide + part * self.lanes)), a, total.now)
         for part, chains in enumerate(sums):
             first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
@@ -764,17 +752,17 @@ class Flight:
 
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
-        low, high = Cell(whole(self.trace, 0)), Cell(self.last)
+        low, high = Cell(0), Cell(self.last)
         for _ in when(self._met(self._extremes(self.last, "peak", "trough"))):
-            for _ in while_any(lambda: high.now - low.now > 1, self.trace):
+            for _ in while_any(lambda: high.now - low.now > 1):
                 middle = (low.now + high.now) // 2
                 met = self._met(self._extremes(middle, "peak", "trough"))
                 for _ in when(met):
                     high.now = middle
                 for _ in when(not_(met)):
                     low.now = middle
-            self.hits.now = flag(self.trace, True)
-            self.going.now = flag(self.trace, False)
+            self.hits.now = True
+            self.going.now = False
         for _ in when(not_(self.hits.now)):
             low.now = self.last
         self.at.now = low.now
@@ -783,7 +771,7 @@ class Flight:
 
     def _met(self, extremes: Sequence[tuple[Any, Any]]) -> Any:
         """Whether floors may touch, or storeys yield, by extremes of the motion without pounding, part by part."""
-        met, touches = self.times.lanes_where(False), self.layout.touches
+        met, touches = self.times.full(False), self.layout.touches
         for part, (above, below) in enumerate(extremes[: -(-touches // self.lanes)]):
             reached = above >= self.rows["high", part]
             if self.layout.yields:
@@ -793,7 +781,7 @@ class Flight:
 
     def _take_peaks(self, part: int, most: Any, least: Any) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
-        w, sized = self.rows, self._vector(self.place_of("sized") + part * self.lanes) > 0.5
+        w, sized = self.rows, self.tables.vector(self.place_of("sized") + part * self.lanes) > 0.5
         moves, largest = ~(self._numbers_of(part) < float(self.layout.touches)), maximum(most, -least)
         high, low = w["high", part], w["low", part]
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
@@ -801,7 +789,7 @@ class Flight:
 
     def _numbers_of(self, part: int) -> Any:
         """Numbers of what is watched in a part, or of the lanes' instants."""
-        return lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
+        return side_by_side(self.trace, range(self.lanes)) + float(part * self.lanes)
 
     def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
@@ -814,15 +802,15 @@ class Flight:
 
     def _near(self, t: Any, most: str, least: str) -> Any:
         """Whether a gap or a peak may be reached in a window from point t on; which of them, in ``asks``."""
-        w, found = self.rows, Cell(self.times.lanes_where(False))
+        w, found = self.rows, Cell(self.times.full(False))
         for part, (above, below) in enumerate(self._extremes(t, most, least)):
             reach, high, low = w["reach", part], w["high", part], w["low", part]
             shift = w["shift", part] if self.layout.yields else None
             up, down = (above, below) if shift is None else (above + shift, below + shift)
             asks = (up + reach >= high) | (down - reach <= low)
             if most == "most":
-                w["asks", part] = where(asks, 1.0, self.times.full(0.0))
-            found.now = found.now | asks
+                w["asks", part] = where(asks, 1.0, 0.0)
+            found.now |= asks
         return any_lane(found.now)
 
     def _pass_block(self, room: Any) -> None:
@@ -830,12 +818,12 @@ class Flight:
         left = Cell(room)
         for _ in when(room == self.blocks.length):
             self._advance(self.lanes)
-            left.now = whole(self.trace, 0)
-        for _ in while_any(lambda: left.now > 0, self.trace):
-            steps = lesser(left.now, whole(self.trace, self.lanes - 1))
+            left.now = 0
+        for _ in while_any(lambda: left.now > 0):
+            steps = lesser(left.now, self.lanes - 1)
             self._advance(steps)
-            left.now = left.now - steps
-        self.at.now = self.at.now + room
+            left.now -= steps
+        self.at.now += room
 
     def _advance(self, steps: Any) -> None:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""
@@ -843,7 +831,7 @@ class Flight:
         at = self.place_of("advance") + steps * (4 * m)
         for part in self.mode_parts:
             q, p = w["q", part], w["p", part]
-            e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
+            e = [self.tables.vector(at + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
 
     def _survey(self) -> None:
@@ -851,15 +839,15 @@ class Flight:
         w, far = self.rows, self.group.limit.far
         for part in self.watched_parts:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
-        free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
-        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
+        free, block = Cell(True), Cell(0)
+        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks)):
             extremes = self._extremes(block.now, "most", "least")
             free.now = not_(self._met(extremes))
             for _ in when(free.now):
                 for part, (above, below) in enumerate(extremes):
                     w["crest", part] = maximum(w["crest", part], above)
                     w["trough", part] = minimum(w["trough", part], below)
-                block.now = block.now + 1
+                block.now += 1
         for _ in when(block.now > 0):
             for part in self.watched_parts:
                 less = self._own("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds reach so far beyond points
@@ -872,7 +860,7 @@ class Flight:
         w, coupled = self.rows, self.layout.coupled
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
-        self.rated.now = self.weighed.now = flag(self.trace, False)
+        self.rated.now = self.weighed.now = False
         if coupled:
             self._bend(t, shakes=False)
         self._weigh(self.layout.bulges, "bulge", "bulge0")
@@ -883,10 +871,10 @@ class Flight:
                     for _ in when(not_(self.weighed.now)):
                         self._know_rates(t)
                         self._weigh(self.layout.misses, "missed", "missed0")
-                        self.weighed.now = flag(self.trace, True)
+                        self.weighed.now = True
                     self._end_before(q, kind == ONSET)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
-            turning = flag(self.trace, False)
+            turning = False
             for _, asks in (each for kind in (TURN, ACCELERATION) for each in self._asking(kind)):
                 turning = turning | any_lane(asks)
             for _ in when(turning) if not coupled else ():
@@ -901,14 +889,14 @@ class Flight:
         at = self.place_of("times") + (m * 4 + row) * self.lanes
         q, p = self.rows.number("q", m), self.rows.number("p", m)
         free = self._free("rate" if row else "x", m, t)
-        return fma(self._vector(at), q, fma(self._vector(at + self.lanes), p, self.scale.now * free))
+        return fma(self.tables.vector(at), q, fma(self.tables.vector(at + self.lanes), p, self.scale.now * free))
 
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
         for _ in when(not_(self.rated.now)):
             for m in self.each(self.layout.modes, 4):
                 self.rows["rate", m] = self.moved(m, t, 2)
-            self.rated.now = flag(self.trace, True)
+            self.rated.now = True
 
     def _bend(self, t: Any, shakes: bool) -> None:
         """Find second and third rates of all modes, and what accelerations ask for."""
@@ -919,9 +907,9 @@ class Flight:
         ground = self.scale.now * self.ground(t)
         rise = after(ground) - ground
         for m in self.each(self.layout.modes, 4):
-            stiff, damped, rate = self.number(square + m), self.number(damping + m), w["rate", m]
+            stiff, damped, rate = self.tables.number(square + m), self.tables.number(damping + m), w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            pushed = self.number(push + m)
+            pushed = self.tables.number(push + m)
             second = fma(-pushed, ground, total)
             w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
             if self.layout.coupled:
@@ -931,7 +919,7 @@ class Flight:
                 third, rising = w["third", m], w["rise", m]
                 fourth, lift = -fma(stiff, second, damped * third), -damped * rising
                 fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
-                per = self.number(inverse)
+                per = self.tables.number(inverse)
                 shaken = (total, third, fourth, fifth, lift, lift5)
                 for name, x in zip(SHAKEN, shaken, strict=True):
                     w[name, m] = x * per
@@ -959,18 +947,18 @@ class Flight:
         shape = self.place_of("shape") + q * self.layout.modes + low
         total, coupled = Cell(self.times.full(0.0)), self.layout.coupled
         rates = self.place_of("shape_rate") + q * self.layout.modes + low if coupled else None
-        for k in self.each(many) if isinstance(many, int) else count_to(many, self.trace):
+        for k in self.each(many) if isinstance(many, int) else count_to(many):
             if row:
-                total.now = fma(self.number(shape + k), self.rows[row, low + k], total.now)
+                total.now = fma(self.tables.number(shape + k), self.rows[row, low + k], total.now)
             if coupled:
-                total.now = fma(self.number(rates + k), self.rows[RATES[row], low + k], total.now)
+                total.now = fma(self.tables.number(rates + k), self.rows[RATES[row], low + k], total.now)
         return total.now
 
     @cached_property
     def _ranges(self) -> tuple[Lookup, Lookup | int]:
         lows, counts = zip(*(self.layout.ranges or [(0, 0)]), strict=True)
         same = counts[0] if len(set(counts)) == 1 else None
-        return Lookup(self.trace, lows), same or Lookup(self.trace, counts)
+        return Lookup(lows), same or Lookup(counts)
 
     def _reaches(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
@@ -1024,9 +1012,9 @@ class Flight:
             x1, s1 = after(x), after(s0)
             (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
             most, least = septic_extremes(self.times, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
-            up = largest_lane(where(steps, most, where(points, x, -far)))
-            down = -largest_lane(where(steps, -least, where(points, -x, -far)))
-            sized = self.number(self.place_of("sized") + q) > 0.5
+            up = fold(where(steps, most, where(points, x, -far)), maximum)
+            down = -fold(where(steps, -least, where(points, -x, -far)), maximum)
+            sized = self.tables.number(self.place_of("sized") + q) > 0.5
             for _ in when(sized):
                 most = where(-down > up, -down, up)
                 most = where(most > high, most, high)

@@ -15,29 +15,22 @@ from pounding_sweep.kernel.lanes import (
     Cell,
     Count,
     Lookup,
-    Tracer,
+    Table,
     any_lane,
     count_to,
-    flag,
     fma,
     lesser,
-    load,
-    load_one,
     maximum,
     minimum,
     narrow,
     not_,
-    one,
     real,
     rounded,
     size,
     sqrt,
-    store,
-    store_one,
     transposed,
     when,
     where,
-    whole,
 )
 from pounding_sweep.kernel.modal_steps import MOVES, step
 from pounding_sweep.kernel.peaks import septic_extremes
@@ -54,19 +47,19 @@ def _step(c: Mapping[str, Any], q: Any, p: Any, g0: Any, g1: Any) -> list[Any]:
 class _Filler:
     # flight: whose motions they are
     # decays: numbers in double precision that they follow from
-    # wide: double precision; None: NumPy
     # margin: share by which what is watched is widened for rounding
 
-    def __init__(self, flight: Flight, decays: Any, wide: Tracer | None, margin: float) -> None:
+    def __init__(self, flight: Flight, decays: Table, margin: float) -> None:
         self.flight, self.layout, self.lanes = flight, flight.layout, flight.lanes
-        self.trace, self.wide, self.decays, self.margin = flight.trace, wide, decays, margin
+        self.trace, self.decays, self.margin = flight.trace, decays, margin
         self.points, self.last = flight.points, flight.last
 
-    def _wide(self, at: Any) -> Any:
-        return load(self.wide, self.decays, at, self.lanes)
+    def narrow(self, x: Any) -> Any:
+        """Return numbers of double precision in the kernel's format."""
+        return narrow(self.trace, x)
 
     def _ground(self, point: Any) -> Any:
-        return load_one(self.wide, self.decays, point + HEAD)
+        return self.decays.number(point + HEAD)
 
 
 class Tables(_Filler):
@@ -78,10 +71,10 @@ class Tables(_Filler):
     def fill(self, rows: Any) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
         flight = self.flight
-        for row in count_to(rows, self.trace):
+        for row in count_to(rows):
             flight.base.now = self.layout.base(row, self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
-            flight.put_decays(self.wide, self.decays, own)
+            flight.put_decays(self.decays, own)
             for part in flight.mode_parts:
                 self._move(own + part * self.lanes, part)
                 if "given" in self.layout.timed:
@@ -94,11 +87,11 @@ class Tables(_Filler):
                     self._widen(part)
 
     def _constants(self, own: Any) -> dict[str, Any]:
-        return {name: self._wide(own + k * self.layout.wide_modes) for k, name in enumerate(self.layout.decays)}
+        return {name: self.decays.vector(own + k * self.layout.wide_modes) for k, name in enumerate(self.layout.decays)}
 
     def _put(self, name: str, t: Any, part: int, x: Any) -> None:
         at = self.flight.place_of(name) + t * self.layout.timed[name] + part * self.lanes
-        store(self.trace, self.flight.tables, at, x)
+        self.flight.tables.put_vector(at, x)
 
     def _move(self, own: Any, part: int) -> None:
         """Motions of the modes of one vector from point to point; what the ground puts in."""
@@ -106,32 +99,32 @@ class Tables(_Filler):
         zero = c["push"] * 0.0
         energies = "given" in self.layout.timed
         q, p, given, most = Cell(zero), Cell(zero), Cell(zero), Cell(zero)
-        for t in count_to(self.points, self.trace):
+        for t in count_to(self.points):
             self._put("q", t, part, q.now)
             self._put("p", t, part, p.now)
             if energies:
                 self._put("given", t, part, given.now)
             for _ in when(t < self.last):
                 g0, g1 = self._ground(t), self._ground(t + 1)
-                rise = (g1 - g0) * load_one(self.wide, self.decays, whole(self.trace, 1))
+                rise = (g1 - g0) * self.decays.number(1)
                 second = -fma(c["square"], q.now, c["damping"] * p.now) - c["push"] * g0
                 third = (-fma(c["square"], p.now, c["damping"] * second) - c["push"] * rise) * c["slowness"]
                 most.now = maximum(most.now, fma(second, second, third * third))
                 q1, p1 = _step(c, q.now, p.now, g0, g1)
                 if energies:
-                    h = load_one(self.wide, self.decays, whole(self.trace, 0))
+                    h = self.decays.number(0)
                     area = (p1 - p.now) + c["damping"] * (q1 - q.now) + c["push"] * ((g0 + g1) * (0.5 * h))
                     gained = g0 * (q1 - q.now) + (g1 - g0) * (q1 + c["area"] * area)
                     given.now = fma(c["weight"], gained, given.now)
                 q.now, p.now = q1, p1
-        self.flight.rows["amplitude", part] = narrow(self.trace, sqrt(most.now))
+        self.flight.rows["amplitude", part] = self.narrow(sqrt(most.now))
 
     def _give_back(self, own: Any, part: int) -> None:
         """Fill in what a free motion will still take from the ground, backwards from its end."""
         c = self._constants(own)
         zero = c["push"] * 0.0
         q, p = Cell(zero), Cell(zero)
-        for k in count_to(self.points, self.trace):
+        for k in count_to(self.points):
             t = self.last - k
             for _ in when(k > 0):
                 g0, rise = self._ground(t), self._ground(t + 1) - self._ground(t)
@@ -144,48 +137,48 @@ class Tables(_Filler):
     def _turn_over(self) -> None:
         """Let each mode's values and rates, and the ground's accelerations, lie one after another."""
         f, many = self.flight, self.points + self.lanes
-        h = load_one(self.trace, f.tables, f.place_of("step"))
+        h = f.tables.number(f.place_of("step"))
         x, rate, ground = (f.place_of(name) for name in ("x", "rate", "ground"))
-        for t in count_to(self.points, self.trace):
+        for t in count_to(self.points):
             at = t * self.layout.wide_modes
             q, p = f.place_of("q") + at, f.place_of("p") + at
-            for m in count_to(self.layout.modes, self.trace):
-                store_one(self.trace, f.tables, x + m * many + t, load_one(self.trace, f.tables, q + m))
-                store_one(self.trace, f.tables, rate + m * many + t, h * load_one(self.trace, f.tables, p + m))
-            store_one(self.trace, f.tables, ground + t, narrow(self.trace, self._ground(t)))
+            for m in count_to(self.layout.modes):
+                f.tables.put_number(x + m * many + t, f.tables.number(q + m))
+                f.tables.put_number(rate + m * many + t, h * f.tables.number(p + m))
+            f.tables.put_number(ground + t, self.narrow(self._ground(t)))
 
     def _weigh_ground(self, part: int) -> None:
         """Find how far what is watched leaves its chords, and the hulls of cubics, at most, without pounding."""
         f, wide = self.flight, self.layout.wide_watched
-        h = load_one(self.trace, f.tables, f.place_of("step"))
+        h = f.tables.number(f.place_of("step"))
         for name, tables, share in (("bulge0", self.layout.bounds, 8.0), ("missed0", self.layout.bulges, 48.0)):
             total = Cell(f.times.full(0.0))
             for table, factor in tables:
                 at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
-                for m in count_to(self.layout.modes, self.trace):
+                for m in count_to(self.layout.modes):
                     a = f.rows.number("amplitude", m)
-                    a = a if own is None else a * load_one(self.trace, f.tables, own + m)
-                    total.now = fma(load(self.trace, f.tables, at + m * wide, self.lanes), a, total.now)
-            store(self.trace, f.tables, f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
+                    a = a if own is None else a * f.tables.number(own + m)
+                    total.now = fma(f.tables.vector(at + m * wide), a, total.now)
+            f.tables.put_vector(f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
 
     def _read(self, *names: str, at: Any = 0) -> list[Any]:
         """Return one number of each of some tables."""
-        return [load_one(self.trace, self.flight.tables, self.flight.place_of(name) + at) for name in names]
+        return [self.flight.tables.number(self.flight.place_of(name) + at) for name in names]
 
     def _across(self, name: str, m: Any, part: int) -> Any:
         """Return what mode m adds to what is watched."""
         f, place = self.flight, m * self.layout.wide_watched + part * self.lanes
-        return load(self.trace, f.tables, f.place_of(name) + place, self.lanes)
+        return f.tables.vector(f.place_of(name) + place)
 
     def _is_shaken(self, part: int) -> Any:
         """Lanes in which total accelerations are watched."""
         f = self.flight
-        return load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
+        return f.tables.vector(f.place_of("shaken") + part * self.lanes) > 0.5
 
     def _watched_at(self, t: Any, part: int) -> list[Any]:
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
         f, layout = self.flight, self.layout
-        ground = narrow(self.trace, self._ground(t))
+        ground = self.narrow(self._ground(t))
         sums = [Cell(f.times.full(0.0)) for _ in range(4)]
         kinds = {each.kind for each in layout.watched[part * self.lanes : (part + 1) * self.lanes]}
         h, per = self._read("step", "inverse")
@@ -230,20 +223,20 @@ class Tables(_Filler):
     def _follow(self, part: int) -> None:
         """Extremes of what is watched in each step of the grid, and up to each point."""
         f = self.flight
-        zero, none = f.times.full(0.0), whole(self.trace, 0)
+        zero, none = f.times.full(0.0), 0
         x, *rates = self._watched_at(none, part)
         before, pushed = [Cell(value) for value in (x, *rates)], self._pushed(part)
         peak, trough = Cell(x), Cell(x)
         self._put("peak", none, part, x)
         self._put("trough", none, part, x)
-        for k in count_to(self.last, self.trace):
+        for k in count_to(self.last):
             t = k + 1
             now = self._watched_at(t, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
-            rise = narrow(self.trace, self._ground(t) - self._ground(k))
+            rise = self.narrow(self._ground(t) - self._ground(k))
             c, j = (each * rise for each in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
-            above, below = septic_extremes(f.times, f.times.lanes_where(True), start, end)
+            above, below = septic_extremes(f.times, f.times.full(True), start, end)
             self._put("widest", k, part, above)
             self._put("widest_least", k, part, below)
             peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)
@@ -272,10 +265,10 @@ class Tables(_Filler):
         f = self.flight
         margin = f.rows["reach", part] * sign if sign else None
         at, width = f.place_of(of) + part * self.lanes, self.layout.timed[of]
-        for t in count_to(self.points, self.trace):
-            best = Cell(load(self.trace, f.tables, at + t * width, self.lanes))
+        for t in count_to(self.points):
+            best = Cell(f.tables.vector(at + t * width))
             for _ in when(t + later < self.points):
-                best.now = better(best.now, load(self.trace, f.tables, at + (t + later) * width, self.lanes))
+                best.now = better(best.now, f.tables.vector(at + (t + later) * width))
             self._put(to, t, part, best.now if margin is None else best.now + margin)
 
 
@@ -294,17 +287,16 @@ class Blocks(_Filler):
     def __init__(
         self,
         flight: Flight,
-        decays: Any,
-        wide: Tracer | None,
+        decays: Table,
         margin: float,
         rows: Any,
         cell: Callable[[Any], Cell],
     ) -> None:
-        super().__init__(flight, decays, wide, margin)
-        step, per_stride, stride, length = (load_one(wide, decays, whole(self.trace, k)) for k in range(HEAD))
-        self.step, self.per_stride = narrow(self.trace, step), per_stride
+        super().__init__(flight, decays, margin)
+        step, per_stride, stride, length = (self.decays.number(k) for k in range(HEAD))
+        self.step, self.per_stride = self.narrow(step), per_stride
         #: Points of the grid in a long step, in a block, and long steps in a block.
-        self.stride, self.length = (rounded(narrow(self.trace, x)) for x in (stride, length))
+        self.stride, self.length = (rounded(self.narrow(x)) for x in (stride, length))
         self.steps = self.length // self.stride
         #: By what the bulge of one step is less than that of a long one.
         self.per_square = 1.0 / (real(self.stride) * real(self.stride))
@@ -316,10 +308,10 @@ class Blocks(_Filler):
         self.states_at = self.modes_at + groups * (self.lanes * len(self.layout.decays) * self.layout.wide_modes)
         #: Where the states of the modes of one row of buildings are put together.
         self.desk = self.states_at + groups * (self.blocks * (self.layout.modes * STATE * self.lanes))
-        self.lows = Lookup(self.trace, [low for low, _ in self.layout.ranges] or [0])
+        self.lows = Lookup([low for low, _ in self.layout.ranges] or [0])
         self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
-        self.known, self.owner = (cell(whole(self.trace, 0)) for _ in range(2))
+        self.known, self.owner = (cell(0) for _ in range(2))
 
     def _own(self, number: Any) -> Any:
         """Where the rows of modes of a row of buildings begin."""
@@ -335,36 +327,36 @@ class Blocks(_Filler):
     def fill(self) -> None:
         """Fill all blocks of all rows of buildings, as many side by side as there are lanes."""
         f = self.flight
-        self.known.now = whole(self.trace, -1)
+        self.known.now = -1
         for name in ("above", "below", "swell"):
-            for q in count_to(self.layout.wide_watched, self.trace):
+            for q in count_to(self.layout.wide_watched):
                 f.rows[name, q] = f.times.full(0.0)
-        for group in count_to(self.groups, self.trace):
+        for group in count_to(self.groups):
             self._prepare(group)
-        for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE, self.trace):
+        for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE):
             first = bundle * BUNDLE
-            for block in count_to(self.blocks, self.trace):
+            for block in count_to(self.blocks):
                 left = (f.last - block * self.length) // self.stride
-                for k in count_to(lesser(self.groups - first, whole(self.trace, BUNDLE)), self.trace):
+                for k in count_to(lesser(self.groups - first, BUNDLE)):
                     self._fill_block(first + k, block, lesser(left, self.steps))
 
     def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
         """Fill a block of a group; what moves as in the group before it has been found there."""
         f = self.flight
         f.base.now = self.layout.base(group * self.lanes, self.blocks)
-        for m in count_to(self.layout.modes, self.trace):
+        for m in count_to(self.layout.modes):
             new = self._is_new(group, m)
             for _ in when(new):
                 self._move(group, block, m, steps)
             for _ in when(not_(new) & (block + 1 < self.blocks)):
                 here, there = (self._state(group - before, block + 1, m) for before in (0, 1))
                 for k in range(STATE):
-                    store(self.wide, self.decays, here + k * self.lanes, self._wide(there + k * self.lanes))
+                    self.decays.put_vector(here + k * self.lanes, self.decays.vector(there + k * self.lanes))
         kinds = [each.kind for each in self.layout.watched]
         for (kind, many), run in groupby(range(len(kinds)), lambda q: (kinds[q], self.layout.ranges[q][1])):
             mine = list(run)
-            for q in count_to(len(mine), self.trace):
-                new = flag(self.trace, False)
+            for q in count_to(len(mine)):
+                new = False
                 for k in range(many):
                     new = new | self._is_new(group, self.lows[q + mine[0]] + k)
                 for _ in when(new):
@@ -378,71 +370,75 @@ class Blocks(_Filler):
 
     def _is_new(self, group: Any, m: Any) -> Any:
         """Whether a mode moves otherwise in a group than in the one before it."""
-        return load_one(self.wide, self.decays, self._row(group, "new", m)) > 0.5
+        return self.decays.number(self._row(group, "new", m)) > 0.5
 
     # how their modes move ----------------------------------------------------------------------------------------
 
     def _prepare(self, group: Any) -> None:
         """Find how the modes of a group move, over one step and a long one, and let them be at rest."""
-        wide, h = self.wide, load_one(self.wide, self.decays, whole(self.trace, 0))
+        wide, h = self.decays.trace, self.decays.number(0)
         early = (group - group // BUNDLE * BUNDLE) == 0
-        for long in count_to(lesser(self.stride, whole(self.trace, 2)), self.trace):
+        for long in count_to(lesser(self.stride, 2)):
             steps = (self.stride - 1) * long + 1
             length = h * (float(steps) if wide is None else real(Count(wide, steps.value)))
-            for m in count_to(self.layout.modes, self.trace):
-                w, c = (self._wide(self._row(group, name, m)) for name in ("w", "c"))
-                push = load_one(wide, self.decays, self.push_at + m)
-                for name, x in step(wide, w, c, push, length).items():
-                    store(wide, self.decays, self._row(group, name, m), x)
+            for m in count_to(self.layout.modes):
+                w, c = (self.decays.vector(self._row(group, name, m)) for name in ("w", "c"))
+                push = self.decays.number(self.push_at + m)
+                for name, x in step(w, c, push, length).items():
+                    self.decays.put_vector(self._row(group, name, m), x)
             for _ in when(long == 0):
                 self._hand_over(group)
-        before = group - lesser(group, whole(self.trace, 1))
-        for m in count_to(self.layout.modes, self.trace):
-            (w, w0), (c, c0) = ([self._wide(self._row(g, name, m)) for g in (group, before)] for name in ("w", "c"))
+        before = group - lesser(group, 1)
+        for m in count_to(self.layout.modes):
+            (w, w0), (c, c0) = (
+                [self.decays.vector(self._row(g, name, m)) for g in (group, before)] for name in ("w", "c")
+            )
             new = early | any_lane(~(w == w0) | ~(c == c0))
-            store_one(wide, self.decays, self._row(group, "new", m), where(new, one(wide, 1.0), one(wide, 0.0)))
+            self.decays.put_number(self._row(group, "new", m), where(new, 1.0, 0.0))
             found = {"square": w * w, "slowness": 1.0 / w}
             if self.shakes:
                 ratio = c / w
                 found["heft"] = w * w * sqrt(ratio * ratio + 1.0)
             for name, x in found.items():
-                store(wide, self.decays, self._row(group, name, m), x)
+                self.decays.put_vector(self._row(group, name, m), x)
             for k in range(STATE):
-                store(wide, self.decays, self._state(group, whole(self.trace, 0), m) + k * self.lanes, w * 0.0)
+                self.decays.put_vector(self._state(group, 0, m) + k * self.lanes, w * 0.0)
 
     def _hand_over(self, group: Any) -> None:
         """Give each row of buildings how its modes move over one step, and how they decay over several."""
         f, n, lanes, wide = self.flight, self.layout.modes, self.lanes, self.layout.wide_modes
-        for k in count_to(len(MOVES), self.trace):
+        for k in count_to(len(MOVES)):
             first, at = self._row(group, MOVES[0], k * n), self._own(group * lanes) + k * wide
             for part in f.mode_parts:
-                modes = [self._wide(first + m * lanes) for m in range(part * lanes, min(n, (part + 1) * lanes))]
+                modes = [self.decays.vector(first + m * lanes) for m in range(part * lanes, min(n, (part + 1) * lanes))]
                 modes += [modes[0] * 0.0] * (lanes - len(modes))
                 for lane, x in enumerate(transposed(modes)):
-                    store(self.wide, self.decays, at + part * lanes + len(MOVES) * wide * lane, x)
-        for lane in count_to(lanes, self.trace):
+                    self.decays.put_vector(at + part * lanes + len(MOVES) * wide * lane, x)
+        for lane in count_to(lanes):
             f.base.now = self.layout.base(group * lanes + lane, self.blocks)
-            f.put_decays(self.wide, self.decays, self._own(group * lanes + lane))
+            f.put_decays(self.decays, self._own(group * lanes + lane))
 
     # through a block ---------------------------------------------------------------------------------------------
 
     def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
         f, n = self.flight, self.layout.modes
-        c = {name: self._wide(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")}
-        slowness = narrow(self.trace, c["slowness"])
-        pull, damp = (-narrow(self.trace, c[name]) for name in ("square", "c"))
-        push = -narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
-        rising = push * narrow(self.trace, self.per_stride)
+        c = {
+            name: self.decays.vector(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")
+        }
+        slowness = self.narrow(c["slowness"])
+        pull, damp = (-self.narrow(c[name]) for name in ("square", "c"))
+        push = -self.narrow(self.decays.number(self.push_at + m))
+        rising = push * self.narrow(self.per_stride)
         slow_pull, slow_damp, slow_rising = (x * slowness for x in (pull, damp, rising))
         at = self._state(group, block, m)
-        q, p = Cell(self._wide(at)), Cell(self._wide(at + self.lanes))
+        q, p = Cell(self.decays.vector(at)), Cell(self.decays.vector(at + self.lanes))
         zero = f.times.full(0.0)
         bends, reach, shook = Cell(zero), Cell(zero), Cell(zero)
         row, start = m * SPAN, block * self.length
 
         def keep(k: Any) -> tuple[Any, Any, Any]:
-            x, rate = narrow(self.trace, q.now), narrow(self.trace, p.now)
+            x, rate = self.narrow(q.now), self.narrow(p.now)
             total = fma(pull, x, damp * rate)
             f.rows["track", row + k] = x
             reach.now = maximum(reach.now, size(x))
@@ -451,31 +447,31 @@ class Blocks(_Filler):
                 shook.now = maximum(shook.now, size(total))
             return x, rate, total
 
-        for k in count_to(steps, self.trace):
+        for k in count_to(steps):
             here = start + k * self.stride
             g0, g1 = self._ground(here), self._ground(here + self.stride)
             _, rate, total = keep(k)
-            second = fma(push, narrow(self.trace, g0), total)
-            third = fma(slow_pull, rate, fma(slow_damp, second, slow_rising * narrow(self.trace, g1 - g0)))
+            second = fma(push, self.narrow(g0), total)
+            third = fma(slow_pull, rate, fma(slow_damp, second, slow_rising * self.narrow(g1 - g0)))
             bends.now = maximum(bends.now, fma(second, second, third * third))
             q.now, p.now = _step(c, q.now, p.now, g0, g1)
         keep(steps)
         for _ in when(block + 1 < self.blocks):
             for k, cell in enumerate((q, p)):
-                store(self.wide, self.decays, self._state(group, block + 1, m) + k * self.lanes, cell.now)
+                self.decays.put_vector(self._state(group, block + 1, m) + k * self.lanes, cell.now)
         f.rows["bends", m], f.rows["reaches", m] = sqrt(bends.now), reach.now
         if self.shakes:
-            f.rows["bends", n + m] = sqrt(bends.now) * narrow(self.trace, c["heft"])
+            f.rows["bends", n + m] = sqrt(bends.now) * self.narrow(c["heft"])
             f.rows["reaches", n + m] = shook.now
 
     def _watch(self, q: Any, many: int, shaken: bool, steps: Any) -> None:
         """Bounds of what is watched in a block."""
         f, n = self.flight, self.layout.modes
         low = self.lows[q]
-        shape = [load_one(self.trace, f.tables, f.place_of("shape") + q * n + low + k) for k in range(many)]
+        shape = [f.tables.number(f.place_of("shape") + q * n + low + k) for k in range(many)]
         track, most = "shook" if shaken else "track", n if shaken else 0
         above, below = Cell(f.times.full(-f.group.limit.far)), Cell(f.times.full(f.group.limit.far))
-        for k in count_to(steps + 1, self.trace):
+        for k in count_to(steps + 1):
             x = f.times.full(0.0)
             for j, weight in enumerate(shape):
                 x = fma(weight, f.rows[track, (low + j) * SPAN + k], x)
@@ -496,20 +492,20 @@ class Blocks(_Filler):
                 those = transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
                 at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
                 for lane in range(lanes):
-                    store(self.trace, f.tables, at + apart * lane, those[lane])
+                    f.tables.put_vector(at + apart * lane, those[lane])
             # the most of all blocks so far lies there by what is watched, in the end by rows of buildings
             at, missed = (f.place_of(name) + part * lanes for name in ("bulge0", "missed0"))
             most = [f.rows["swell", part * lanes + q] for q in range(lanes)]
             for q in range(lanes):
-                before = load(self.trace, f.tables, at + apart * q, lanes)
-                most[q] = maximum(most[q], where(block == 0, f.times.full(0.0), before))
-                store(self.trace, f.tables, at + apart * q, most[q])
+                before = f.tables.vector(at + apart * q)
+                most[q] = maximum(most[q], where(block == 0, 0.0, before))
+                f.tables.put_vector(at + apart * q, most[q])
             for _ in when(block + 1 == self.blocks):
                 for lane, swell in enumerate(transposed(most)):
                     bulge = swell * self.per_square
-                    share = load(self.trace, f.tables, missed + apart * lane, lanes)
-                    store(self.trace, f.tables, at + apart * lane, bulge)
-                    store(self.trace, f.tables, missed + apart * lane, share * bulge)
+                    share = f.tables.vector(missed + apart * lane)
+                    f.tables.put_vector(at + apart * lane, bulge)
+                    f.tables.put_vector(missed + apart * lane, share * bulge)
 
     # one of them -----------------------------------------------------------------------------------------------
 
@@ -536,20 +532,22 @@ class Blocks(_Filler):
         group = number // lanes
         lane, start = number - group * lanes, block * self.length
         steps = lesser(f.last - start, self.length)
-        for m in count_to(layout.modes, self.trace):
+        for m in count_to(layout.modes):
             for k in range(STATE):
-                x = load_one(self.wide, self.decays, self._state(group, block, m) + lane + k * lanes)
-                store_one(self.wide, self.decays, self.desk + m + k * layout.wide_modes, x)
+                x = self.decays.number(self._state(group, block, m) + lane + k * lanes)
+                self.decays.put_number(self.desk + m + k * layout.wide_modes, x)
         for mine in (
             f.mode_parts[k : k + 2] for k in f.mode_parts[::2]
         ):  # two at a time wait less for each other's steps
             own = [self._own(number) + part * lanes for part in mine]
-            moves = [{n: self._wide(at + k * layout.wide_modes) for k, n in enumerate(layout.decays)} for at in own]
+            moves = [
+                {n: self.decays.vector(at + k * layout.wide_modes) for k, n in enumerate(layout.decays)} for at in own
+            ]
             state = [
-                [Cell(self._wide(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE)]
+                [Cell(self.decays.vector(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE)]
                 for part in mine
             ]
-            for k in count_to(steps, self.trace):
+            for k in count_to(steps):
                 g0, g1 = self._ground(start + k), self._ground(start + k + 1)
                 for part, c, (q, p) in zip(mine, moves, state, strict=True):
                     self._keep(part, k, q.now, p.now)
@@ -563,8 +561,8 @@ class Blocks(_Filler):
                             place = (part * lanes + m) * layout.series_rows + first // lanes
                             f.rows[name, place] = series * unit
         for k in range(SPAN // lanes):
-            f.rows["free_ground", k] = narrow(self.trace, self._wide(start + (HEAD + k * lanes)))
+            f.rows["free_ground", k] = self.narrow(self.decays.vector(start + (HEAD + k * lanes)))
 
     def _keep(self, part: int, k: Any, q: Any, p: Any) -> None:
         for name, x in (("point_q", q), ("point_p", p)):
-            self.flight.rows[name, k + part * SPAN] = narrow(self.trace, x)
+            self.flight.rows[name, k + part * SPAN] = self.narrow(x)

@@ -150,7 +150,7 @@ def _power(x: Any, exponent: float) -> Any:
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s = group.state
-    h, look = s["h"], Cell(group.lanes_where(False))
+    h, look = s["h"], Cell(group.full(False))
     for j in group.each_contact():
         law = group.law_of(j)
         mode, k, c = s["mode", j], s["ke", j], s["ce", j]
@@ -158,7 +158,7 @@ def measure(group: Group) -> Any:
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
-        parts, closed = Cell(group.lanes_where(False)), mode > OPEN
+        parts, closed = Cell(group.full(False)), mode > OPEN
         with when_any(closed):
             may = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
             if law.shape.one_sided:
@@ -177,8 +177,8 @@ def measure(group: Group) -> Any:
             parts.now = may
         meets = maximum(d1, minimum(early, late)) > 0.0
         mine = where(closed, parts.now, meets)
-        s["asks", j] = where(mine, 1.0, group.full(0.0))
-        look.now = look.now | mine
+        s["asks", j] = where(mine, 1.0, 0.0)
+        look.now |= mine
     return look.now
 
 
@@ -214,7 +214,7 @@ def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
     closed = mode > OPEN
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
-    sign = where(closed, -1.0, group.full(1.0))
+    sign = where(closed, -1.0, 1.0)
     # else a closed contact has touched but for a rounding error, and goes on
     crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
     dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(d0 + h * v0, d1 - h * v1) < 0.0)
@@ -228,7 +228,7 @@ def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
     target = where(when < NEVER, where(closed, OPEN, group.full(nears)), mode)
     if law.shape.one_sided:
         slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
-        toward = where(slows, -1.0, group.full(1.0))
+        toward = where(slows, -1.0, 1.0)
         t = crossing(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
         sooner = busy & (slows | speeds) & (t < when)
         when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
@@ -266,7 +266,7 @@ def _slack(group: Group, j: Any, asks: Any, event: tuple[Any, Any], depth: Serie
         begins.now = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
         with when_any(ends.now | begins.now):
             p0 = press(group.full(group.limit.just_after))[0]  # at its own event the sign of a force is one of rounding
-            sign = where(ends.now, -1.0, group.full(1.0))
+            sign = where(ends.now, -1.0, 1.0)
             inside = (ends.now & (p0 > 0.0)) | (begins.now & (p0 <= 0.0))
             with when_any(inside):
                 found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t)[0])
@@ -312,7 +312,7 @@ def _may_exceed(group: Group, j: Any) -> Any:
     s, law, h = group.state, group.law_of(j), group.state["h"]
     d0, d1, v0, v1 = (s[name, j] for name in ("d0", "d1", "w0", "w1"))
     if not law.shape.grows:
-        return group.lanes_where(True)
+        return group.full(True)
     rates = size(v0) + size(v1)
     deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
     return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
@@ -393,7 +393,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
     for j in group.each_contact():
         law, which = group.law_of(j), group.law_index(j)
         due = is_due(group, j, lands)
-        switched.now = switched.now | due
+        switched.now |= due
         with when_any(due):
             mode, target = s["mode", j], s["next", j]
             touches = due & (mode == OPEN) & (target > OPEN)
@@ -423,13 +423,13 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
 
 def is_late(group: Group) -> Any:
     """Lanes in which an open contact would be switched on, now or later, deeper than `LATE` of its duration."""
-    s, late = group.state, Cell(group.lanes_where(False))
+    s, late = group.state, Cell(group.full(False))
     for j in group.each_contact():
         d, v = s["d1", j], s["w1", j]
         mine = (s["mode", j] == OPEN) & (d > group.limit.exact) & (v > 0.0)
         with when_any(mine):
             lasts = group.law_of(j).duration(group.stiffness(j), v, group.prop("reduced", j))
-            late.now = late.now | (mine & (d > LATE * v * lasts))
+            late.now |= mine & (d > LATE * v * lasts)
     return late.now
 
 
@@ -442,17 +442,17 @@ def note_onset(group: Group, j: Any, lanes: Any, fresh: Any, speed: Any, time: A
 
 def is_closed(group: Group) -> Any:
     """Lanes in which any contact is closed."""
-    found = Cell(group.lanes_where(False))
+    found = Cell(group.full(False))
     for j in group.each_contact(straight=True):
-        found.now = found.now | (group.state["mode", j] > OPEN)
+        found.now |= group.state["mode", j] > OPEN
     return found.now
 
 
 def is_near(group: Group, h: Any) -> Any:
     """Lanes in which a contact would close within `AHEAD` times h if floors went on as they do."""
-    time, found = AHEAD * group.full(h), Cell(group.lanes_where(False))
+    time, found = AHEAD * group.full(h), Cell(group.full(False))
     for j in group.each_contact(straight=True):
-        found.now = found.now | (fma(time, group.between("v", j), penetration(group, j)) > 0.0)
+        found.now |= fma(time, group.between("v", j), penetration(group, j)) > 0.0
     return found.now
 
 
@@ -541,7 +541,7 @@ def settle_yielding(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
     slips = lanes & (((stretch >= top) & (v > 0.0)) | ((stretch <= 0.0) & (v < 0.0)))
     slip(group, j, slips, d)
     stick(group, j, lanes & ~slips)
-    return where(slips, 2.0, group.full(1.0))
+    return where(slips, 2.0, 1.0)
 
 
 def _slips(group: Group, j: Any, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
@@ -551,7 +551,7 @@ def _slips(group: Group, j: Any, asks: Any, ends: tuple[Any, Any, Any, Any], dep
     falls = asks & slipping & slips & (v1 < 0.0)
     grows = asks & slipping & ~slips & (v1 > 0.0)
     low = s["plastic", j]
-    toward = where(falls, -1.0, group.full(1.0))
+    toward = where(falls, -1.0, 1.0)
     found = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
     # it sticks where v is zero and d at one of both limits: rounding there is no crossing
     margin = group.limit.at_release * s["yield", j]

@@ -18,8 +18,8 @@ from pounding_sweep.kernel.lanes import (
     Count,
     Counts,
     Lookup,
-    Real,
     Rows,
+    Table,
     Tracer,
     Vector,
     count_to,
@@ -179,9 +179,8 @@ class Group:
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
-        self.state = Rows(trace, list(self._rows().items()), lanes)
-        if trace is not None:
-            self.state.pointer = memory
+        self.state = Rows(trace, self._rows(), lanes, memory)
+        self._scene = Table(trace, constants, lanes)
 
     def _rows(self) -> dict[str, int]:
         """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
@@ -277,9 +276,7 @@ class Group:
         if self.spec.varied and name not in SHARED and f"p_{name}" in self._inputs.count:
             return self.state[f"p_{name}", i]
         at = self._places.first[name] + i
-        if self.trace is None:
-            return self.constants[at]
-        return self.trace.read(Real, self.constants, at, fixed=True)
+        return self._scene.number(at, fixed=True)
 
     def clock(self, h: Any) -> Any:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
@@ -302,11 +299,7 @@ class Group:
         return self.prop("longest") if self.spec.staged else h
 
     def full(self, x: Any) -> Any:
-        """Return a number in all lanes."""
-        return everywhere(self.trace, x, self.lanes)
-
-    def lanes_where(self, x: bool) -> Any:
-        """Return a truth in all lanes."""
+        """Return a number or a truth in all lanes."""
         return everywhere(self.trace, x, self.lanes)
 
     def floor(self, x: Any, i: Any) -> Any:
@@ -340,13 +333,13 @@ class Group:
             """Return what contacts in one loop have in common: walls, struck columns, the law."""
             return tuple(i < 0 for i in contacts[j][:2]), self._columns(j), self.law_index(j)
 
-        table = Lookup(self.trace, [i for contact in contacts for i in contact])
+        table = Lookup([i for contact in contacts for i in contact])
         for (walls, columns, law), same in groupby(range(len(contacts)), key=kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
                 continue
-            for q in count_to(len(some), self.trace):
+            for q in count_to(len(some)):
                 j = q + some[0]
                 sides = [table[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
@@ -357,8 +350,8 @@ class Group:
         if not (self.long and self.spec.links):
             yield from enumerate(self.spec.links)
             return
-        table = Lookup(self.trace, [i for ends in self.spec.links for i in ends])
-        for j in count_to(len(self.spec.links), self.trace):
+        table = Lookup([i for ends in self.spec.links for i in ends])
+        for j in count_to(len(self.spec.links)):
             yield j, (table[2 * j], table[2 * j + 1])
 
     def law_index(self, j: Any) -> int:
@@ -385,13 +378,13 @@ class Group:
             return
         spec, done = self.spec, 0
         order = sorted(range(spec.n_buildings), key=lambda b: spec.storeys[b])
-        table = Lookup(self.trace, [i for b in order for i in (b, spec.home(b))])
+        table = Lookup([i for b in order for i in (b, spec.home(b))])
         for n, same in groupby(order, key=lambda b: spec.storeys[b]):
             some = list(same)
             if len(some) == 1:
                 yield some[0], self.building_floors[some[0]]
             else:
-                for q in count_to(len(some), self.trace):
+                for q in count_to(len(some)):
                     at = 2 * (q + done)
                     home = table[at + 1]
                     yield table[at], [home + s for s in range(n)]
@@ -404,8 +397,8 @@ class Group:
             return
         for bottom in (True, False):
             some = [i for i in those if self.spec.bottom[i] is bottom]
-            for q in count_to(len(some), self.trace) if some else ():
-                i = Lookup(self.trace, some)[q]
+            for q in count_to(len(some)) if some else ():
+                i = Lookup(some)[q]
                 yield i, None if bottom else i - 1
 
     def each_part(self, whole: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
@@ -438,7 +431,7 @@ class Group:
     def each(self, n: Any, straight: bool = True) -> Iterator[Any]:
         """Count to n, at run time in a long row."""
         if self.long or not straight or isinstance(n, Count):
-            yield from count_to(n, self.trace)
+            yield from count_to(n)
         else:
             yield from range(n)
 
@@ -450,7 +443,7 @@ class Group:
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
         spec, at = self.spec, 3 * floor
-        table = Lookup(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
+        table = Lookup([x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
         return table[at], spec.storeys[0] if len(set(spec.storeys)) == 1 else table[at + 1], table[at + 2]
 
     def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:

@@ -80,9 +80,9 @@ def _may_change(group: Group, i: Any, below: Any, h: Any) -> Any:
 
 def may_change(group: Group, h: Any) -> Any:
     """Lanes in which any storey may begin to yield, or turn, in the step just taken."""
-    found = Cell(group.lanes_where(False))
+    found = Cell(group.full(False))
     for i, below in each_storey(group, straight=True):
-        found.now = found.now | _may_change(group, i, below, h)
+        found.now |= _may_change(group, i, below, h)
     return found.now
 
 
@@ -109,12 +109,12 @@ def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     z = course(group, partial(group.drift, i, below)).begun(z0)
     elastic = phase == 0.0
     turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
-    toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
+    toward = where(elastic, where(v0 > 0.0, 1.0, -1.0), phase)
     extreme = where(turns, crossing(group, turns, 0.0, 1.0, z.rate, -toward), 1.0)
     # an elastic drift leaves its range before it turns, or after
     before = turns & elastic & (toward * z.value(extreme) > top)
     after = busy & elastic & ~before & (size(z1) > top)
-    side = where(before, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+    side = where(before, toward, where(z1 > 0.0, 1.0, -1.0))
     start = side * minimum(side * z0 - dy, 0.0)
     low, high = where(after & turns, extreme, 0.0), where(before, extreme, 1.0)
     leaves = before | after
@@ -143,7 +143,7 @@ def apply_events(group: Group, lands: Any) -> Any:
             if group.spec.tangent:
                 less = group.prop("tangent", i) * soft
                 s.put(due, where(elastic, k, k - less), "kd", i)
-        switched.now = switched.now | due
+        switched.now |= due
     return switched.now
 
 
@@ -165,9 +165,9 @@ def follow(group: Group) -> None:
 
 def is_yielding(group: Group) -> Any:
     """Lanes in which any storey yields."""
-    found = Cell(group.lanes_where(False))
+    found = Cell(group.full(False))
     for i, _ in each_storey(group, straight=True):
-        found.now = found.now | ~(group.state["phase", i] == 0.0)
+        found.now |= ~(group.state["phase", i] == 0.0)
     return found.now
 
 

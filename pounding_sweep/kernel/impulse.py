@@ -94,7 +94,7 @@ def rest(group: Group, lanes: Any) -> None:
 
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
-    s, look = group.state, Cell(group.lanes_where(False))
+    s, look = group.state, Cell(group.full(False))
     h = s["h"]
     closed = is_closed(group)
     with when_any(closed):
@@ -104,7 +104,7 @@ def measure(group: Group) -> Any:
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
-        look.now = look.now | where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
+        look.now |= where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
     return look.now
 
 
@@ -202,7 +202,7 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
     s = group.state
     again = Cell(lanes)
-    for _ in while_any(lambda: again.now, group.trace, at_most=MAX_TRIES):
+    for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
         mine, more = again.now, Cell(again.now & ~again.now)
         for j in group.each_contact():
             v, c = group.between("v", j), s["c", j]
@@ -211,7 +211,7 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
             with when_any(hits):
                 _note_onset(group, j, hits & ((s["mode", j] == OPEN) | (bounces > 0.0)), v, h)
                 _jump(group, j, hits, v, bounces)
-            more.now = more.now | hits
+            more.now |= hits
         again.now = more.now
 
 
@@ -222,7 +222,7 @@ def _halt(group: Group, lanes: Any) -> None:
         v = group.between("v", j)
         s.put(lanes, v, "w1", j)
         stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
-        s.put(lanes, where(stays, 1.0, group.full(0.0)), "ke", j)
+        s.put(lanes, where(stays, 1.0, 0.0), "ke", j)
     speeds, taken = join(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
@@ -239,7 +239,7 @@ def _choose(group: Group, lanes: Any) -> None:
     """Which of the contacts marked in ``ke`` rest from now on: those that are pressed. The others are unmarked."""
     s = group.state
     going = Cell(lanes)
-    for _ in while_any(lambda: going.now, group.trace, at_most=len(group.contacts) + 1):
+    for _ in while_any(lambda: going.now, at_most=len(group.contacts) + 1):
         mine = going.now
         rest(group, mine)
         least, at = Cell(group.full(-group.limit.released)), Cell(group.full(-1.0))
@@ -260,12 +260,12 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
         opened = s["mode", j] == OPEN
         pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
         takes_part = pressed | (due & opened) | (~due & ~opened)
-        s.put(lanes, where(takes_part, 1.0, group.full(0.0)), "next", j)
+        s.put(lanes, where(takes_part, 1.0, 0.0), "next", j)
     _collide(group, lanes, h)
     _halt(group, lanes)
     _choose(group, lanes)
     for j in group.each_contact():
-        mode = where(s["ke", j] > 0.0, 1.0, group.full(0.0))
+        mode = where(s["ke", j] > 0.0, 1.0, 0.0)
         comes = lanes & (mode > s["mode", j])
         with when_any(comes):
             _note_onset(group, j, comes, s["w1", j], h)

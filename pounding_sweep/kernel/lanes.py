@@ -13,8 +13,9 @@ whatever its neighbours do.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from typing import Any
 
@@ -78,38 +79,13 @@ class Tracer:
         function = self.module.globals.get(full) or ir.Function(self.module, kind, full)
         return self.builder.call(function, given)
 
-    def place(self, kind: Any) -> Any:
-        """Reserve room for a value on the stack."""
-        with self.builder.goto_entry_block():
-            return self.builder.alloca(kind)
-
     def load(self, pointer: Any, kind: Any, align: int, fixed: bool = False) -> Any:
         """Load a value; a `fixed` one never changes while the kernel runs."""
-        found = self.builder.load(self.builder.bitcast(pointer, kind.as_pointer()))
-        found.align = align
+        value = self.builder.load(self.builder.bitcast(pointer, kind.as_pointer()))
+        value.align = align
         if fixed:
-            found.set_metadata("invariant.load", self.module.add_metadata([]))
-        return found
-
-    def at(self, pointer: Any, place: Any) -> Any:
-        """Return where a number of a table lies."""
-        return self.builder.gep(pointer, [place.value if isinstance(place, Count) else ir.Constant(_I64, place)], True)
-
-    def read(self, kind: type[Value], pointer: Any, place: Any, double: bool = False, fixed: bool = False) -> Any:
-        """Return a `Real` or a `Vector` of a table, of whose format or in double precision its numbers are."""
-        own = self.vector if kind is Vector else self.real
-        if not double or self.size == 8:
-            return kind(self, self.load(self.at(pointer, place), own, self.size, fixed))
-        stored = ir.VectorType(_DOUBLE, self.lanes) if kind is Vector else _DOUBLE
-        return kind(self, self.builder.fptrunc(self.load(self.at(pointer, place), stored, 8), own))
-
-    def write(self, kind: type[Value], pointer: Any, place: Any, x: Any, double: bool = False) -> None:
-        """Write a number, or those of all lanes, into a table."""
-        value = kind.lift(self, x)
-        if double and self.size == 4:
-            value = self.builder.fpext(value, ir.VectorType(_DOUBLE, self.lanes) if kind is Vector else _DOUBLE)
-        place = self.builder.bitcast(self.at(pointer, place), value.type.as_pointer())
-        self.builder.store(value, place).align = 8 if double else self.size
+            value.set_metadata("invariant.load", self.module.add_metadata([]))
+        return value
 
     def go_round(self, asks: Callable[[], Any]) -> Iterator[None]:
         """Go round while a truth holds that is worked out before each round."""
@@ -251,9 +227,23 @@ _FORMS: dict[tuple[str, bool], type[Value]] = {
 }
 
 
-def _trace_of(*given: Any) -> Tracer | None:
+#: The function that is being built; none: everything is done by NumPy, at once.
+_TRACER: ContextVar[Tracer | None] = ContextVar("tracer", default=None)
+
+
+@contextmanager
+def tracing(tracer: Tracer) -> Iterator[None]:
+    """Let loops, branches and variables below become instructions of a function."""
+    token = _TRACER.set(tracer)
+    try:
+        yield
+    finally:
+        _TRACER.reset(token)
+
+
+def _trace_of(*values: Any) -> Tracer | None:
     trace = None
-    for x in given:
+    for x in values:
         if isinstance(x, Value):
             trace = x.trace
             if x.per_lane:
@@ -261,30 +251,31 @@ def _trace_of(*given: Any) -> Tracer | None:
     return trace
 
 
-def _call(name: str, twin: Callable[..., Any], *given: Any) -> Any:
-    """Apply a function of numbers: an LLVM intrinsic, or its twin on arrays."""
-    trace = _trace_of(*given)
-    return twin(*given) if trace is None else Vector(trace, trace.call(name, *(Vector.lift(trace, x) for x in given)))
+def constant(x: Any) -> Any:
+    """Return a truth, a whole or a real number that is known beforehand, traced where a function is being built."""
+    trace = _TRACER.get()
+    if trace is None or isinstance(x, Value):
+        return x
+    form = Flag if isinstance(x, bool) else Count if isinstance(x, int) else Real
+    return form(trace, form.lift(trace, x))
 
 
-def fma(a: Any, b: Any, c: Any) -> Any:
-    """Return a b + c, rounded once where it is traced."""
-    return _call("fma", lambda a, b, c: a * b + c, a, b, c)
+def _function(name: str, twin: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of numbers: an LLVM intrinsic, or its twin on arrays."""
+
+    def apply(*values: Any) -> Any:
+        trace = _trace_of(*values)
+        if trace is None:
+            return twin(*values)
+        return Vector(trace, trace.call(name, *(Vector.lift(trace, x) for x in values)))
+
+    return apply
 
 
-def sqrt(x: Any) -> Any:
-    """Square root."""
-    return _call("sqrt", np.sqrt, x)
-
-
-def power(x: Any, exponent: float) -> Any:
-    """Return x to a power."""
-    return _call("pow", np.power, x, exponent)
-
-
-def size(x: Any) -> Any:
-    """Absolute value."""
-    return _call("fabs", np.abs, x)
+#: a b + c, rounded once where it is traced.
+fma = _function("fma", lambda a, b, c: a * b + c)
+#: Square root, absolute value, and x to a power.
+sqrt, size, power = _function("sqrt", np.sqrt), _function("fabs", np.abs), _function("pow", np.power)
 
 
 #: Binary logarithm of the largest number that `roughly_power` finds.
@@ -398,12 +389,13 @@ def when(flag: Any) -> Iterator[None]:
         yield
 
 
-def count_to(n: Any, trace: Tracer | None) -> Iterator[Any]:
-    """Count from 0 to n - 1."""
+def count_to(n: Any) -> Iterator[Any]:
+    """Count from 0 to n - 1, at run time where a function is being built."""
+    trace = _TRACER.get()
     if trace is None:
         yield from range(n)
         return
-    number = Cell(whole(trace, 0))
+    number = Cell(0)
     now: list[Count] = []
 
     def asks() -> Any:
@@ -415,34 +407,37 @@ def count_to(n: Any, trace: Tracer | None) -> Iterator[Any]:
         number.now = now[0] + 1
 
 
-def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -> Iterator[None]:
+def while_any(asks: Callable[[], Any], at_most: int = 0) -> Iterator[None]:
     """Go round while any lane asks for it, `at_most` so often (0: without end); `asks` is called before each round."""
+    trace = _TRACER.get()
     if trace is None:
         rounds = 0
         while bool(np.any(asks())) and (not at_most or rounds < at_most):
             rounds += 1
             yield
         return
-    left = Cell(whole(trace, at_most)) if at_most else None
+    left = Cell(at_most) if at_most else None
 
     def goes_on() -> Any:
-        asked = asks()
-        flag = any_lane(asked) if isinstance(asked, Mask) else asked
+        active = asks()
+        flag = any_lane(active) if isinstance(active, Mask) else active
         return (flag & (left.now > 0) if left is not None else flag).value
 
     for _ in trace.go_round(goes_on):
         yield
         if left is not None:
-            left.now = left.now - 1
+            left.now -= 1
 
 
 class Cell:
     """A variable that branches and loops may change; at a `place` in memory, what it is there stays."""
 
     def __init__(self, x: Any, place: Any = None) -> None:
+        x = constant(x)
         self._trace, self._form, self._x, self._place = _trace_of(x), type(x), x, place
         if self._trace is not None and place is None:
-            self._place = self._trace.place(x.value.type)
+            with self._trace.builder.goto_entry_block():
+                self._place = self._trace.builder.alloca(x.value.type)
             self.now = x
 
     @property
@@ -460,8 +455,8 @@ class Cell:
     def _one(self, lane: Any) -> tuple[Any, type[Value]]:
         """Where the number of one lane lies, and its form."""
         b = self._trace.builder  # type: ignore[union-attr]
-        each = b.bitcast(self._place, self._place.type.pointee.element.as_pointer())
-        return b.gep(each, [lane.value], inbounds=True), _FORMS[self._form.kind, False]
+        numbers = b.bitcast(self._place, self._place.type.pointee.element.as_pointer())
+        return b.gep(numbers, [lane.value], inbounds=True), _FORMS[self._form.kind, False]
 
     def lane(self, lane: Any) -> Any:
         """Return the number of one lane."""
@@ -483,79 +478,121 @@ class Cell:
 class Ledger:
     """Variables that several functions of a kernel share, `ROOM` bytes of memory for each."""
 
-    # trace: None: NumPy, where all is one function
-    # pointer: where they begin: whole numbers
+    # pointer: where they begin: whole numbers; None: NumPy, where all is one function
     # begins: whether they have their first values from this function
 
     #: Of the widest variable, a whole number of each lane, and what it is aligned to.
     ROOM = 128
 
-    def __init__(self, trace: Tracer | None, pointer: Any = None, begins: bool = True) -> None:
-        self._trace, self._pointer, self._begins, self._count = trace, pointer, begins, 0
+    def __init__(self, pointer: Any = None, begins: bool = True) -> None:
+        self._pointer, self._begins, self._count = pointer, begins, 0
 
     def cell(self, x: Any) -> Cell:
         """Return the next variable, of a first value."""
-        if self._trace is None:
+        x = constant(x)
+        trace = _trace_of(x)
+        if trace is None:
             return Cell(x)
-        b, at = self._trace.builder, self._count * (self.ROOM // 8)
+        at = self._count * (self.ROOM // 8)
         self._count += 1
-        place = b.gep(self._pointer, [ir.Constant(_I64, at)], inbounds=True)
-        cell = Cell(x, b.bitcast(place, x.value.type.as_pointer()))
+        place = trace.builder.gep(self._pointer, [ir.Constant(_I64, at)], inbounds=True)
+        cell = Cell(x, trace.builder.bitcast(place, x.value.type.as_pointer()))
         if self._begins:
             cell.now = x
         return cell
 
 
+class Table:
+    """Numbers one after another, of the kernel's format or in `double` precision: one, or one in each lane."""
+
+    # trace: None: NumPy, whose `pointer` is a flat array
+    # pointer: where the first of them lies
+
+    def __init__(self, trace: Tracer | None, pointer: Any, lanes: int, double: bool = False) -> None:
+        self.trace, self.pointer, self.lanes, self._double = trace, pointer, lanes, double
+
+    def number(self, at: Any, fixed: bool = False) -> Any:
+        """Return one of them."""
+        return self.pointer[at] if self.trace is None else self._read(Real, at, fixed)
+
+    def vector(self, at: Any) -> Any:
+        """Return as many as there are lanes, from one on."""
+        return self.pointer[at : at + self.lanes].copy() if self.trace is None else self._read(Vector, at)
+
+    def put_number(self, at: Any, x: Any) -> None:
+        """Write one of them."""
+        if self.trace is None:
+            self.pointer[at] = x
+        else:
+            self._write(Real, at, x)
+
+    def put_vector(self, at: Any, x: Any) -> None:
+        """Write as many as there are lanes, from one on."""
+        if self.trace is None:
+            self.pointer[at : at + self.lanes] = x
+        else:
+            self._write(Vector, at, x)
+
+    def _place(self, form: type[Value], at: Any) -> tuple[Any, Any, Any]:
+        """Where numbers lie, and LLVM's types of the format of the lanes and of that in which they are stored."""
+        t: Any = self.trace
+        place = t.builder.gep(self.pointer, [at.value if isinstance(at, Count) else ir.Constant(_I64, at)], True)
+        number = _DOUBLE if self._double else t.real
+        return (place, t.vector, ir.VectorType(number, t.lanes)) if form is Vector else (place, t.real, number)
+
+    def _read(self, form: type[Value], at: Any, fixed: bool = False) -> Any:
+        t: Any = self.trace
+        place, kind, stored = self._place(form, at)
+        x = t.load(place, stored, 8 if self._double else t.size, fixed)
+        return form(t, x if kind == stored else t.builder.fptrunc(x, kind))
+
+    def _write(self, form: type[Value], at: Any, x: Any) -> None:
+        t: Any = self.trace
+        value = form.lift(t, x)
+        place, _, stored = self._place(form, at)
+        if value.type != stored:
+            value = (t.builder.fpext if self._double or t.size == 8 else t.builder.fptrunc)(value, stored)
+        t.builder.store(value, t.builder.bitcast(place, stored.as_pointer())).align = 8 if self._double else t.size
+
+
 class Rows:
-    """Named rows of lanes in one flat array: ``rows[name, i]``."""
+    """Named rows of lanes in one flat table: ``rows[name, i]``."""
 
     # trace: None: NumPy
     # counts: rows of each name
     # lanes: lanes of the kernel
     # pointer: where the first lane of the first row lies
     # stride: numbers from one row to the next; `lanes` unless given
-    # wide: numbers are in double precision, whatever the kernel's
 
     def __init__(
         self,
         trace: Tracer | None,
-        counts: Sequence[tuple[str, int]],
+        counts: Mapping[str, int],
         lanes: int,
         pointer: Any = None,
-        stride: int | None = None,
-        wide: bool = False,
+        stride: int = 0,
+        double: bool = False,
     ) -> None:
-        self.trace, self.first, self.count, self.size = trace, {}, dict(counts), 0
-        for name, count in counts:
+        self.trace, self.first, self.count, self.size = trace, {}, counts, 0
+        for name, count in counts.items():
             self.first[name] = self.size
             self.size += count
-        self.lanes, self.pointer, self.stride, self.wide = lanes, pointer, stride or lanes, wide
+        self._stride = stride or lanes
         if trace is None:
-            self.array = np.zeros((self.size, lanes)) if pointer is None else pointer
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.first
+            pointer = np.zeros(self.size * self._stride) if pointer is None else pointer.reshape(-1)
+        self.table = Table(trace, pointer, lanes, double)
 
     def _row(self, key: Any) -> Any:
         name, i = key if isinstance(key, tuple) else (key, 0)
         if isinstance(i, int) and not 0 <= i < self.count[name]:
             raise IndexError(f"row {name}[{i}] of {self.count[name]}")
-        return self.first[name] + i
-
-    def row(self, i: Any) -> Any:
-        """Return a row by its number."""
-        if self.trace is None:
-            return self.array[i].copy()
-        return self.trace.read(Vector, self.pointer, i * self.stride, self.wide)
+        return (self.first[name] + i) * self._stride
 
     def __getitem__(self, key: Any) -> Any:
-        return self.row(self._row(key))
+        return self.table.vector(self._row(key))
 
     def __setitem__(self, key: Any, x: Any) -> None:
-        if self.trace is None:
-            self.array[self._row(key)] = x
-        else:
-            self.trace.write(Vector, self.pointer, self._row(key) * self.stride, x, self.wide)
+        self.table.put_vector(self._row(key), x)
 
     def put(self, lanes: Any, x: Any, name: str, i: Any = 0) -> None:
         """Write a row in some lanes (None: all)."""
@@ -563,38 +600,23 @@ class Rows:
 
     def lane(self, row: Any, lane: Any) -> Any:
         """Return a lane's number in a row, by the row's number."""
-        if self.trace is None:
-            return self.array[row, lane]
-        return self.trace.read(Real, self.pointer, row * self.stride + lane, self.wide)
+        return self.table.number(row * self._stride + lane)
 
     def put_lane(self, row: Any, lane: Any, x: Any) -> None:
         """Write a lane's number in a row."""
-        if self.trace is None:
-            self.array[row, lane] = x
-        else:
-            self.trace.write(Real, self.pointer, row * self.stride + lane, x, self.wide)
-
-    def clear_lane(self, lane: Any, rows: int) -> None:
-        """Let a lane's numbers be zero in the first so many rows."""
-        for row in count_to(rows, self.trace):
-            self.put_lane(row, lane, 0.0)
-
-    @property
-    def _numbers(self) -> Any:
-        """All numbers, one after another."""
-        return self.array.reshape(-1) if self.trace is None else self.pointer
+        self.table.put_number(row * self._stride + lane, x)
 
     def number(self, name: str, i: Any) -> Any:
         """Return number `i` of the rows of a name, which lie one after another."""
-        return load_one(self.trace, self._numbers, self.first[name] * self.stride + i)
+        return self.table.number(self.first[name] * self._stride + i)
 
     def vector(self, name: str, i: Any) -> Any:
         """Return as many numbers as there are lanes, from number `i` of the rows of a name on."""
-        return load(self.trace, self._numbers, self.first[name] * self.stride + i, self.lanes)
+        return self.table.vector(self.first[name] * self._stride + i)
 
     def put_number(self, name: str, i: Any, x: Any) -> None:
         """Write number `i` of the rows of a name."""
-        store_one(self.trace, self._numbers, self.first[name] * self.stride + i, x)
+        self.table.put_number(self.first[name] * self._stride + i, x)
 
 
 def narrow(trace: Tracer | None, x: Any) -> Any:
@@ -613,13 +635,6 @@ def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
         if isinstance(x, Real):
             found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, i))
     return Vector(trace, found)
-
-
-def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
-    """Return the number of each lane."""
-    if trace is None:
-        return np.arange(lanes, dtype=float)
-    return Vector(trace, ir.Constant(trace.vector, [float(lane) for lane in range(lanes)]))
 
 
 def after(x: Any) -> Any:
@@ -648,25 +663,15 @@ def transposed(rows: Sequence[Any]) -> list[Any]:
     return found
 
 
-def _fold(x: Any, combine: Callable[[Any, Any], Any]) -> Any:
-    """Combine the numbers of all lanes, halves first."""
+def fold(x: Any, combine: Callable[[Any, Any], Any]) -> Any:
+    """Combine the numbers of all lanes into one, halves first."""
     trace = _trace_of(x)
     n = lanes = len(x) if trace is None else trace.lanes
     while n > 1:
         n //= 2
         order = [(i + n) % lanes for i in range(lanes)]
         x = combine(x, x[order] if trace is None else Vector(trace, trace.shuffle(x.value, x.value, order)))
-    return first_lane(x)
-
-
-def largest_lane(x: Any) -> Any:
-    """Largest number of all lanes."""
-    return _fold(x, maximum)
-
-
-def sum_lanes(x: Any) -> Any:
-    """Sum of the numbers of all lanes, halves first."""
-    return _fold(x, lambda a, b: a + b)
+    return lane_of(x, 0)
 
 
 def lane_of(x: Any, lane: Any) -> Any:
@@ -676,11 +681,6 @@ def lane_of(x: Any, lane: Any) -> Any:
         return x[lane]
     found = trace.builder.extract_element(x.value, lane.value if isinstance(lane, Count) else ir.Constant(_I32, lane))
     return _FORMS[x.kind, False](trace, found)
-
-
-def first_lane(x: Any) -> Any:
-    """Return the number of lane 0."""
-    return lane_of(x, 0)
 
 
 def _bits(mask: Mask) -> Any:
@@ -703,18 +703,12 @@ def each_lane(mask: Any) -> Iterator[Any]:
     trace = _trace_of(mask)
     if trace is None:
         yield from np.flatnonzero(mask)
-    else:
-        yield from _each_bit(trace, _bits(mask))
-
-
-def _each_bit(trace: Tracer, bits: Any) -> Iterator[Count]:
-    """Go through the numbers of the bits that are set in a whole number."""
-    b, left = trace.builder, trace.place(_I64)
-    b.store(bits, left)
-    for _ in trace.go_round(lambda: b.icmp_signed("!=", b.load(left), ir.Constant(_I64, 0))):
-        bits = b.load(left)
+        return
+    b, left = trace.builder, Cell(Count(trace, _bits(mask)))
+    for _ in trace.go_round(lambda: b.icmp_signed("!=", left.now.value, ir.Constant(_I64, 0))):
+        bits = left.now.value
         lane = Count(trace, b.cttz(bits, ir.Constant(_I1, 1)))
-        b.store(b.and_(bits, b.sub(bits, ir.Constant(_I64, 1))), left)
+        left.now = Count(trace, b.and_(bits, b.sub(bits, ir.Constant(_I64, 1))))
         yield lane
 
 
@@ -723,64 +717,24 @@ def lesser(a: Any, b: Any) -> Any:
     return where(a < b, a, b) if isinstance(a, Count) else min(a, b)
 
 
-def load(trace: Tracer | None, pointer: Any, at: Any, lanes: int) -> Any:
-    """Return as many numbers of a table as there are lanes, from place `at` on."""
-    return pointer[at : at + lanes] if trace is None else trace.read(Vector, pointer, at)
-
-
-def store(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
-    """Write the numbers of all lanes into a table, in the format of `trace`."""
-    if trace is None:
-        pointer[at : at + len(x)] = x
-    else:
-        trace.write(Vector, pointer, at, narrow(trace, x))
-
-
-def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
-    """Return a number of a table."""
-    return pointer[at] if trace is None else trace.read(Real, pointer, at)
-
-
-def store_one(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
-    """Write a number into a table."""
-    if trace is None:
-        pointer[at] = x
-    else:
-        trace.write(Real, pointer, at, x)
-
-
-def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
-    """Each lane's own number of a table of the kernel's number format."""
-    if trace is None:
-        return pointer[places]
-    found = ir.Constant(trace.vector, ir.Undefined)
-    for lane in range(trace.lanes):
-        x = trace.read(Real, pointer, lane_of(places, lane))
-        found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, lane))
-    return Vector(trace, found)
-
-
 class Lookup:
     """Numbers that are known beforehand, to be looked up at run time: whole ones, or all in the kernel's format."""
 
-    def __init__(self, trace: Tracer | None, numbers: Sequence[float]) -> None:
-        self._trace, self._numbers = trace, list(numbers)
-        if trace is not None:
-            self._whole = all(isinstance(x, int) for x in self._numbers)
-            given = self._numbers if self._whole else [trace.number(x).constant for x in self._numbers]
-            kind = ir.ArrayType(_I64 if self._whole else trace.real, len(given))
-            name = "_".join(map(str, ["table", kind.element, *given]))
-            if name not in trace.module.globals:
-                table = ir.GlobalVariable(trace.module, kind, name)
-                table.linkage, table.global_constant, table.initializer = "internal", True, ir.Constant(kind, given)
-            self._table = trace.module.globals[name]
+    def __init__(self, numbers: Sequence[float]) -> None:
+        self._numbers = list(numbers)
 
     def __getitem__(self, i: Any) -> Any:
         if not isinstance(i, Count):
             return self._numbers[i]
-        b = i.trace.builder
-        found = b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True))
-        return Count(i.trace, found) if self._whole else Real(i.trace, found)
+        t, form = i.trace, Count if all(isinstance(x, int) for x in self._numbers) else Real
+        numbers = self._numbers if form is Count else [t.number(x).constant for x in self._numbers]
+        kind = ir.ArrayType(_I64 if form is Count else t.real, len(numbers))
+        name = "_".join(map(str, ["table", kind.element, *numbers]))
+        if name not in t.module.globals:
+            table = ir.GlobalVariable(t.module, kind, name)
+            table.linkage, table.global_constant, table.initializer = "internal", True, ir.Constant(kind, numbers)
+        place = t.builder.gep(t.module.globals[name], [ir.Constant(_I64, 0), i.value], inbounds=True)
+        return form(t, t.builder.load(place))
 
 
 class Contact(Count):
@@ -791,26 +745,6 @@ class Contact(Count):
     def __init__(self, count: Count, sides: tuple[Any, Any, Any], columns: tuple[int, bool], law: int) -> None:
         super().__init__(count.trace, count.value)
         self.sides, self.columns, self.law = sides, columns, law
-
-
-def _known(form: type[Value], trace: Tracer | None, x: Any) -> Any:
-    """Return what is known beforehand, in a form where it is traced."""
-    return x if trace is None or isinstance(x, Value) else form(trace, form.lift(trace, x))
-
-
-def whole(trace: Tracer | None, x: int) -> Any:
-    """Return a whole number that is known beforehand."""
-    return _known(Count, trace, x)
-
-
-def one(trace: Tracer | None, x: float) -> Any:
-    """Return a number that is known beforehand."""
-    return _known(Real, trace, x)
-
-
-def flag(trace: Tracer | None, x: Any) -> Any:
-    """Return a truth that may be known beforehand."""
-    return _known(Flag, trace, x)
 
 
 def everywhere(trace: Tracer | None, x: Any, lanes: int) -> Any:

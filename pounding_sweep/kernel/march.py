@@ -15,7 +15,6 @@ from pounding_sweep.kernel.lanes import (
     Cell,
     any_lane,
     count_to,
-    flag,
     fma,
     maximum,
     minimum,
@@ -77,14 +76,14 @@ def conclude(group: Group) -> None:
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
     if "links" in r:
         links.conclude(group)
-    sound = Cell(group.lanes_where(True))
+    sound = Cell(group.full(True))
     for i in group.each(spec.n_moving):
         v = s["v", i]
-        sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
-    flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
+        sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+    flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
     if group.eventful:
-        flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
-        flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
+        flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), 0.0)
+        flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), 0.0)
     s["flags"] = flags
 
 
@@ -101,7 +100,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         speed = maximum(v, before)
         closed = d > 0.0
         fresh = closed & (s["mode", j] == 0.0)
-        s["mode", j] = where(closed, 1.0, group.full(0.0))
+        s["mode", j] = where(closed, 1.0, 0.0)
         forces.note_onset(group, j, fresh, fresh, speed, time)
         for reducer in group.reducers:
             if reducer.plain:
@@ -207,7 +206,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         # on the way that Newton changed, another contact may have touched before
         again = Cell(ongoing & landing & (s["taken"] > 0.0) & (s["land"] <= MAX_LANDINGS))
         with when_any(again.now):
-            again.now = again.now & forces.is_late(group)
+            again.now &= forces.is_late(group)
         asks = asks | again.now
     with when_any(asks):
         fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
@@ -241,9 +240,9 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
     with when_any(lands):
         s.put(lands, 0.0, "land")
         if group.spec.yielding:
-            switched.now = switched.now | hysteresis.apply_events(group, lands)
+            switched.now |= hysteresis.apply_events(group, lands)
         if group.touching:
-            switched.now = switched.now | kind.apply_events(group, lands, h)
+            switched.now |= kind.apply_events(group, lands, h)
     if implicit:
         with when_any(switched.now):
             group.scheme.balance(group, switched.now)
@@ -259,7 +258,7 @@ def substep(group: Group, h: Any) -> None:
     elif group.spec.implicit and group.touching:
         group.scheme.soften(group)
     add = group.scheme.trial(group)
-    look = kind.measure(group) if group.touching else group.lanes_where(False)
+    look = kind.measure(group) if group.touching else group.full(False)
     if group.spec.yielding:
         look = look | storeys_may_change(group, s["h"])
     accept_substep(group, look, kind)
@@ -357,10 +356,10 @@ class FixedSteps:
     def run(self) -> None:
         """Go through the record."""
         group, s, ground = self.group, self.group.state, self.ground
-        closed = Cell(flag(group.trace, False))
-        flowing = Cell(flag(group.trace, False)) if group.spec.yielding else None
-        for i in count_to(ground.intervals, group.trace):
-            for j in count_to(ground.steps, group.trace):
+        closed = Cell(False)
+        flowing = Cell(False) if group.spec.yielding else None
+        for i in count_to(ground.intervals):
+            for j in count_to(ground.steps):
                 ga, gb = ground.ends(i, j)
                 number = i * ground.steps + j
                 group.number = lambda: number  # noqa: B023
@@ -389,7 +388,7 @@ class FixedSteps:
 
     def _locate(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
         group, s, h = self.group, self.group.state, self.ground.h
-        touched = Cell(flag(group.trace, True))
+        touched = Cell(True)
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
@@ -406,7 +405,7 @@ class FixedSteps:
                 for k in group.each(group.spec.n_moving):
                     s[name, k] = s[f"{name}0", k]
             begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
-            for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
+            for _ in while_any(lambda: s["time_left"] > 0.0):
                 substep(group, h)
             closed.now = any_lane(forces.is_closed(group))
             if flowing is not None:

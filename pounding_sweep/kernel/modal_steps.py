@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pounding_sweep.kernel.lanes import Cell, Tracer, fma, maximum, sqrt, where, while_any
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, sqrt, where, while_any
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.
@@ -35,22 +35,22 @@ MOVES = ("qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1")
 _Function = tuple[Any, Any]
 
 
-def step(trace: Tracer | None, w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
+def step(w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
     """Return `MOVES` over a step of `h` (s), of frequencies, decay 2 zeta w, and what the ground pushes by."""
     damping = c * h
-    (e0, e1), (p0, p1), (q0, q1) = _functions(trace, (w * h) * (w * h), damping)
+    (e0, e1), (p0, p1), (q0, q1) = _functions((w * h) * (w * h), damping)
     found = [e0, e1 * h, -(w * w) * (e1 * h), e0 - damping * e1]
     for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
         found += [-(f1 * (push * h) * h), -((f0 - damping * f1) * (push * h))]
     return dict(zip(MOVES, found, strict=True))
 
 
-def _functions(trace: Tracer | None, square: Any, damping: Any) -> tuple[_Function, _Function, _Function]:
+def _functions(square: Any, damping: Any) -> tuple[_Function, _Function, _Function]:
     """exp, phi1 and phi2 of Z = [[0, 1], [-square, -damping]], lane by lane."""
     # each by its own number of halvings, so that none depends on those beside it
     largest = maximum(maximum(sqrt(square), damping), _SMALL)
     share = Cell(square * 0.0 + 1.0)
-    for _ in while_any(lambda: largest * share.now > _SMALL, trace, _HALVINGS):
+    for _ in while_any(lambda: largest * share.now > _SMALL, _HALVINGS):
         share.now = where(largest * share.now > _SMALL, 0.5 * share.now, share.now)
     scale = share.now
     s, c = square * scale * scale, damping * scale
@@ -70,7 +70,7 @@ def _functions(trace: Tracer | None, square: Any, damping: Any) -> tuple[_Functi
     def now(cells: tuple[Cell, Cell]) -> _Function:
         return cells[0].now, cells[1].now
 
-    for _ in while_any(lambda: share.now < 1.0, trace):
+    for _ in while_any(lambda: share.now < 1.0):
         more, (a0, a1), (b0, b1) = share.now < 1.0, times(now(phi1), now(phi1)), times(now(grown), now(phi1))
         twice = times(now(grown), now(grown))
         new = (0.25 * (a0 + 2.0 * phi2[0].now), 0.25 * (a1 + 2.0 * phi2[1].now))

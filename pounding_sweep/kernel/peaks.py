@@ -77,7 +77,7 @@ def septic_extremes(
     spans = [s0, s0 + (1.0 / 6.0) * c0, s0 + (1.0 / 3.0) * c0 + (1.0 / 30.0) * j0]
     spans += [s1 - (1.0 / 3.0) * c1 + (1.0 / 30.0) * j1, s1 - (1.0 / 6.0) * c1, s1]
     spans.insert(3, 7.0 * (x1 - x0) - sum(spans[1:], spans[0]))
-    changed = back = group.lanes_where(False)
+    changed = back = group.full(False)
     for each in spans[1:]:
         back = back | (changed & (each * s0 >= 0.0))
         changed = changed | (each * s0 < 0.0)
@@ -89,7 +89,7 @@ def septic_extremes(
         for each in spans:
             x = x + (1.0 / 7.0) * each
             most, least = maximum(most, x), minimum(least, x)
-        again.now = again.now & ((most > high) | (least < low))
+        again.now &= (most > high) | (least < low)
 
     def take(mine: Any, x: Any) -> None:
         above.now = where(mine, maximum(above.now, x), above.now)
@@ -100,8 +100,8 @@ def septic_extremes(
         take(once, curve.value(turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))))
         for _ in when(any_lane(again.now)):
             t, x, s = Cell(group.full(0.0)), Cell(x0), Cell((1.0 / PARTS) * at_start)
-            for _ in count_to(PARTS, group.trace):
-                t.now = t.now + 1.0 / PARTS
+            for _ in count_to(PARTS):
+                t.now += 1.0 / PARTS
                 then, rate = curve.with_slope(t.now)
                 rate = (1.0 / PARTS) * rate
                 take(again.now, extreme(cubic(x.now, then, s.now, rate), rate))
@@ -230,8 +230,8 @@ def largest_accelerations(
             hold(group, end)
         add_forces(group, f"rate{end}", f"q{end}")
     h = s["h"]
-    closed = forces.is_closed(group) & (h > 0.0) if pressed else group.lanes_where(False)
-    again = Cell(group.lanes_where(False))
+    closed = forces.is_closed(group) & (h > 0.0) if pressed else group.full(False)
+    again = Cell(group.full(False))
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
         s1 = h * s["rate1", i]
@@ -241,7 +241,7 @@ def largest_accelerations(
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(p, ends)), 0.0))
         if pressed:
             s["peak", i] = where(p > ends, p, 0.0)
-            again.now = again.now | (closed & (s["peak", i] > NEARLY * s["acc", i]))
+            again.now |= closed & (s["peak", i] > NEARLY * s["acc", i])
     if pressed:
         with when_any(again.now):
             for i in group.each(group.spec.n_dof, straight=False):
@@ -266,7 +266,7 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     s1 = h * s["rate1", i]
     curve = cubic(s["acc0", i], s["acc1", i], h * s["rate0", i], s1)
     at = Cell(_acceleration_turn(group, curve, s1)[0])
-    for _ in count_to(2, group.trace):  # once where the cubic turns, once nearer
+    for _ in count_to(2):  # once where the cubic turns, once nearer
         t = at.now
         _accelerate(group, t)
         found, rest = s["there", i], t * (1.0 - t)

@@ -142,7 +142,7 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     secant = where(at_low < 0.0, low + (high - low) * (at_low / (at_low - at_high)), 0.5 * (low + high))
     lo, hi, at = Cell(low), Cell(high), Cell(where(going.now, secant, begin))
     settled, exact = SETTLED[group.spec.precision], group.limit.exact
-    for _ in while_any(lambda: going.now, group.trace, at_most=60):
+    for _ in while_any(lambda: going.now, at_most=60):
         t, mine = at.now, going.now
         x, rate = (sign * found for found in series.with_slope(t))
         up = x > 0.0
@@ -172,7 +172,7 @@ def turn(
         found.append(nearer(*found[-1]))
     now, low, high = (Cell(x) for x in found[-1])
     going = Cell(lanes & (size(now.now - found[-2][0]) > NEAR))
-    for _ in while_any(lambda: going.now, group.trace, at_most=6):
+    for _ in while_any(lambda: going.now, at_most=6):
         t, mine = now.now, going.now
         then, low.now, high.now = nearer(t, low.now, high.now)
         now.now, going.now = where(mine, then, t), mine & (size(then - t) > NEAR)
@@ -186,9 +186,9 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     early = at_low > 0.0
     lo, hi, flo, fhi = Cell(low), Cell(where(early, low, high)), Cell(at_low), Cell(at_high)
     side, going, least = Cell(group.full(0.0)), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
-    for _ in while_any(lambda: going.now, group.trace, at_most=100):
+    for _ in while_any(lambda: going.now, at_most=100):
         a, b, fa, fb, last = lo.now, hi.now, flo.now, fhi.now, side.now
-        going.now = going.now & (b - a > group.limit.exact)
+        going.now &= b - a > group.limit.exact
         t = b - fb * (b - a) / (fb - fa)
         t = minimum(maximum(t, a + least), b - least)  # so that a root beside an end is enclosed at once
         t = where((t > a) & (t < b), t, 0.5 * (a + b))

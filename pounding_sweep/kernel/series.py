@@ -105,10 +105,10 @@ def _expand(group: Group) -> None:
 def _expand_row(group: Group, contacts: int) -> None:
     """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
     s = group.state
-    inverse = Lookup(group.trace, [1.0 / (k + 1.0) for k in range(group.spec.series)])
+    inverse = Lookup([1.0 / (k + 1.0) for k in range(group.spec.series)])
     ground = Cell(s["g1"] - s["g0"])
     _expand_term(group, contacts, 0, s["g0"], inverse)
-    for q in count_to(group.spec.series - 1, group.trace):  # written out for each, it would not fit into caches
+    for q in count_to(group.spec.series - 1):  # written out for each, it would not fit into caches
         _expand_term(group, contacts, q + 1, ground.now, inverse)
         ground.now = group.full(0.0)
 
@@ -156,7 +156,7 @@ def _press(group: Group, j: Any, k: Any, x: _Term) -> Any:
     else:
         s["wj", j + k * nc] = w
         total = Cell(group.full(0.0))
-        for i in range(k + 1) if isinstance(k, int) else count_to(k + 1, group.trace):
+        for i in range(k + 1) if isinstance(k, int) else count_to(k + 1):
             total.now = fma(s["dj", j + i * nc], s["wj", j + (k - i) * nc], total.now)
         f = fma(s["ke", j], d, s["ce", j] * total.now)
     s["fj", j + k * nc] = f
@@ -215,7 +215,7 @@ def _meet(group: Group) -> None:
     events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
-    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events + HALVINGS):
+    for _ in while_any(lambda: going.now, at_most=4 * events + HALVINGS):
         choice = _choose(group, going.now)
         doubt = choice.doubt.now
         found = choice.found.now & ~doubt
@@ -283,7 +283,7 @@ class _Choice:
     """The event that seems to come first, in each lane; its series in ``pick``."""
 
     def __init__(self, group: Group) -> None:
-        self.group, nobody = group, group.lanes_where(False)
+        self.group, nobody = group, group.full(False)
         self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
@@ -311,14 +311,14 @@ class _Choice:
         unseen = lanes & (above | below) & (end > HALVED)
         with when_any(unseen):
             bends = sign * r0 * series.rate.value(0.5 * end) < 0.0
-            self.doubt.now = self.doubt.now | (unseen & (bends | _turns_twice(group, series)))
+            self.doubt.now |= unseen & (bends | _turns_twice(group, series))
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
         lanes = lanes & (crosses | hops)
         with when_any(lanes):
             low = minimum(e0, 0.0)
             guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
             guess = where(guess >= 0.0, guess, 0.0)
-            self.found.now = self.found.now | lanes
+            self.found.now |= lanes
             better = lanes & (guess < self.soonest.now)
             self.soonest.now = where(better, guess, self.soonest.now)
             for k in range(group.spec.series + 1):
@@ -355,18 +355,18 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
         lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
         choice.offer(real(number), lanes, sign, series, target, leans)
 
-    sign = where(closed, -1.0, group.full(1.0))
+    sign = where(closed, -1.0, 1.0)
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
     offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
     if law.shape.approach_only:
-        toward = where(pressing, -1.0, group.full(1.0))
+        toward = where(pressing, -1.0, 1.0)
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = s["kl", j], s["cl", j] * per
         press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
-        toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
+        toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, group.full(PRESSING))
         offer(1, asks & closed & (c > 0.0), toward, press, target)
 
 
@@ -432,14 +432,14 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
             with when_any(unseen):
                 _, early, late, last = tangents(_drift(group, i, below, z0, 1.0).rate, s["fraction"])
                 twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
-                choice.doubt.now = choice.doubt.now | (unseen & twice)
+                choice.doubt.now |= unseen & twice
             with when_any(leaves):
-                toward = where(v0 > 0.0, 1.0, group.full(-1.0))
+                toward = where(v0 > 0.0, 1.0, -1.0)
                 # it leaves its range on the side to which it moves first, and comes back, or stays beyond
                 turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
                 ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
                 hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
-                side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+                side = where(hops, toward, where(z1 > 0.0, 1.0, -1.0))
                 start = side * z0 - dy
                 start = where(start > -margin, start - margin, start)
                 lanes = leaves & (hops | beyond) & ~(then == side)
@@ -585,7 +585,7 @@ def _take_turns(group: Group) -> None:
 
 def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
     """Go through the parts of the step: start and end."""
-    for q in count_to(PARTS, group.trace):
+    for q in count_to(PARTS):
         start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
         yield start, end
 
@@ -596,13 +596,13 @@ def _integrate(group: Group) -> None:
     if not r & {"energy", "work", "impulse", "transfer", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
-    table = Lookup(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
+    table = Lookup([*(0.5 + 0.5 * nodes), *(0.5 * weights)])
     if "links" in r:
         links.clear_powers(group)
     if "transfer" in r:
         transfers.begin(group)
     per = _per(group)
-    for q in count_to(len(nodes), group.trace):
+    for q in count_to(len(nodes)):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
         for i in group.each(n, straight=False) if r & {"energy", "transfer", "links"} else ():
             s["y", i] = _velocity(group, t)(i)
@@ -653,7 +653,7 @@ def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
         r0, r1 = x.rate.value(start), x.rate.value(end)
         most.now = maximum(most.now, where(moves, size(x.value(end)), 0.0))
         with when_any(turns := moves & (r0 * r1 < 0.0)):
-            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
+            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, 1.0))
             most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
     s[name, i] = maximum(s[name, i], most.now)
 

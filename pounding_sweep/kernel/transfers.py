@@ -96,8 +96,8 @@ def _find_ends(group: Group, forces_of: Callable[[Any], tuple[Any, Any]]) -> Non
 def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
     """Mean power of a building from the start of the sub-step until a part t of it, times t (Gauss & Legendre)."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
-    table, total = Lookup(group.trace, [*(0.5 + 0.5 * at), *(0.5 * weights)]), Cell(group.full(0.0))
-    for q in count_to(nodes, group.trace):
+    table, total = Lookup([*(0.5 + 0.5 * at), *(0.5 * weights)]), Cell(group.full(0.0))
+    for q in count_to(nodes):
         total.now = fma(table[q + nodes], _power(group, b, t * table[q], course), total.now)
     return t * total.now
 
@@ -161,14 +161,14 @@ def _may_turn(group: Group, b: Any) -> Any:
 def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) -> None:
     """Take the transfers of a building at which its power changes its sign, in some lanes."""
     s, end, power = group.state, group.state["fraction"], partial(_power, group, b, course=course)
-    table = Lookup(group.trace, [*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
+    table = Lookup([*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
     begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(s["given0", b])
-    for q in count_to(PARTS, group.trace):
+    for q in count_to(PARTS):
         a, high = low.now, end * table[q]
         x = power(high)
         turns = lanes & ~(at_low.now * x > 0.0)
         with when_any(turns):
-            side = where(x > 0.0, 1.0, group.full(-1.0))
+            side = where(x > 0.0, 1.0, -1.0)
             t = root(group, turns, a, high, lambda t: side * power(t))  # noqa: B023
             _take(group, b, where(turns, fma(s["span"], _given(group, b, t, nodes, course), begun), s["now", b]))
         low.now, at_low.now = high, x

@@ -21,23 +21,21 @@ from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     Rows,
+    Table,
     any_lane,
+    constant,
     count_to,
     each_lane,
-    everywhere,
-    first_lane,
-    flag,
     fma,
-    gather,
-    lane_numbers,
+    lane_of,
     not_,
     real,
     rounded,
+    side_by_side,
     when,
     when_any,
     where,
     while_any,
-    whole,
 )
 from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.kernel.spec import LANES
@@ -152,14 +150,13 @@ class Course:
     """How far the scenario of each lane has come: what flight and the steps beside contacts share."""
 
     def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
-        trace, lanes = group.trace, group.lanes
         #: Of each lane: short steps done, and the number of its scenario.
-        self.at, self.scenario = (cell(everywhere(trace, 0, lanes)) for _ in range(2))
+        self.at, self.scenario = (cell(group.full(0)) for _ in range(2))
         #: Whether it has one, short steps that are left of flight's, and whether it leaves its steps.
         self.busy, self.left = (cell(group.full(0.0)) for _ in range(2))
-        self.leaves = cell(group.lanes_where(True))
+        self.leaves = cell(group.full(True))
         #: The next scenario.
-        self.next = cell(whole(trace, 0))
+        self.next = cell(0)
 
 
 class Flights:
@@ -186,7 +183,7 @@ class Flights:
         self._kept = kept
         #: Short steps in one of flight's grid.
         self.short = ground.steps // ground.substeps
-        self.settled = Cell(flag(group.trace, False))
+        self.settled = Cell(False)
         self._note_point = None if note is None else lambda point: note(point * self.short)
 
     def serve(self) -> None:
@@ -199,18 +196,18 @@ class Flights:
     def _serve(self, lane: Any) -> None:
         group, flight, course = self.group, self.flight, self.course
         has = Cell(course.busy.lane(lane) > 0.0)
-        self.settled.now = flag(group.trace, False)
+        self.settled.now = False
         for _ in when(has.now):
             self._leave(lane, course.at.lane(lane) // self.short)
-        for _ in while_any(lambda: not_(self.settled.now), group.trace):
+        for _ in while_any(lambda: not_(self.settled.now)):
             for _ in when(not_(has.now)):
                 none_left = not_(course.next.now < self._count)
                 for _ in when(none_left):
                     course.busy.put_lane(lane, 0.0)
-                    self.settled.now = flag(group.trace, True)
+                    self.settled.now = True
                 for _ in when(not_(none_left)):
                     self._begin(lane)
-                    has.now = flag(group.trace, True)
+                    has.now = True
             for _ in when(has.now):
                 flight.fly(lane, self._note_point)
                 flight.enter(lane, flight.at.now)
@@ -219,13 +216,13 @@ class Flights:
                 for _ in when(hits):
                     course.at.put_lane(lane, flight.at.now * self.short)
                     course.left.put_lane(lane, real(self.short))
-                    self.settled.now = flag(group.trace, True)
+                    self.settled.now = True
                 for _ in when(not_(hits)):
                     march.conclude(group)
                     number = course.scenario.lane(lane)
                     for row, mine in self._each(self._results, number):
                         self._results.put_lane(mine, self._column(number), group.state.lane(row, lane))
-                    has.now = flag(group.trace, False)
+                    has.now = False
 
     @staticmethod
     def _column(number: Any) -> Any:
@@ -235,7 +232,7 @@ class Flights:
         """Go through the rows of a scenario: the row of the state, and its own."""
         block, first = number // LANES * rows.size, self.group.state.first
         for name, n in rows.count.items():
-            for i in count_to(n, self.group.trace) if n > 8 else range(n):
+            for i in count_to(n) if n > 8 else range(n):
                 yield first[name] + i, block + rows.first[name] + i
 
     def _leave(self, lane: Any, point: Any) -> None:
@@ -243,7 +240,7 @@ class Flights:
         s, number, flight = self.group.state, self.course.scenario.lane(lane), self.flight
         flight.scale.now = s.lane(s.first["scale"], lane)
         row = number * 0
-        if "tables" in self._inputs:
+        if "tables" in self._inputs.first:
             at = number // LANES * self._inputs.size + self._inputs.first["tables"]
             row = rounded(self._inputs.lane(at, self._column(number)))
         flight.base.now = flight.layout.base(row, self._stops)
@@ -254,17 +251,18 @@ class Flights:
         """Let the next scenario begin in a lane."""
         group, course = self.group, self.course
         number = course.next.now
-        group.state.clear_lane(lane, self._kept)
+        for row in count_to(self._kept):
+            group.state.put_lane(row, lane, 0.0)
         for row, mine in self._each(self._inputs, number):
             group.state.put_lane(row, lane, self._inputs.lane(mine, self._column(number)))
         course.scenario.put_lane(lane, number)
         course.busy.put_lane(lane, 1.0)
-        course.at.put_lane(lane, whole(group.trace, 0))
+        course.at.put_lane(lane, 0)
         course.next.now = number + 1
-        march.begin(group, self.ground.start(), lane_numbers(group.trace, group.lanes) == real(lane))
+        march.begin(group, self.ground.start(), side_by_side(group.trace, range(group.lanes)) == real(lane))
         if self.note is not None:
-            self.note(whole(group.trace, 0))
-        self._leave(lane, whole(group.trace, 0))
+            self.note(constant(0))
+        self._leave(lane, constant(0))
 
 
 class Events:
@@ -283,13 +281,14 @@ class Events:
         self.group, self.ground, self.serve, self.course, self.note = group, ground, serve, course, note
         #: Short steps in one of flight's grid, and in all.
         self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
+        self._track = Table(group.trace, ground.track, group.lanes)
         group.number = lambda: course.at.now
 
     def run(self) -> None:
         """Take all scenarios over the record."""
         group, s, course = self.group, self.group.state, self.course
-        more = Cell(flag(group.trace, True))
-        for _ in while_any(lambda: more.now, group.trace):
+        more = Cell(True)
+        for _ in while_any(lambda: more.now):
             for _ in when(any_lane(course.leaves.now)):
                 self.serve()
             more.now = any_lane(course.busy.now > 0.0)
@@ -305,7 +304,8 @@ class Events:
 
     def _ground(self, places: Any) -> Any:
         safe = where(places < self.last, places, places * 0 + self.last)  # an idle lane may be at its end
-        return self.group.state["scale"] * gather(self.group.trace, self.ground.track, safe)
+        places = [lane_of(safe, lane) for lane in range(self.group.lanes)]
+        return self.group.state["scale"] * side_by_side(self.group.trace, [self._track.number(at) for at in places])
 
     def _go_on(self) -> None:
         """Find the lanes that leave: open at a point of flight's grid, or at the end of the record."""
@@ -323,7 +323,7 @@ class Events:
             stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
             for _ in when(any_lane(over)) if self.note is not None else ():
                 assert self.note is not None
-                self.note(first_lane(at))
+                self.note(lane_of(at, 0))
             course.leaves.now = ends | (whole_step & ~stays)
             if march.needs_ends(group):
                 march.clear_forces(group, over & ~closed)

@@ -36,7 +36,7 @@ from pounding_sweep.kernel.forces import (
     stick,
 )
 from pounding_sweep.kernel.group import Group, part_of
-from pounding_sweep.kernel.lanes import Cell, flag, fma, maximum, minimum, size, when_any, where, while_any
+from pounding_sweep.kernel.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import (
     Part,
@@ -178,7 +178,7 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     if group.spec.whole:
         right = [group.full(0.0) for _ in range(group.spec.n_moving)]
         for floor, share in floors:
-            right = [where(flag(group.trace, floor == i), share, x) for i, x in enumerate(right)]
+            right = [where(constant(floor == i), share, x) for i, x in enumerate(right)]
         for i, x in enumerate(_solve_row(group, list(enumerate(group.building_floors)), be, ga, right)):
             s["response", first + i] = x
         return
@@ -192,7 +192,7 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         diagonal = group.prop("m", i) * (1.0 + ga * group.prop("alpha", b)) + stiffness(i) + above
         pushed = None
         for floor, share in floors:
-            here, own = flag(group.trace, i == floor), group.full(1.0 if share is None else share)
+            here, own = constant(i == floor), group.full(1.0 if share is None else share)
             pushed = where(here, own, group.full(0.0) if pushed is None else pushed)
         return diagonal, pushed
 
@@ -200,7 +200,7 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         top = p + 1 == storeys
         if not isinstance(top, bool):
             i = where(top, home + p, home + p + 1)
-            return where(top, group.full(0.0), group.full(stiffness(i)))
+            return where(top, 0.0, group.full(stiffness(i)))
         return 0.0 if top else stiffness(home + p + 1)
 
     # elimination from the bottom, as in the flight step
@@ -253,14 +253,14 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
     lo, glo, hi = Cell(group.full(0.0)), Cell(f0), Cell(f0)
     ghi = Cell(miss(f0))
     wide = Cell(asks & (ghi.now * f0 > 0.0))
-    for _ in while_any(lambda: wide.now, group.trace, at_most=60):
+    for _ in while_any(lambda: wide.now, at_most=60):
         mine = wide.now
         lo.now, glo.now = where(mine, hi.now, lo.now), where(mine, ghi.now, glo.now)
         hi.now = where(mine, hi.now * 2.0, hi.now)
         ghi.now = where(mine, miss(hi.now), ghi.now)
         wide.now = mine & (ghi.now * f0 > 0.0)
     side, going = Cell(group.full(0.0)), Cell(asks)
-    for _ in while_any(lambda: going.now, group.trace, at_most=200):
+    for _ in while_any(lambda: going.now, at_most=200):
         a, b, ga, gb, last = lo.now, hi.now, glo.now, ghi.now, side.now
         mine = going.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
         t = b - gb * (b - a) / (gb - ga)
@@ -280,14 +280,14 @@ def correct(group: Group, h: Any) -> None:
     """Find the contact forces at the end of the step and correct its end with them."""
     s, spec = group.state, group.spec
     h = group.full(h)
-    some = Cell(group.lanes_where(False))
+    some = Cell(group.full(False))
     for j in group.each_contact():
         s["force", j] = 0.0
-        some.now = some.now | (~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0)
+        some.now |= ~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0
     live = some.now & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-        share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
+        share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), 1.0)
         for j in group.each_contact():
             with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
                 for first, floors, _ in _sides(group, j):
@@ -321,7 +321,7 @@ def _iterate(
     """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
     s, spec, (be, ga) = group.state, group.spec, ends
     going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
-    for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
+    for _ in while_any(lambda: going.now, at_most=MAX_SWEEPS):
         mine = going.now
         most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
         for j in group.each_contact():
@@ -397,8 +397,8 @@ def soften(group: Group) -> None:
             if law.shape.yields:
                 stick(group, j, here)
             ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
-            hard.now = hard.now | (
-                here & (h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE)
+            hard.now |= here & (
+                h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE
             )
         stiff = hard.now
         s.put(stiff, 1.0, "stiff")
