@@ -5,26 +5,21 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import lru_cache
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from against_twin import lane_values, motion, simulate, twins
 from kernels_used import LEANING_YIELDS, YIELDING, YIELDING_SWEEP
-from kinds import ALONE, STEPPED, YIELDS
+from kinds import STEPPED, YIELDS
 from naive import run
 from scenes import EVERY, motions, pair
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.base.errors import InputError, SweepError
-from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel import hysteresis
-from pounding_sweep.kernel.flight import Flight
-from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.merge import merge_cubes
@@ -97,28 +92,6 @@ def some_scenarios(n=70):
         "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
         "restitution": rng.uniform(0.2, 1.0, n),
     }
-
-
-def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
-    """K u less what yielding has left is K (u - c), whatever yielded; watched motions have the value at c added."""
-    kernel, rng = flying(ALONE), np.random.default_rng(5)
-    group = make_group(kernel.shape, None, 8, kernel.constants())
-    n = ALONE.n_dof
-    slip, u = (rng.standard_normal((n, 8)) * 0.01 for _ in range(2))
-    hysteresis.begin(group)
-    yields = np.isin(np.arange(n), kernel.shape.yielding)[:, None]
-    group.state.array[group.state.first["slip"] :][:n] = slip = np.where(yields, slip, 0.0)
-    group.state.array[group.state.first["u"] :][:n] = u
-    k, r = (np.array([group.prop(name, i) for i in range(n)])[:, None] for name in ("k", "hardening"))
-    group.state.array[group.state.first["ct"] :][:n] = -(1.0 - r) * k * slip
-    Flight.find_sets(SimpleNamespace(group=group))
-    c = group.state.array[group.state.first["set"] :][:n]
-    for b, floors in enumerate(group.building_floors):
-        x, still = [u[i] for i in floors], [np.zeros(8)] * len(floors)
-        found = accelerations(group, [(b, floors)], x, still, 0.0, [])
-        building = ALONE.buildings[b]
-        want = -building.stiffness_matrix @ (u - c)[floors] / np.array(building.masses)[:, None]
-        np.testing.assert_allclose(found, want, rtol=0, atol=1e-10 * np.abs(want).max())
 
 
 @pytest.mark.parametrize("law", [pytest.param("kelvin_voigt_tension", marks=pytest.mark.slow), "modified_kelvin_voigt"])

@@ -11,9 +11,8 @@ import numpy as np
 from llvmlite import ir
 
 from pounding_sweep.kernel import march
-from pounding_sweep.kernel.flight import Flight, Layout, scratch
+from pounding_sweep.kernel.flight import Flight, Layout
 from pounding_sweep.kernel.flight_tables import Blocks, Tables
-from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Count,
@@ -126,7 +125,7 @@ def state_size(spec: KernelSpec) -> tuple[int, int]:
 def _own_size(group: Group) -> int:
     """Numbers of flight's own rows."""
     layout = Layout(group)
-    return sum(scratch(layout).values()) * layout.lanes
+    return sum(layout.scratch.values()) * layout.lanes
 
 
 def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
@@ -278,8 +277,9 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 elif group.spec.impulsive or not group.spec.located:
                     value = s["f1", q]
                 else:
-                    v = group.between(group.floors("v"), q)
-                    value = group.law_of(q).pressing(s["ke", q], s["ce", q], penetration(group, q), v)
+                    contact = group.known_contacts()[q]
+                    d, v = contact.penetration(), contact.between(group.floors("v"))
+                    value = contact.law.pressing(contact.ke, contact.ce, d, v)
                 put(row, place.first[name] + q, value)
 
     return note

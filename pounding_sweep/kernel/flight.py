@@ -33,23 +33,23 @@ side. Once it yields, the row is stepped until all storeys are elastic again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import groupby
+from dataclasses import dataclass
+from functools import cached_property, partial, reduce
+from itertools import accumulate, groupby
 from operator import add
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.kernel import hysteresis
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, Storey
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
     Rows,
     Table,
-    after,
     any_lane,
+    constant,
     count_to,
     each_lane,
     first_true,
@@ -62,6 +62,7 @@ from pounding_sweep.kernel.lanes import (
     not_,
     real,
     rounded,
+    shifted,
     side_by_side,
     size,
     sqrt,
@@ -126,32 +127,31 @@ def watched(group: Group) -> list[Watched]:
     """Return what the flight of a lane group watches: contacts first."""
     n = group.spec.n_dof
     # in a kernel that is traced, constants are not known: which floors count does not depend on them
-    known = group.constants if isinstance(group.constants, np.ndarray) else np.ones(property_slots(group.spec).size)
-    probe = Group(group.spec, group.scheme, group.reducers, None, n, known)
-    for i in range(n):
-        probe.state["u", i] = np.arange(n) == i
-    first, below = probe.state.first, [None if bottom else i - 1 for i, bottom in enumerate(group.spec.bottom)]
-    found = [
-        Watched(TOUCH, tuple(probe.between("u", j)), first["gap"] + pair, -1, False)
-        for j, (_, _, pair) in enumerate(probe.contacts)
+    constants = group.constants if isinstance(group.constants, np.ndarray) else np.ones(property_slots(group.spec).size)
+    probe = Group(group.spec, group.scheme, group.reducers, None, n, constants)
+
+    def weights(read: Callable[[Any], Any], moved: str = "u") -> tuple[float, ...]:
+        for i in range(n):
+            for name in "uv":
+                probe.state[name, i] = (np.arange(n) == i) * float(name == moved)
+        return tuple(read("u"))
+
+    first = probe.state.first
+    quantities = [
+        Watched(TOUCH, weights(contact.between), first["gap"] + contact.sides[2], -1, False)
+        for contact in probe.each_contact()
     ]
-    for i, _ in hysteresis.each_storey(probe):
-        found.append(Watched(ONSET, tuple(probe.drift(i, below[i])), -1, -1, False, i))
+    for storey in hysteresis.each_storey(probe):
+        quantities.append(Watched(ONSET, weights(storey.drift), -1, -1, False, storey.index))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
-        sized, i = motion.sized and motion.shear < 0, motion.shear
-        weights = tuple(motion.of("u") if i < 0 else probe.drift(i, below[i]))  # of a shear the drift
-        found.append(Watched(TURN, weights, most, least, sized, i))
-        if motion.pulls:
-            for k in range(n):
-                probe.state["v", k], probe.state["u", k] = np.arange(n) == k, 0.0
-            found[-1] = replace(found[-1], rates=tuple(motion.of("u")))
-            for k in range(n):
-                probe.state["u", k], probe.state["v", k] = np.arange(n) == k, 0.0
+        i = motion.shear
+        of = weights(motion.of if i < 0 else probe.storey(i).drift)  # of a shear the drift
+        rates = weights(motion.of, "v") if motion.pulls else ()
+        quantities.append(Watched(TURN, of, most, least, motion.sized and i < 0, i, rates))
     if "acceleration" in group.asked:
-        eye = np.eye(n)
-        found += [Watched(ACCELERATION, tuple(eye[i]), first["acc"] + i, -1, True) for i in range(n)]
-    return found
+        quantities += [Watched(ACCELERATION, tuple(x), first["acc"] + i, -1, True) for i, x in enumerate(np.eye(n))]
+    return quantities
 
 
 @dataclass(frozen=True)
@@ -167,15 +167,16 @@ class Power:
 
 def powers(spec: KernelSpec) -> list[Power]:
     """Return what the powers of a row are made of that are asked for."""
-    asked = spec.reducers & {"energy", "links"}
 
     def part(floor: int) -> tuple[int, int]:
-        return next(each for each in spec.flocks if each[0] <= floor < sum(each))
+        return next(flock for flock in spec.flocks if flock[0] <= floor < sum(flock))
 
-    found = [Power("momentum", b, part(spec.home(b))) for b in range(spec.n_buildings)] if "energy" in asked else []
-    for j, (left, _) in enumerate(spec.links if asked else ()):
-        found += [Power(kind, j, part(left)) for kind in ("stretch", "left", "right")]
-    return found
+    factors = []
+    if "energy" in spec.reducers:
+        factors = [Power("momentum", b, part(spec.home(b))) for b in range(spec.n_buildings)]
+    for j, (left, _) in enumerate(spec.links if spec.reducers & {"energy", "links"} else ()):
+        factors += [Power(kind, j, part(left)) for kind in ("stretch", "left", "right")]
+    return factors
 
 
 def nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +205,7 @@ class Layout:
 
         self.wide_modes, self.wide_watched = padded(n), padded(max(1, len(self.watched)))
         #: Modes that each watched quantity has a part in: first and number.
-        self.ranges = [self.part_in(spec.flocks, each.weights, each.rates) for each in self.watched]
+        self.ranges = [self._part_in(quantity, spec.flocks) for quantity in self.watched]
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
         #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
@@ -271,13 +272,33 @@ class Layout:
             self.places[name], each_point, others = (each_point, others), each_point + count, others + lanes * count
         self._numbers = each_point, others
 
-    @staticmethod
-    def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
-        """First mode that a sum over floors has a part in, and their number."""
-        floors = np.concatenate([np.flatnonzero(each) for each in weights])
-        mine = [(first, many) for first, many in flocks if ((floors >= first) & (floors < first + many)).any()]
-        low, high = mine[0][0], sum(mine[-1])
-        return low, high - low
+    def _part_in(self, quantity: Watched, flocks: Sequence[tuple[int, int]]) -> tuple[int, int]:
+        """First mode that a watched quantity has a part in, and their number."""
+        moved = np.array(quantity.weights) != 0.0
+        moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
+        parts = [(first, many) for first, many in flocks if moved[first : first + many].any()]
+        return parts[0][0], sum(parts[-1]) - parts[0][0]
+
+    @property
+    def scratch(self) -> dict[str, int]:
+        """Rows of flight's own."""
+        n, parts, wide = self.modes, self.wide_modes // self.lanes, self.wide_watched // self.lanes
+        factors = [f"amplitude_{factor}" for _, factor in (*self.bounds, *self.bulges, *self.misses) if factor]
+        rows = dict.fromkeys(("q", "p", "whole_q", "whole_p", "amplitude", "floor", *factors), parts)
+        rows |= dict.fromkeys(("high", "low", "reach", "bulge", "missed", "asks"), wide)
+        rows |= {"shift": wide} if self.yields else {}
+        rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n) | {"reached": self.touches}
+        if self.coupled:
+            rows |= dict.fromkeys(("fourth", "lift"), n)
+            rows |= dict.fromkeys(("node_q", "node_p"), n) if self.powers else {}
+        elif "bound_shaken" in self.shared:
+            rows |= dict.fromkeys(SHAKEN, n)
+        if not self.strides:
+            return rows
+        rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
+        rows |= dict.fromkeys(("above", "below", "swell"), self.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
+        rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN) | {"free_ground": self.series_rows}
+        return rows | dict.fromkeys(("free_x", "free_rate"), n * self.series_rows)
 
     def size(self, points: Any) -> Any:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
@@ -305,15 +326,19 @@ class Flight:
         self.group, self.layout = group, (layout := Layout(group))
         #: Instants of the scenario that flies, side by side.
         self.times = group.in_lanes(layout.lanes)
-        self.trace, self.lanes = self.times.trace, layout.lanes
+        self.trace, self.lanes, self.coupled, self.yields = (
+            self.times.trace,
+            layout.lanes,
+            layout.coupled,
+            layout.yields,
+        )
         self.tables, self.points, self.last = Table(self.trace, tables, self.lanes), points, points - 1
-        self.rows = Rows(self.trace, scratch(layout), self.lanes, memory)
+        self.rows = Rows(self.trace, layout.scratch, self.lanes, memory)
         #: Where the tables of the scenario that flies begin, and the record's scale.
         self.base, self.scale = Cell(points), Cell(1.0)
-        self.at, self.hits = Cell(points), Cell(False)
-        self.going, self.steps = Cell(True), Cell(points)
+        self.at, self.hits, self.going, self.steps = Cell(points), Cell(False), Cell(True), Cell(points)
         #: Whether rates, and what leaves hulls of cubics, are known in a window.
-        self.rated, self.weighed = (Cell(False) for _ in range(2))
+        self.rated, self.weighed = Cell(False), Cell(False)
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
         self.mode_parts, self.watched_parts = (
@@ -324,53 +349,54 @@ class Flight:
 
     def place_of(self, name: str) -> Any:
         """Where the numbers of a name begin."""
-        stops = self.points if self.blocks is None else self.blocks.blocks
-        place = self.layout.place(name, stops)
+        place = self.layout.place(name, self.points if self.blocks is None else self.blocks.blocks)
         return place if name in self.layout.shared else self.base.now + place
 
-    def _then(self, name: str, t: Any, part: Any = 0) -> Any:
-        """Vector number `part` of a name at point t."""
-        width = self.layout.timed[name]
-        return self.tables.vector(self.place_of(name) + t * width + part * self.lanes)
+    def number(self, name: str, i: Any = 0) -> Any:
+        """Return number `i` of a name."""
+        return self.tables.number(self.place_of(name) + i)
+
+    def vector(self, name: str, i: Any = 0) -> Any:
+        """Return numbers of a name, from number `i` on, as many as there are lanes."""
+        return self.tables.vector(self.place_of(name) + i)
+
+    def part(self, name: str, part: Any, t: Any = 0) -> Any:
+        """Vector number `part` of a name, at point t."""
+        width = self.layout.timed.get(name, 0)
+        return self.vector(name, t * width + part * self.lanes if width else part * self.lanes)
 
     def _still(self, name: str, t: Any, part: Any) -> Any:
         """Modes, or their rates, of the motion without pounding at point t."""
         if self.blocks is None:
-            return self._then(name, t, part)
+            return self.part(name, part, t)
         return self.rows[f"point_{name}", t - self.blocks.start + part * SPAN]
 
     def _free(self, name: str, m: Any, t: Any) -> Any:
         """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
         if self.blocks is None:
-            return self.tables.vector(self.place_of(name) + m * (self.points + self.lanes) + t)
-        at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
-        return self.rows.vector(f"free_{name}", at)
+            return self.vector(name, m * (self.points + self.lanes) + t)
+        return self.rows.vector(f"free_{name}", m * self.layout.series_rows * self.lanes + (t - self.blocks.start))
 
-    def ground(self, t: Any) -> Any:
-        """Return the ground's accelerations at successive points from t on."""
-        return self._free("ground", 0, t)
-
-    def put_decays(self, decays: Table, own: Any) -> None:
-        """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
-        many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
-        h, leap = self.tables.number(self.place_of("step")), rounded(decays.number(HEAD - 1))
+    def put_decays(self, decays: Table, start: Any) -> None:
+        """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from their one step at `start`."""
+        many, lanes, at = self.layout.wide_modes, self.lanes, self.place_of("advance")
+        h, leap = self.number("step"), rounded(decays.number(HEAD - 1))
         for part in self.mode_parts:
-            a = [decays.vector(own + (k * many + part * self.lanes)) for k in range(4)]
-            e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
+            a = [decays.vector(start + (k * many + part * lanes)) for k in range(4)]
+            e = [Cell(a[0] * 0.0 + first) for first in (1.0, 0.0, 0.0, 1.0)]
             for k in count_to(leap + 1):
-                place = lesser(k, k * 0 + self.lanes)  # what comes after the last lane's is replaced, up to the leap's
+                place = at + lesser(k, k * 0 + lanes) * (
+                    4 * many
+                )  # after the last lane's is replaced, up to the leap's
                 for row, cell in enumerate(e):
-                    there = at + place * (4 * many) + (row * many + part * self.lanes)
-                    self.tables.put_vector(there, cell.now)
+                    self.tables.put_vector(place + (row * many + part * lanes), cell.now)
                 e0, e1, e2, e3 = (cell.now for cell in e)
                 e[0].now, e[1].now = fma(a[0], e0, a[1] * e2), fma(a[0], e1, a[1] * e3)
                 e[2].now, e[3].now = fma(a[2], e0, a[3] * e2), fma(a[2], e1, a[3] * e3)
             for row in range(4):
-                found = [
-                    self.tables.vector(at + (k * 4 * many + row * many + part * self.lanes)) for k in range(self.lanes)
-                ]
-                for m, series in enumerate(transposed(found)[: self.layout.modes - part * self.lanes]):
-                    place = times + ((part * self.lanes + m) * 4 + row) * self.lanes
+                decay = [self.tables.vector(at + ((k * 4 + row) * many + part * lanes)) for k in range(lanes)]
+                for m, series in enumerate(transposed(decay)[: self.layout.modes - part * lanes]):
+                    place = self.place_of("times") + ((part * lanes + m) * 4 + row) * lanes
                     self.tables.put_vector(place, series * h if row >= 2 else series)
 
     def each(self, n: int, times: int = 1) -> Iterator[Any]:
@@ -384,18 +410,17 @@ class Flight:
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
         s = self.group.state
-        if self.layout.yields:
-            self.find_sets()
+        if self.yields:
             self._shift(lane)
 
         def moved(i: Any) -> Any:
             x = s.lane(s.first["u"] + i, lane)
-            return x - s.lane(s.first["set"] + i, lane) if self.layout.yields else x
+            return x - s.lane(s.first["set"] + i, lane) if self.yields else x
 
         def moves(i: Any) -> Any:
             return s.lane(s.first["v"] + i, lane)
 
-        tables = TO_MODES if self.layout.coupled else ("modal", "", "", "modal")
+        tables = TO_MODES if self.coupled else ("modal", "", "", "modal")
         for name, by in (("q", tables[:2]), ("p", tables[2:])):
             for part, total in enumerate(self._mix(zip(by, (moved, moves), strict=True))):
                 self.rows[name, part] = total - self.scale.now * self._still(name, t, part)
@@ -406,7 +431,7 @@ class Flight:
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
         s, w, scale = self.group.state, self.rows, self.times.full(self.scale.now)
-        tables = TO_FLOORS if self.layout.coupled else ("floors", "", "", "floors")
+        tables = TO_FLOORS if self.coupled else ("floors", "", "", "floors")
         for name in "qp":
             for part in self.mode_parts:
                 w[f"whole_{name}", part] = fma(scale, self._still(name, t, part), w[name, part])
@@ -416,7 +441,7 @@ class Flight:
                 w["floor", part] = total
             for i in self.each(self.layout.modes):
                 x = w.number("floor", i)
-                if motion == "u" and self.layout.yields:
+                if motion == "u" and self.yields:
                     x = x + s.lane(s.first["set"] + i, lane)
                 s.put_lane(s.first[motion] + i, lane, x)
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
@@ -424,13 +449,13 @@ class Flight:
 
     def _mix(self, readers: Iterable[tuple[str, Callable[[Any], Any]]]) -> list[Any]:
         """Sum up what functions read, weighted by rows of tables ("": of none)."""
-        mine = [(self.place_of(name), read) for name, read in readers if name]
-        sums = [Cell(self.times.full(0.0)) for _ in self.mode_parts]
-        for i in self.each(self.layout.modes, len(sums) * len(mine)):
-            for at, read in mine:
+        terms = [(name, read) for name, read in readers if name]
+        sums = [self.times.cell(0.0) for _ in self.mode_parts]
+        for i in self.each(self.layout.modes, len(sums) * len(terms)):
+            for name, read in terms:
                 value = read(i)
                 for part, total in enumerate(sums):
-                    coefficient = self.tables.vector(at + (i * self.layout.wide_modes + part * self.lanes))
+                    coefficient = self.vector(name, i * self.layout.wide_modes + part * self.lanes)
                     total.now = fma(coefficient, value, total.now)
         return [total.now for total in sums]
 
@@ -438,25 +463,20 @@ class Flight:
 
     def _account(self, lane: Any, t: Any, sign: float) -> None:
         """Energies of a flight that begins (1) or ends (-1) at point t: input, and what of it is not held any more."""
-        group, w, coupled = self.group, self.rows, self.layout.coupled
+        group, w, m_wide = self.group, self.rows, self.layout.wide_modes
         if "energy" not in group.asked:
             return
-        given, *late = (
-            0 if coupled else self.place_of(name) + t * self.layout.timed[name]
-            for name in ("given", "adjoint_q", "adjoint_p")
-        )
-        for b, floors in enumerate(group.building_floors) if coupled else group.each_building():
-            held = lane_of(kinetic(group, floors) + strain(group, floors), lane)
-            gained = 0.0
-            for m in () if coupled else floors:
-                q, p = w.number("q", m), w.number("p", m)
-                more = self.tables.number(late[0] + m) * q + self.tables.number(late[1] + m) * p
-                gained = gained + self.scale.now * (more - self.scale.now * self.tables.number(given + m))
-            if not coupled:
+        for b, floors in enumerate(group.building_floors) if self.coupled else group.each_building():
+            held, gained = lane_of(kinetic(group, floors) + strain(group, floors), lane), constant(0.0)
+            for m in () if self.coupled else floors:
+                q, p, at = w.number("q", m), w.number("p", m), t * m_wide + m
+                more = self.number("adjoint_q", at) * q + self.number("adjoint_p", at) * p
+                gained = gained + self.scale.now * (more - self.scale.now * self.number("given", at))
+            if not self.coupled:
                 gained = sign * (gained * lane_of(group.full(group.prop("m", floors[0])), lane))
                 self._add("e_in", b, lane, gained)
             for _ in self._damped(b, lane):
-                if not coupled:
+                if not self.coupled:
                     self._add("e_damp", b, lane, gained)
                 self._add("e_damp", b, lane, sign * held)
 
@@ -477,20 +497,18 @@ class Flight:
         """Add the powers over so many steps from point t on, which lie in the lanes."""
         group, w, layout, zero = self.group, self.rows, self.layout, self.times.full(0.0)
         s, spec, count = group.state, group.spec, layout.nodes
-        at, weights = nodes(count)
-        table = Lookup([*map(float, at), *map(float, weights)])
+        table = Lookup([float(x) for x in np.concatenate(nodes(count))])
         for m in self.each(layout.modes, 4):
             w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
         early = self.scale.now * self.ground(t)
-        late = after(early)
+        late = shifted(early)
         gained, given, lost = (
             [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
         )
         for k in count_to(count):
             share, weight = table[k], table[k + count]
             for m in self.each(layout.modes, 8):
-                place = self.place_of("nodes") + ((m * count + k) * NODE_STATE)
-                c = [self.tables.number(place + i) for i in range(NODE_STATE)]
+                c = [self.number("nodes", (m * count + k) * NODE_STATE + i) for i in range(NODE_STATE)]
                 q, rate = w["y", m], w["rate", m]
                 for name, first in (("node_q", 0), ("node_p", 4)):
                     free = fma(c[first], q, c[first + 1] * rate)
@@ -506,79 +524,77 @@ class Flight:
                 j, (stretch, left, right) = power.number, values[i : i + 3]
                 damping, rate = group.prop("link_c", j), left - right
                 spring = group.prop("link_k", j) * stretch
-                if layout.yields:  # what flies is the motion about the set
-                    one_set, other = (s.lane(s.first["set"] + floor, lane) for floor in spec.links[j])
-                    spring = spring + group.prop("link_k", j) * (one_set - other)
+                if self.yields:  # what flies is the motion about the set
+                    left_set, right_set = (s.lane(s.first["set"] + floor, lane) for floor in spec.links[j])
+                    spring = spring + group.prop("link_k", j) * (left_set - right_set)
                 pull = weight * fma(damping, rate, spring)
                 lost[j].now = fma(weight * damping * rate, rate, lost[j].now)
                 for floor, v, sign in zip(spec.links[j], (left, right), (1.0, -1.0), strict=True):
                     cell = given[spec.building_of[floor]]
                     cell.now = fma(sign * pull, v, cell.now)
-        h, mine = self.tables.number(self.place_of("step")), self._numbers_of(0) < real(steps)
+        h, inside = self.number("step"), self._numbers_of(0) < real(steps)
 
         def total(cell: Cell) -> Any:
-            return h * fold(where(mine, cell.now, 0.0), add)
+            return h * fold(where(inside, cell.now, 0.0), add)
 
         for b in range(spec.n_buildings):
-            taken = total(given[b])
+            to_links = total(given[b])
             if "links" in group.asked:
-                self._add("e_link", b, lane, taken)
+                self._add("e_link", b, lane, to_links)
             if "energy" in group.asked:
                 put_in = total(gained[b]) * lane_of(group.full(group.prop("m", spec.home(b))), lane)
                 self._add("e_in", b, lane, put_in)
                 for _ in self._damped(b, lane):
-                    self._add("e_damp", b, lane, put_in - taken)
+                    self._add("e_damp", b, lane, put_in - to_links)
         for j, cell in enumerate(lost if "links" in group.asked else ()):
             self._add("link_lost", j, lane, total(cell))
 
     def _power(self, i: int, modes: tuple[int, int]) -> Any:
         """Return the factor of a power at a node."""
         n, (low, many) = self.layout.modes, modes
-        at, total = self.place_of("powers") + (2 * n * i + low), Cell(self.times.full(0.0))
+        at, total = 2 * n * i + low, self.times.cell(0.0)
         for m in self.each(many, 2):
-            total.now = fma(self.tables.number(at + m), self.rows["node_q", low + m], total.now)
-            total.now = fma(self.tables.number(at + (m + n)), self.rows["node_p", low + m], total.now)
+            total.now = fma(self.number("powers", at + m), self.rows["node_q", low + m], total.now)
+            total.now = fma(self.number("powers", at + n + m), self.rows["node_p", low + m], total.now)
         return total.now
 
     # storeys that yield --------------------------------------------------------------------------------------------
 
-    def find_sets(self) -> None:
+    def _find_sets(self) -> None:
         """Find the displacements at which the row would rest, as its storeys have yielded."""
         group = self.group
         s, n = group.state, group.spec.n_dof
+
+        def drift(i: Any) -> Any:
+            return (1.0 - group.prop("hardening", i)) * s["slip", i]
+
         if group.spec.links:  # which hold back, too
-            at = self.place_of("sets")
             for i in self.each(n):
-                rest = Cell(group.full(0.0))
+                rest = group.cell(0.0)
                 for j in self.each(n):
-                    drift = (1.0 - group.prop("hardening", j)) * s["slip", j]
-                    rest.now = fma(self.tables.number(at + (i * n + j)), drift, rest.now)
+                    rest.now = fma(self.number("sets", i * n + j), drift(j), rest.now)
                 s["set", i] = rest.now
             return
         for _, floors in group.each_building():
-            total = None
-            for i in floors:
-                drift = (1.0 - group.prop("hardening", i)) * s["slip", i]
-                total = drift if total is None else total + drift
+            for i, total in zip(floors, accumulate(map(drift, floors)), strict=True):
                 s["set", i] = total
 
     def _shift(self, lane: Any) -> None:
         """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
-        s, w, layout = self.group.state, self.rows, self.layout
-        sums = [Cell(self.times.full(0.0)) for _ in self.watched_parts]
-        for to_modes, to_watched in (("modal", "across"), ("modal_pu", "across_rate"))[: 1 + layout.coupled]:
+        self._find_sets()
+        s, w, wide = self.group.state, self.rows, self.layout.wide_watched
+        sums = [self.times.cell(0.0) for _ in self.watched_parts]
+        for to_modes, to_watched in (("modal", "across"), ("modal_pu", "across_rate"))[: 1 + self.coupled]:
             # of rates times the step
-            unit = self.tables.number(self.place_of("step")) if to_watched == "across_rate" else 1.0
+            unit = self.number("step") if to_watched == "across_rate" else 1.0
             for part, total in enumerate(self._mix([(to_modes, lambda i: s.lane(s.first["set"] + i, lane))])):
                 w["amplitude", part] = unit * total
-            at = self.place_of(to_watched)
-            for m in self.each(layout.modes, len(sums)):
+            for m in self.each(self.layout.modes, len(sums)):
                 q = w.number("amplitude", m)
                 for part, cell in enumerate(sums):
-                    cell.now = fma(self.tables.vector(at + (m * layout.wide_watched + part * self.lanes)), q, cell.now)
+                    cell.now = fma(self.vector(to_watched, m * wide + part * self.lanes), q, cell.now)
         for part, cell in enumerate(sums):
-            shaken = self.tables.vector(self.place_of("shaken") + part * self.lanes) > 0.5
-            w["shift", part] = where(shaken, 0.0, cell.now)
+            w["shift", part] = where(self.part("shaken", part) > 0.5, 0.0, cell.now)
 
     def _storey_stiffness(self, i: Any) -> Any:
         """Stiffness of a storey, of the shear that it bears."""
@@ -587,13 +603,11 @@ class Flight:
 
     def _storey_limits(self, i: Any, lane: Any, kind: int) -> tuple[Any, Any]:
         """Drifts at which a storey begins to yield, to either side, or at which its shear is the largest so far."""
-        group = self.group
-        s = group.state
+        storey, k = Storey(self.group, i, None), self._storey_stiffness(i)
         if kind == ONSET:
-            middle, reach = s["slip", i], group.prop("yield_drift", i)
+            middle, reach = storey.slip, storey.yield_drift
         else:
-            k = self._storey_stiffness(i)
-            middle, reach = hysteresis.hardened(group, i)[1] / k * s["slip", i], s["shear", i] / k
+            middle, reach = storey.hardened[1] / k * storey.slip, storey.shear / k
         return lane_of(middle - reach, lane), lane_of(middle + reach, lane)
 
     # flight --------------------------------------------------------------------------------------------------------
@@ -612,8 +626,7 @@ class Flight:
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last)):
             t = self.at.now
             self._bounds()
-            room = self.last - t
-            far = False
+            room, far = self.last - t, constant(False)
             if blocks is not None:
                 block = blocks.of(t)
                 room = lesser(room, (block + 1) * blocks.length - t)
@@ -654,24 +667,25 @@ class Flight:
 
     @cached_property
     def _lookups(self) -> list[Lookup]:
-        """Rows of the state of each watched quantity's most and least value, and its storey."""
-        watched = self.layout.watched
-        columns = (
-            zip(*((each.most, each.least, each.storey) for each in watched), strict=True) if watched else [[0]] * 3
-        )
-        return [Lookup(list(column)) for column in columns]
+        """Rows of the state of each watched quantity's most and least value, its storey, and its modes."""
+        columns = [
+            (each.most, each.least, each.storey, *modes)
+            for each, modes in zip(self.layout.watched, self.layout.ranges, strict=True)
+        ]
+        return [Lookup(column) for column in zip(*columns or [(0,) * 5], strict=True)]
 
-    @cached_property
-    def _runs(self) -> list[tuple[int, int, Watched]]:
-        """Runs of watched quantities that are alike: first, end, and one of them."""
-        watched = self.layout.watched
+    def _runs(self, storeys: bool, kinds: Sequence[int]) -> Iterator[tuple[Any, Watched]]:
+        """Go through the watched quantities of storeys, or all others, of some kinds: number, and one alike."""
 
         def alike(q: int) -> tuple[int, bool, bool, bool]:
-            each = watched[q]
+            each = self.layout.watched[q]
             return each.kind, each.least >= 0, each.sized, each.storey >= 0
 
-        runs = (list(run) for _, run in groupby(range(len(watched)), alike))
-        return [(run[0], run[-1] + 1, watched[run[0]]) for run in runs]
+        for (kind, *_, of_storey), run in groupby(range(len(self.layout.watched)), alike):
+            numbers = list(run)
+            if of_storey == storeys and kind in kinds:
+                for q in self.each(len(numbers), 12 if storeys else 1):
+                    yield q + numbers[0], self.layout.watched[numbers[0]]
 
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
@@ -683,72 +697,59 @@ class Flight:
                 highs[q] = x = s.lane(each.most, lane)
                 lows[q] = -x if each.sized else s.lane(each.least, lane) if each.least >= 0 else -far
         for part in self.watched_parts:
-            mine = slice(part * self.lanes, (part + 1) * self.lanes)
-            w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
-        for low, high, alike in self._runs:
-            for q in self._run(low, high, 12) if alike.storey >= 0 else ():
-                down, up = self._storey_limits(self._lookups[2][q], lane, alike.kind)
-                w.put_number("high", q, up)
-                w.put_number("low", q, down)
-
-    def _run(self, low: int, high: int, times: int = 1) -> Iterator[Any]:
-        for q in self.each(high - low, times):
-            yield q + low
+            place = slice(part * self.lanes, (part + 1) * self.lanes)
+            w["high", part], w["low", part] = (side_by_side(self.trace, numbers[place]) for numbers in (highs, lows))
+        for q, alike in self._runs(True, (ONSET, TURN)):
+            down, up = self._storey_limits(self._lookups[2][q], lane, alike.kind)
+            w.put_number("high", q, up)
+            w.put_number("low", q, down)
 
     def _keep_peaks(self, lane: Any) -> None:
-        group, s, w, (most, least, storeys) = self.group, self.group.state, self.rows, self._lookups
-        for low, high, alike in self._runs:
-            if alike.kind in (TOUCH, ONSET):
-                continue
-            for q in self._run(low, high, 12) if alike.storey >= 0 else ():  # by shears of drifts that went farther
-                down, up = self._storey_limits(storeys[q], lane, alike.kind)
-                more = maximum(w.number("high", q) - up, down - w.number("low", q))
-                k = group.full(self._storey_stiffness(storeys[q]))
-                self._add("shear", storeys[q], lane, lane_of(k, lane) * more)
-            for q in self._run(low, high) if alike.storey < 0 else ():
-                s.put_lane(most[q], lane, w.number("high", q))
-                if alike.least >= 0:
-                    s.put_lane(least[q], lane, w.number("low", q))
+        group, s, w, (most, least, storeys, *_) = self.group, self.group.state, self.rows, self._lookups
+        for q, _ in self._runs(True, (TURN,)):  # by shears of drifts that went farther
+            down, up = self._storey_limits(storeys[q], lane, TURN)
+            more = maximum(w.number("high", q) - up, down - w.number("low", q))
+            k = group.full(self._storey_stiffness(storeys[q]))
+            self._add("shear", storeys[q], lane, lane_of(k, lane) * more)
+        for q, alike in self._runs(False, (TURN, ACCELERATION)):
+            s.put_lane(most[q], lane, w.number("high", q))
+            if alike.least >= 0:
+                s.put_lane(least[q], lane, w.number("low", q))
 
     def _bounds(self) -> None:
         """Amplitudes of the modes, and the most that they add to what is watched."""
         w = self.rows
-        slowness = self.place_of("slowness")
         for part in self.mode_parts:
-            q, p = w["q", part], w["p", part] * self.tables.vector(slowness + part * self.lanes)
+            q, p = w["q", part], w["p", part] * self.part("slowness", part)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
 
     def _own(self, name: str, part: int) -> Any:
         """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) without pounding."""
-        return size(self.times.full(self.scale.now)) * self.tables.vector(self.place_of(name) + part * self.lanes)
+        return size(self.times.full(self.scale.now)) * self.part(name, part)
 
     def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "") -> None:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's `own`."""
         w, wide, zero = self.rows, self.layout.wide_watched, self.times.full(0.0)
         # all that follows waits for these sums: their parts do not wait for each other
         sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self.watched_parts]
-        places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
             for part in self.mode_parts if factor else ():
-                each = self.tables.vector(self.place_of(factor) + part * self.lanes)
-                w[f"amplitude_{factor}", part] = each * w["amplitude", part]
+                w[f"amplitude_{factor}", part] = self.part(factor, part) * w["amplitude", part]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
-            for at, (_, factor) in zip(places, tables, strict=True):
+            for table, factor in tables:
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
                 for part, chains in enumerate(sums):
                     total = chains[m % CHAINS if isinstance(m, int) else 0]
-                    total.now = fma(self.tables.vector(at + (m * wide + part * self.lanes)), a, total.now)
+                    total.now = fma(self.vector(table, m * wide + part * self.lanes), a, total.now)
         for part, chains in enumerate(sums):
             first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
     def _undisturbed(self) -> Any:
         """Whether nothing but the record moves the row."""
-        w, most = self.rows, Cell(self.times.full(0.0))
-        for part in self.mode_parts:
-            most.now = maximum(most.now, w["amplitude", part])
-        return not_(any_lane(most.now > 0.0))
+        amplitudes = [self.rows["amplitude", part] for part in self.mode_parts]
+        return not_(any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0))
 
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
@@ -761,8 +762,7 @@ class Flight:
                     high.now = middle
                 for _ in when(not_(met)):
                     low.now = middle
-            self.hits.now = True
-            self.going.now = False
+            self.hits.now, self.going.now = True, False
         for _ in when(not_(self.hits.now)):
             low.now = self.last
         self.at.now = low.now
@@ -774,14 +774,14 @@ class Flight:
         met, touches = self.times.full(False), self.layout.touches
         for part, (above, below) in enumerate(extremes[: -(-touches // self.lanes)]):
             reached = above >= self.rows["high", part]
-            if self.layout.yields:
+            if self.yields:
                 reached = reached | (below <= self.rows["low", part])
             met = met | (reached & (self._numbers_of(part) < float(touches)))
         return any_lane(met)
 
     def _take_peaks(self, part: int, most: Any, least: Any) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
-        w, sized = self.rows, self.tables.vector(self.place_of("sized") + part * self.lanes) > 0.5
+        w, sized = self.rows, self.part("sized", part) > 0.5
         moves, largest = ~(self._numbers_of(part) < float(self.layout.touches)), maximum(most, -least)
         high, low = w["high", part], w["low", part]
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
@@ -793,25 +793,24 @@ class Flight:
 
     def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
-        scale, found = self.scale.now, []
+        scale, extremes = self.scale.now, []
         for part in self.watched_parts:
-            above, below = self._then(most, t, part), self._then(least, t, part)
+            above, below = self.part(most, part, t), self.part(least, part, t)
             up = scale >= 0.0
-            found.append((scale * where(up, above, below), scale * where(up, below, above)))
-        return found
+            extremes.append((scale * where(up, above, below), scale * where(up, below, above)))
+        return extremes
 
     def _near(self, t: Any, most: str, least: str) -> Any:
         """Whether a gap or a peak may be reached in a window from point t on; which of them, in ``asks``."""
-        w, found = self.rows, Cell(self.times.full(False))
+        w, near = self.rows, self.times.cell(False)
         for part, (above, below) in enumerate(self._extremes(t, most, least)):
             reach, high, low = w["reach", part], w["high", part], w["low", part]
-            shift = w["shift", part] if self.layout.yields else None
-            up, down = (above, below) if shift is None else (above + shift, below + shift)
-            asks = (up + reach >= high) | (down - reach <= low)
+            shift = w["shift", part] if self.yields else 0.0
+            asks = (above + shift + reach >= high) | (below + shift - reach <= low)
             if most == "most":
                 w["asks", part] = where(asks, 1.0, 0.0)
-            found.now |= asks
-        return any_lane(found.now)
+            near.now |= asks
+        return any_lane(near.now)
 
     def _pass_block(self, room: Any) -> None:
         """Pass what is left of a block."""
@@ -828,10 +827,9 @@ class Flight:
     def _advance(self, steps: Any) -> None:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""
         w, m = self.rows, self.layout.wide_modes
-        at = self.place_of("advance") + steps * (4 * m)
         for part in self.mode_parts:
             q, p = w["q", part], w["p", part]
-            e = [self.tables.vector(at + (k * m + part * self.lanes)) for k in range(4)]
+            e = [self.vector("advance", steps * (4 * m) + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
 
     def _survey(self) -> None:
@@ -857,7 +855,7 @@ class Flight:
 
     def _look(self, t: Any) -> None:
         """Look at a window of `steps` from point t on, which become those before floors may touch, or storeys yield."""
-        w, coupled = self.rows, self.layout.coupled
+        w, coupled = self.rows, self.coupled
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
         self.rated.now = self.weighed.now = False
@@ -874,7 +872,7 @@ class Flight:
                         self.weighed.now = True
                     self._end_before(q, kind == ONSET)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
-            turning = False
+            turning: Any = False
             for _, asks in (each for kind in (TURN, ACCELERATION) for each in self._asking(kind)):
                 turning = turning | any_lane(asks)
             for _ in when(turning) if not coupled else ():
@@ -886,10 +884,13 @@ class Flight:
 
     def moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
-        at = self.place_of("times") + (m * 4 + row) * self.lanes
-        q, p = self.rows.number("q", m), self.rows.number("p", m)
+        at, (q, p) = (m * 4 + row) * self.lanes, (self.rows.number(name, m) for name in "qp")
         free = self._free("rate" if row else "x", m, t)
-        return fma(self.tables.vector(at), q, fma(self.tables.vector(at + self.lanes), p, self.scale.now * free))
+        return fma(self.vector("times", at), q, fma(self.vector("times", at + self.lanes), p, self.scale.now * free))
+
+    def ground(self, t: Any) -> Any:
+        """Return the ground's accelerations at successive points from t on."""
+        return self._free("ground", 0, t)
 
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
@@ -902,26 +903,25 @@ class Flight:
         """Find second and third rates of all modes, and what accelerations ask for."""
         # Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
         w = self.rows
-        square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)
         ground = self.scale.now * self.ground(t)
-        rise = after(ground) - ground
+        rise = shifted(ground) - ground
         for m in self.each(self.layout.modes, 4):
-            stiff, damped, rate = self.tables.number(square + m), self.tables.number(damping + m), w["rate", m]
+            stiff, damped, pushed = (self.number(name, m) for name in ("square", "damping", "push"))
+            rate = w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            pushed = self.tables.number(push + m)
             second = fma(-pushed, ground, total)
-            w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
-            if self.layout.coupled:
-                w["fourth", m] = -fma(stiff, second, damped * w["third", m])
-                w["lift", m] = -damped * w["rise", m]
+            third, rising = -fma(stiff, rate, damped * second), -pushed * rise
+            w["second", m], w["third", m], w["rise", m] = second, third, rising
+            if not (self.coupled or shakes):
+                continue
+            fourth, lift = -fma(stiff, second, damped * third), -damped * rising
+            if self.coupled:
+                w["fourth", m], w["lift", m] = fourth, lift
             if shakes:
-                third, rising = w["third", m], w["rise", m]
-                fourth, lift = -fma(stiff, second, damped * third), -damped * rising
                 fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
-                per = self.tables.number(inverse)
-                shaken = (total, third, fourth, fifth, lift, lift5)
-                for name, x in zip(SHAKEN, shaken, strict=True):
+                per = self.number("inverse")
+                for name, x in zip(SHAKEN, (total, third, fourth, fifth, lift, lift5), strict=True):
                     w[name, m] = x * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
@@ -930,35 +930,24 @@ class Flight:
             for lane in each_lane(asks):
                 yield lane + part * self.lanes
 
-    def _of_kind(self, kind: int) -> list[int]:
-        return [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
-
     def _asking(self, kind: int) -> Iterator[tuple[int, Any]]:
         """Go through the rows of what is watched of a kind: their number, and which may reach something."""
-        mine = self._of_kind(kind)
-        for part in range(mine[0] // self.lanes, mine[-1] // self.lanes + 1) if mine else ():
+        those = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
+        for part in range(those[0] // self.lanes, those[-1] // self.lanes + 1) if those else ():
             number = self._numbers_of(part)
-            yield part, (self.rows["asks", part] > 0.5) & (number <= float(mine[-1])) & (number >= float(mine[0]))
+            yield part, (self.rows["asks", part] > 0.5) & (number <= float(those[-1])) & (number >= float(those[0]))
 
     def _sum(self, q: Any, row: str) -> Any:
         """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
-        lows, counts = self._ranges
-        low, many = lows[q], counts if isinstance(counts, int) else counts[q]
-        shape = self.place_of("shape") + q * self.layout.modes + low
-        total, coupled = Cell(self.times.full(0.0)), self.layout.coupled
-        rates = self.place_of("shape_rate") + q * self.layout.modes + low if coupled else None
-        for k in self.each(many) if isinstance(many, int) else count_to(many):
+        *_, lows, counts = self._lookups
+        low, many = lows[q], {many for _, many in self.layout.ranges}
+        at, total = q * self.layout.modes + low, self.times.cell(0.0)
+        for k in self.each(many.pop()) if len(many) == 1 else count_to(counts[q]):
             if row:
-                total.now = fma(self.tables.number(shape + k), self.rows[row, low + k], total.now)
-            if coupled:
-                total.now = fma(self.tables.number(rates + k), self.rows[RATES[row], low + k], total.now)
+                total.now = fma(self.number("shape", at + k), self.rows[row, low + k], total.now)
+            if self.coupled:
+                total.now = fma(self.number("shape_rate", at + k), self.rows[RATES[row], low + k], total.now)
         return total.now
-
-    @cached_property
-    def _ranges(self) -> tuple[Lookup, Lookup | int]:
-        lows, counts = zip(*(self.layout.ranges or [(0, 0)]), strict=True)
-        same = counts[0] if len(set(counts)) == 1 else None
-        return Lookup(lows), same or Lookup(counts)
 
     def _reaches(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
@@ -966,12 +955,11 @@ class Flight:
         limit = w.number("high", q)
         if onset:  # the middle between its limits
             limit = 0.5 * (limit + w.number("low", q))
-        if self.layout.yields:
+        if self.yields:
             limit = limit - w.number("shift", q)
         w["reached", q] = x = self._sum(q, "y") - limit
-        return any_lane(
-            (self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (self._numbers_of(0) <= real(self.steps.now))
-        )
+        reaches = self._past(x, q, onset) + w.number("bulge", q) > 0.0
+        return any_lane(reaches & (self._numbers_of(0) <= real(self.steps.now)))
 
     def _past(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
@@ -981,7 +969,7 @@ class Flight:
     def _end_before(self, q: Any, onset: bool) -> None:
         """End the window before the first step in which a watched quantity may reach its limit."""
         x, s0 = self.rows["reached", q], self._sum(q, "rate") * (1.0 / 3.0)
-        x1, s1 = after(x), after(s0)
+        x1, s1 = shifted(x), shifted(s0)
         # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
         hull = self._past(x, q, onset)
         for each in (x1, x + s0, x1 - s1):
@@ -993,8 +981,8 @@ class Flight:
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
         start = self._sum(q, name)
-        end = after(start)
-        if not (rise or self.layout.coupled):
+        end = shifted(start)
+        if not (rise or self.coupled):
             return start, end
         added = self._sum(q, rise)
         return start + added, end + added
@@ -1004,17 +992,17 @@ class Flight:
         w, far, number = self.rows, self.group.limit.far, self._numbers_of(0)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
         x, bulge = self._sum(q, names[0]), w.number("bulge", q)
-        if self.layout.yields:
+        if self.yields:
             x = x + w.number("shift", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
-            x1, s1 = after(x), after(s0)
+            x1, s1 = shifted(x), shifted(s0)
             (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
             most, least = septic_extremes(self.times, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
             up = fold(where(steps, most, where(points, x, -far)), maximum)
             down = -fold(where(steps, -least, where(points, -x, -far)), maximum)
-            sized = self.tables.number(self.place_of("sized") + q) > 0.5
+            sized = self.number("sized", q) > 0.5
             for _ in when(sized):
                 most = where(-down > up, -down, up)
                 most = where(most > high, most, high)
@@ -1023,28 +1011,3 @@ class Flight:
             for _ in when(not_(sized)):
                 w.put_number("high", q, where(up > high, up, high))
                 w.put_number("low", q, where(down < low, down, low))
-
-
-def scratch(layout: Layout) -> dict[str, int]:
-    """Rows of flight's own."""
-    n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
-    factors = (factor for _, factor in (*layout.bounds, *layout.bulges, *layout.misses) if factor)
-    rows = dict.fromkeys(
-        ("q", "p", "whole_q", "whole_p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts
-    )
-    rows |= dict.fromkeys(
-        ("high", "low", "reach", "bulge", "missed", "asks", *(("shift",) if layout.yields else ())), wide
-    )
-    rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
-    rows |= {"reached": layout.touches}
-    if layout.coupled:
-        rows |= dict.fromkeys(("fourth", "lift"), n)
-        rows |= dict.fromkeys(("node_q", "node_p"), n) if layout.powers else {}
-    elif any(each.kind == ACCELERATION for each in layout.watched):
-        rows |= dict.fromkeys(SHAKEN, n)
-    if not layout.strides:
-        return rows
-    rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
-    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
-    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
-    return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}

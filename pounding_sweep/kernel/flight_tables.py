@@ -7,7 +7,9 @@ kernel; what is watched, and its extremes in windows or blocks, follow side by s
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 from itertools import groupby
+from operator import or_
 from typing import Any
 
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, WIDE, Flight
@@ -17,6 +19,7 @@ from pounding_sweep.kernel.lanes import (
     Lookup,
     Table,
     any_lane,
+    constant,
     count_to,
     fma,
     lesser,
@@ -51,12 +54,12 @@ class _Filler:
 
     def __init__(self, flight: Flight, decays: Table, margin: float) -> None:
         self.flight, self.layout, self.lanes = flight, flight.layout, flight.lanes
-        self.trace, self.decays, self.margin = flight.trace, decays, margin
+        self.modes, self.decays, self.margin = flight.layout.modes, decays, margin
         self.points, self.last = flight.points, flight.last
 
     def narrow(self, x: Any) -> Any:
         """Return numbers of double precision in the kernel's format."""
-        return narrow(self.trace, x)
+        return narrow(self.flight.trace, x)
 
     def _ground(self, point: Any) -> Any:
         return self.decays.number(point + HEAD)
@@ -70,15 +73,23 @@ class Tables(_Filler):
 
     def fill(self, rows: Any) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
-        flight = self.flight
+        flight, layout, lanes = self.flight, self.layout, self.lanes
+        flight, layout, lanes = self.flight, self.layout, self.lanes
+        flight, layout, lanes = self.flight, self.layout, self.lanes
+        flight, layout, lanes = self.flight, self.layout, self.lanes
+        flight, layout, lanes = self.flight, self.layout, self.lanes
         for row in count_to(rows):
-            flight.base.now = self.layout.base(row, self.points)
-            own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
-            flight.put_decays(self.decays, own)
+            flight.base.now = layout.base(row, self.points)
+            start = row * (len(layout.decays) * layout.wide_modes) + self.points + HEAD
+            flight.put_decays(self.decays, start)
             for part in flight.mode_parts:
-                self._move(own + part * self.lanes, part)
-                if "given" in self.layout.timed:
-                    self._give_back(own + part * self.lanes, part)
+                c = {
+                    name: self.decays.vector(start + (k * layout.wide_modes + part * lanes))
+                    for k, name in enumerate(layout.decays)
+                }
+                self._move(c, part)
+                if "given" in layout.timed:
+                    self._give_back(c, part)
             self._turn_over()
             for part in flight.watched_parts:
                 self._weigh_ground(part)
@@ -86,16 +97,12 @@ class Tables(_Filler):
                     self._follow(part)
                     self._widen(part)
 
-    def _constants(self, own: Any) -> dict[str, Any]:
-        return {name: self.decays.vector(own + k * self.layout.wide_modes) for k, name in enumerate(self.layout.decays)}
-
     def _put(self, name: str, t: Any, part: int, x: Any) -> None:
-        at = self.flight.place_of(name) + t * self.layout.timed[name] + part * self.lanes
-        self.flight.tables.put_vector(at, x)
+        at = t * self.layout.timed[name] + part * self.lanes
+        self.flight.tables.put_vector(self.flight.place_of(name) + at, x)
 
-    def _move(self, own: Any, part: int) -> None:
+    def _move(self, c: dict[str, Any], part: int) -> None:
         """Motions of the modes of one vector from point to point; what the ground puts in."""
-        c = self._constants(own)
         zero = c["push"] * 0.0
         energies = "given" in self.layout.timed
         q, p, given, most = Cell(zero), Cell(zero), Cell(zero), Cell(zero)
@@ -119,9 +126,8 @@ class Tables(_Filler):
                 q.now, p.now = q1, p1
         self.flight.rows["amplitude", part] = self.narrow(sqrt(most.now))
 
-    def _give_back(self, own: Any, part: int) -> None:
+    def _give_back(self, c: dict[str, Any], part: int) -> None:
         """Fill in what a free motion will still take from the ground, backwards from its end."""
-        c = self._constants(own)
         zero = c["push"] * 0.0
         q, p = Cell(zero), Cell(zero)
         for k in count_to(self.points):
@@ -136,63 +142,47 @@ class Tables(_Filler):
 
     def _turn_over(self) -> None:
         """Let each mode's values and rates, and the ground's accelerations, lie one after another."""
-        f, many = self.flight, self.points + self.lanes
-        h = f.tables.number(f.place_of("step"))
-        x, rate, ground = (f.place_of(name) for name in ("x", "rate", "ground"))
+        f, many, put = self.flight, self.points + self.lanes, self.flight.tables.put_number
+        h = f.number("step")
         for t in count_to(self.points):
-            at = t * self.layout.wide_modes
-            q, p = f.place_of("q") + at, f.place_of("p") + at
-            for m in count_to(self.layout.modes):
-                f.tables.put_number(x + m * many + t, f.tables.number(q + m))
-                f.tables.put_number(rate + m * many + t, h * f.tables.number(p + m))
-            f.tables.put_number(ground + t, self.narrow(self._ground(t)))
+            for m in count_to(self.modes):
+                at = t * self.layout.wide_modes + m
+                put(f.place_of("x") + m * many + t, f.number("q", at))
+                put(f.place_of("rate") + m * many + t, h * f.number("p", at))
+            put(f.place_of("ground") + t, self.narrow(self._ground(t)))
 
     def _weigh_ground(self, part: int) -> None:
         """Find how far what is watched leaves its chords, and the hulls of cubics, at most, without pounding."""
-        f, wide = self.flight, self.layout.wide_watched
-        h = f.tables.number(f.place_of("step"))
+        f, h = self.flight, self.flight.number("step")
         for name, tables, share in (("bulge0", self.layout.bounds, 8.0), ("missed0", self.layout.bulges, 48.0)):
-            total = Cell(f.times.full(0.0))
+            total = f.times.cell(0.0)
             for table, factor in tables:
-                at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
-                for m in count_to(self.layout.modes):
+                for m in count_to(self.modes):
                     a = f.rows.number("amplitude", m)
-                    a = a if own is None else a * f.tables.number(own + m)
-                    total.now = fma(f.tables.vector(at + m * wide), a, total.now)
+                    a = a * f.number(factor, m) if factor else a
+                    total.now = fma(self._across(table, m, part), a, total.now)
             f.tables.put_vector(f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
-
-    def _read(self, *names: str, at: Any = 0) -> list[Any]:
-        """Return one number of each of some tables."""
-        return [self.flight.tables.number(self.flight.place_of(name) + at) for name in names]
 
     def _across(self, name: str, m: Any, part: int) -> Any:
         """Return what mode m adds to what is watched."""
-        f, place = self.flight, m * self.layout.wide_watched + part * self.lanes
-        return f.tables.vector(f.place_of(name) + place)
-
-    def _is_shaken(self, part: int) -> Any:
-        """Lanes in which total accelerations are watched."""
-        f = self.flight
-        return f.tables.vector(f.place_of("shaken") + part * self.lanes) > 0.5
+        return self.flight.vector(name, m * self.layout.wide_watched + part * self.lanes)
 
     def _watched_at(self, t: Any, part: int) -> list[Any]:
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
-        f, layout = self.flight, self.layout
-        ground = self.narrow(self._ground(t))
-        sums = [Cell(f.times.full(0.0)) for _ in range(4)]
-        kinds = {each.kind for each in layout.watched[part * self.lanes : (part + 1) * self.lanes]}
-        h, per = self._read("step", "inverse")
-        shaken, at = self._is_shaken(part), t * layout.wide_modes
-        for m in f.each(layout.modes, 4):
-            q, p = self._read("q", "p", at=at + m)
-            stiff, damped, push = self._read("square", "damping", "push", at=m)
+        f, ground = self.flight, self.narrow(self._ground(t))
+        sums = [f.times.cell(0.0) for _ in range(4)]
+        kinds = {each.kind for each in self.layout.watched[part * self.lanes : (part + 1) * self.lanes]}
+        h, per, shaken = f.number("step"), f.number("inverse"), f.part("shaken", part) > 0.5
+        for m in f.each(self.modes, 4):
+            q, p = (f.number(name, t * self.layout.wide_modes + m) for name in "qp")
+            stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
             rate = h * p
             total = -(stiff * q + damped * rate)
             second = total - push * ground
             third = -(stiff * rate + damped * second)
             fourth = -(stiff * second + damped * third)
             values: list[Any] = [q, rate, second, third]
-            if layout.coupled:
+            if f.coupled:
                 for value, cell in zip((rate, second, third, fourth), sums, strict=True):
                     cell.now = fma(self._across("across_rate", m, part), value, cell.now)
             elif ACCELERATION in kinds:
@@ -206,11 +196,11 @@ class Tables(_Filler):
     def _pushed(self, part: int) -> list[Any]:
         """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
         f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(2)]
-        (per,), shaken, full = self._read("inverse"), self._is_shaken(part), f.times.full
-        for m in f.each(self.layout.modes):
+        per, shaken, full = f.number("inverse"), f.part("shaken", part) > 0.5, f.times.full
+        for m in f.each(self.modes):
             weight = self._across("across", m, part)
-            stiff, damped, push = self._read("square", "damping", "push", at=m)
-            if self.layout.coupled:
+            stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
+            if f.coupled:
                 rates = self._across("across_rate", m, part)
                 terms = [(rates, push), (weight - damped * rates, push)]
             else:
@@ -223,53 +213,44 @@ class Tables(_Filler):
     def _follow(self, part: int) -> None:
         """Extremes of what is watched in each step of the grid, and up to each point."""
         f = self.flight
-        zero, none = f.times.full(0.0), 0
-        x, *rates = self._watched_at(none, part)
+        x, *rates = self._watched_at(0, part)
         before, pushed = [Cell(value) for value in (x, *rates)], self._pushed(part)
         peak, trough = Cell(x), Cell(x)
-        self._put("peak", none, part, x)
-        self._put("trough", none, part, x)
+        self._put("peak", 0, part, x)
+        self._put("trough", 0, part, x)
         for k in count_to(self.last):
-            t = k + 1
-            now = self._watched_at(t, part)
+            now = self._watched_at(k + 1, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
-            rise = self.narrow(self._ground(t) - self._ground(k))
+            rise = self.narrow(self._ground(k + 1) - self._ground(k))
             c, j = (each * rise for each in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
             above, below = septic_extremes(f.times, f.times.full(True), start, end)
-            self._put("widest", k, part, above)
-            self._put("widest_least", k, part, below)
             peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)
-            self._put("peak", t, part, peak.now)
-            self._put("trough", t, part, trough.now)
+            for name, extreme in (("widest", above), ("widest_least", below)):
+                self._put(name, k, part, extreme)
+            for name, extreme in (("peak", peak.now), ("trough", trough.now)):
+                self._put(name, k + 1, part, extreme)
             for cell, value in zip(before, now, strict=True):
                 cell.now = value
-        self._put("widest", self.last, part, before[0].now)
-        self._put("widest_least", self.last, part, before[0].now)
-        f.rows["reach", part] = maximum(size(peak.now), size(trough.now)) * self.margin + zero
+        for name in ("widest", "widest_least"):
+            self._put(name, self.last, part, before[0].now)
+        f.rows["reach", part] = maximum(size(peak.now), size(trough.now)) * self.margin
 
     def _widen(self, part: int) -> None:
         """Extremes of windows from each point on, out of those of single steps."""
-        length = self.lanes - 1
-        for near, far, better, sign in (("most", "widest", maximum, 1.0), ("least", "widest_least", minimum, -1.0)):
-            width = 1
+        f, length = self.flight, self.lanes - 1
+        for near, wide, better, sign in (("most", "widest", maximum, 1.0), ("least", "widest_least", minimum, -1.0)):
+            spans, width = [], 1  # to which table, how much later, and whether it is widened
             while 2 * width <= WIDE:
-                if width <= length < 2 * width:
-                    self._combine(near, far, part, length - width, better, sign)
-                self._combine(far, far, part, width, better, 0.0)
-                width *= 2
-            self._combine(far, far, part, WIDE - width, better, sign)
-
-    def _combine(self, to: str, of: str, part: int, later: int, better: Any, sign: float) -> None:
-        """Extremes at each point and one so much later, widened where there is a sign."""
-        f = self.flight
-        margin = f.rows["reach", part] * sign if sign else None
-        at, width = f.place_of(of) + part * self.lanes, self.layout.timed[of]
-        for t in count_to(self.points):
-            best = Cell(f.tables.vector(at + t * width))
-            for _ in when(t + later < self.points):
-                best.now = better(best.now, f.tables.vector(at + (t + later) * width))
-            self._put(to, t, part, best.now if margin is None else best.now + margin)
+                spans += [(near, length - width, True)] if width <= length < 2 * width else []
+                spans, width = [*spans, (wide, width, False)], 2 * width
+            for to, later, last in [*spans, (wide, WIDE - width, True)]:
+                margin = f.rows["reach", part] * sign
+                for t in count_to(self.points):
+                    best = Cell(f.part(wide, part, t))
+                    for _ in when(t + later < self.points):
+                        best.now = better(best.now, f.part(wide, part, t + later))
+                    self._put(to, t, part, best.now + margin if last else best.now)
 
 
 class Blocks(_Filler):
@@ -284,16 +265,10 @@ class Blocks(_Filler):
     # rows: rows of buildings
     # cell: makes a variable that is there at the next call of flight, of a first value
 
-    def __init__(
-        self,
-        flight: Flight,
-        decays: Table,
-        margin: float,
-        rows: Any,
-        cell: Callable[[Any], Cell],
-    ) -> None:
+    def __init__(self, flight: Flight, decays: Table, margin: float, rows: Any, cell: Callable[[Any], Cell]) -> None:
         super().__init__(flight, decays, margin)
-        step, per_stride, stride, length = (self.decays.number(k) for k in range(HEAD))
+        layout, wide = self.layout, self.layout.wide_modes
+        step, per_stride, stride, length = (decays.number(k) for k in range(HEAD))
         self.step, self.per_stride = self.narrow(step), per_stride
         #: Points of the grid in a long step, in a block, and long steps in a block.
         self.stride, self.length = (rounded(self.narrow(x)) for x in (stride, length))
@@ -303,15 +278,15 @@ class Blocks(_Filler):
         self.blocks = (flight.last + (self.length - 1)) // self.length
         self.groups = groups = (rows + (self.lanes - 1)) // self.lanes
         self.push_at = flight.points + HEAD
-        self.strides_at = self.push_at + self.layout.wide_modes
-        self.modes_at = self.strides_at + groups * (len(self.layout.strides) * self.layout.modes * self.lanes)
-        self.states_at = self.modes_at + groups * (self.lanes * len(self.layout.decays) * self.layout.wide_modes)
+        self.strides_at = self.push_at + wide
+        self.modes_at = self.strides_at + groups * (len(layout.strides) * self.modes * self.lanes)
+        self.states_at = self.modes_at + groups * (self.lanes * len(layout.decays) * wide)
         #: Where the states of the modes of one row of buildings are put together.
-        self.desk = self.states_at + groups * (self.blocks * (self.layout.modes * STATE * self.lanes))
-        self.lows = Lookup([low for low, _ in self.layout.ranges] or [0])
-        self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
+        self.desk = self.states_at + groups * (self.blocks * (self.modes * STATE * self.lanes))
+        self.lows = Lookup([low for low, _ in layout.ranges] or [0])
+        self.shakes = any(each.kind == ACCELERATION for each in layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
-        self.known, self.owner = (cell(0) for _ in range(2))
+        self.known, self.owner = cell(0), cell(0)
 
     def _own(self, number: Any) -> Any:
         """Where the rows of modes of a row of buildings begin."""
@@ -319,7 +294,7 @@ class Blocks(_Filler):
 
     def _state(self, group: Any, block: Any, m: Any) -> Any:
         """Where the states of a mode at the beginning of a block lie."""
-        at = (group * self.blocks + block) * self.layout.modes + m
+        at = (group * self.blocks + block) * self.modes + m
         return self.states_at + at * (STATE * self.lanes)
 
     # all of them -----------------------------------------------------------------------------------------------
@@ -342,9 +317,8 @@ class Blocks(_Filler):
 
     def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
         """Fill a block of a group; what moves as in the group before it has been found there."""
-        f = self.flight
-        f.base.now = self.layout.base(group * self.lanes, self.blocks)
-        for m in count_to(self.layout.modes):
+        self.flight.base.now = self.layout.base(group * self.lanes, self.blocks)
+        for m in count_to(self.modes):
             new = self._is_new(group, m)
             for _ in when(new):
                 self._move(group, block, m, steps)
@@ -354,19 +328,18 @@ class Blocks(_Filler):
                     self.decays.put_vector(here + k * self.lanes, self.decays.vector(there + k * self.lanes))
         kinds = [each.kind for each in self.layout.watched]
         for (kind, many), run in groupby(range(len(kinds)), lambda q: (kinds[q], self.layout.ranges[q][1])):
-            mine = list(run)
-            for q in count_to(len(mine)):
-                new = False
-                for k in range(many):
-                    new = new | self._is_new(group, self.lows[q + mine[0]] + k)
+            numbers = list(run)
+            for q in count_to(len(numbers)):
+                number = q + numbers[0]
+                new = reduce(or_, [self._is_new(group, self.lows[number] + k) for k in range(many)], constant(False))
                 for _ in when(new):
-                    self._watch(q + mine[0], many, kind == ACCELERATION, steps)
+                    self._watch(number, many, kind == ACCELERATION, steps)
         self._hand_out(block)
 
     def _row(self, group: Any, name: str, m: Any) -> Any:
         """Where a row of a mode of a group lies."""
         row = group * len(self.layout.strides) + self.layout.strides.index(name)
-        return self.strides_at + (row * self.layout.modes + m) * self.lanes
+        return self.strides_at + (row * self.modes + m) * self.lanes
 
     def _is_new(self, group: Any, m: Any) -> Any:
         """Whether a mode moves otherwise in a group than in the one before it."""
@@ -376,37 +349,34 @@ class Blocks(_Filler):
 
     def _prepare(self, group: Any) -> None:
         """Find how the modes of a group move, over one step and a long one, and let them be at rest."""
-        wide, h = self.decays.trace, self.decays.number(0)
+        decays, wide = self.decays, self.decays.trace
         early = (group - group // BUNDLE * BUNDLE) == 0
         for long in count_to(lesser(self.stride, 2)):
             steps = (self.stride - 1) * long + 1
-            length = h * (float(steps) if wide is None else real(Count(wide, steps.value)))
-            for m in count_to(self.layout.modes):
-                w, c = (self.decays.vector(self._row(group, name, m)) for name in ("w", "c"))
-                push = self.decays.number(self.push_at + m)
-                for name, x in step(w, c, push, length).items():
-                    self.decays.put_vector(self._row(group, name, m), x)
+            length = decays.number(0) * (float(steps) if wide is None else real(Count(wide, steps.value)))
+            for m in count_to(self.modes):
+                w, c = (decays.vector(self._row(group, name, m)) for name in ("w", "c"))
+                for name, x in step(w, c, decays.number(self.push_at + m), length).items():
+                    decays.put_vector(self._row(group, name, m), x)
             for _ in when(long == 0):
                 self._hand_over(group)
         before = group - lesser(group, 1)
-        for m in count_to(self.layout.modes):
-            (w, w0), (c, c0) = (
-                [self.decays.vector(self._row(g, name, m)) for g in (group, before)] for name in ("w", "c")
-            )
+        for m in count_to(self.modes):
+            w, c, w0, c0 = (decays.vector(self._row(g, name, m)) for g in (group, before) for name in ("w", "c"))
             new = early | any_lane(~(w == w0) | ~(c == c0))
-            self.decays.put_number(self._row(group, "new", m), where(new, 1.0, 0.0))
-            found = {"square": w * w, "slowness": 1.0 / w}
+            decays.put_number(self._row(group, "new", m), where(new, 1.0, 0.0))
+            rows = {"square": w * w, "slowness": 1.0 / w}
             if self.shakes:
                 ratio = c / w
-                found["heft"] = w * w * sqrt(ratio * ratio + 1.0)
-            for name, x in found.items():
-                self.decays.put_vector(self._row(group, name, m), x)
+                rows["heft"] = w * w * sqrt(ratio * ratio + 1.0)
+            for name, x in rows.items():
+                decays.put_vector(self._row(group, name, m), x)
             for k in range(STATE):
-                self.decays.put_vector(self._state(group, 0, m) + k * self.lanes, w * 0.0)
+                decays.put_vector(self._state(group, 0, m) + k * self.lanes, w * 0.0)
 
     def _hand_over(self, group: Any) -> None:
         """Give each row of buildings how its modes move over one step, and how they decay over several."""
-        f, n, lanes, wide = self.flight, self.layout.modes, self.lanes, self.layout.wide_modes
+        f, n, lanes, wide = self.flight, self.modes, self.lanes, self.layout.wide_modes
         for k in count_to(len(MOVES)):
             first, at = self._row(group, MOVES[0], k * n), self._own(group * lanes) + k * wide
             for part in f.mode_parts:
@@ -422,7 +392,7 @@ class Blocks(_Filler):
 
     def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
-        f, n = self.flight, self.layout.modes
+        f, n = self.flight, self.modes
         c = {
             name: self.decays.vector(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")
         }
@@ -466,17 +436,17 @@ class Blocks(_Filler):
 
     def _watch(self, q: Any, many: int, shaken: bool, steps: Any) -> None:
         """Bounds of what is watched in a block."""
-        f, n = self.flight, self.layout.modes
+        f, n = self.flight, self.modes
         low = self.lows[q]
-        shape = [f.tables.number(f.place_of("shape") + q * n + low + k) for k in range(many)]
+        shape = [f.number("shape", q * n + low + k) for k in range(many)]
         track, most = "shook" if shaken else "track", n if shaken else 0
-        above, below = Cell(f.times.full(-f.group.limit.far)), Cell(f.times.full(f.group.limit.far))
+        above, below = f.times.cell(-f.group.limit.far), f.times.cell(f.group.limit.far)
         for k in count_to(steps + 1):
             x = f.times.full(0.0)
             for j, weight in enumerate(shape):
                 x = fma(weight, f.rows[track, (low + j) * SPAN + k], x)
             above.now, below.now = maximum(above.now, x), minimum(below.now, x)
-        bends, reach = f.times.full(0.0), f.times.full(0.0)
+        bends = reach = f.times.full(0.0)
         for j, weight in enumerate(shape):
             bends = fma(size(weight), f.rows["bends", low + most + j], bends)
             reach = fma(size(weight), f.rows["reaches", low + most + j], reach)
@@ -532,33 +502,35 @@ class Blocks(_Filler):
         group = number // lanes
         lane, start = number - group * lanes, block * self.length
         steps = lesser(f.last - start, self.length)
-        for m in count_to(layout.modes):
+        for m in count_to(self.modes):
             for k in range(STATE):
                 x = self.decays.number(self._state(group, block, m) + lane + k * lanes)
                 self.decays.put_number(self.desk + m + k * layout.wide_modes, x)
-        for mine in (
-            f.mode_parts[k : k + 2] for k in f.mode_parts[::2]
-        ):  # two at a time wait less for each other's steps
-            own = [self._own(number) + part * lanes for part in mine]
+        for first in f.mode_parts[::2]:  # two at a time wait less for each other's steps
+            parts = f.mode_parts[first : first + 2]
             moves = [
-                {n: self.decays.vector(at + k * layout.wide_modes) for k, n in enumerate(layout.decays)} for at in own
+                {
+                    name: self.decays.vector(self._own(number) + (k * layout.wide_modes + part * lanes))
+                    for k, name in enumerate(layout.decays)
+                }
+                for part in parts
             ]
             state = [
                 [Cell(self.decays.vector(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE)]
-                for part in mine
+                for part in parts
             ]
             for k in count_to(steps):
                 g0, g1 = self._ground(start + k), self._ground(start + k + 1)
-                for part, c, (q, p) in zip(mine, moves, state, strict=True):
+                for part, c, (q, p) in zip(parts, moves, state, strict=True):
                     self._keep(part, k, q.now, p.now)
                     q.now, p.now = _step(c, q.now, p.now, g0, g1)
-            for part, (q, p) in zip(mine, state, strict=True):
+            for part, (q, p) in zip(parts, state, strict=True):
                 self._keep(part, steps, q.now, p.now)
                 for name, row, unit in (("free_x", "point_q", 1.0), ("free_rate", "point_p", self.step)):
-                    for first in range(0, SPAN, lanes):
-                        rows = [f.rows[row, part * SPAN + first + k] for k in range(lanes)]
-                        for m, series in enumerate(transposed(rows)[: layout.modes - part * lanes]):
-                            place = (part * lanes + m) * layout.series_rows + first // lanes
+                    for k in range(0, SPAN, lanes):
+                        rows = [f.rows[row, part * SPAN + k + lane] for lane in range(lanes)]
+                        for m, series in enumerate(transposed(rows)[: self.modes - part * lanes]):
+                            place = (part * lanes + m) * layout.series_rows + k // lanes
                             f.rows[name, place] = series * unit
         for k in range(SPAN // lanes):
             f.rows["free_ground", k] = self.narrow(self.decays.vector(start + (HEAD + k * lanes)))

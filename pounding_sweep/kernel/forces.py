@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
-from pounding_sweep.kernel.group import Group, LaneLaw, power_of
+from pounding_sweep.kernel.group import Contact, Group, LaneLaw, power_of
 from pounding_sweep.kernel.lanes import (
     Cell,
     fma,
@@ -64,9 +64,9 @@ LATE = 0.01
 
 @dataclass(frozen=True)
 class Onset:
-    """Onsets of contact `j` in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
+    """Onsets of a contact in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
 
-    j: Any
+    contact: Contact
     lanes: Any
     fresh: Any
     speed: Any
@@ -75,17 +75,12 @@ class Onset:
 
 @dataclass(frozen=True)
 class Sample:
-    """Contact `j` at the end of an unlocated step of length `h`: where it is closed, and its penetration."""
+    """A contact at the end of an unlocated step of length `h`: where it is closed, and its penetration."""
 
-    j: Any
+    contact: Contact
     closed: Any
     d: Any
     h: Any
-
-
-def penetration(group: Group, j: Any, name: str = "u") -> Any:
-    """Penetration of contact j (m)."""
-    return group.between(name, j) - group.gap(j)
 
 
 def is_capped(group: Group) -> bool:
@@ -98,17 +93,17 @@ def longest_substep(group: Group, h: Any) -> Any:
     s, capped = group.state, is_capped(group)
     if not capped and not any(law.graded for law in group.laws):
         return group.full(h)
-    longest, fastest = Cell(group.full(h)), Cell(group.full(0.0))
-    for j in group.each_contact():
-        law = group.law_of(j)
-        with when_any(closed := (s["mode", j] > OPEN) & (s["time_left"] > 0.0)):
-            now, v = penetration(group, j), group.between("v", j)
-            lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
+    longest, fastest = group.cell(h), group.cell(0.0)
+    for contact in group.each_contact():
+        law = contact.law
+        with when_any(closed := (contact.mode > OPEN) & (s["time_left"] > 0.0)):
+            now, v = contact.penetration(), contact.between("v")
+            lasts, k, mass = contact.lasts, contact.ke, contact.reduced
             if capped:
                 d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
                 fastest_here = law.elastic_slope(k, d) / mass
                 if law.shape.damper:
-                    b = law.damper(s["ce", j], d) / mass
+                    b = law.damper(contact.ce, d) / mass
                     if group.spec.series:  # the size of the roots of x**2 + b x + w**2
                         b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                     fastest_here = maximum(fastest_here, b * b)
@@ -121,7 +116,7 @@ def longest_substep(group: Group, h: Any) -> Any:
                 most = minimum(most, GRADED * group.prop("cap"))
             if law.touch_power > 1.0:
                 share = maximum(law.touch_share * most, law.least_share)
-                age = minimum(s["age", j] / lasts, LONG)
+                age = minimum(contact.age / lasts, LONG)
                 x = _power(age, 1.0 / law.touch_power) + share
                 grown = lasts * (_power(x, law.touch_power) - age)
                 longest.now = minimum(longest.now, where(k > 0.0, grown, h))
@@ -150,34 +145,34 @@ def _power(x: Any, exponent: float) -> Any:
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s = group.state
-    h, look = s["h"], Cell(group.full(False))
-    for j in group.each_contact():
-        law = group.law_of(j)
-        mode, k, c = s["mode", j], s["ke", j], s["ce", j]
-        v0, v1 = group.between("v0", j), group.between("v", j)
-        d0, d1 = penetration(group, j, "u0"), penetration(group, j)
-        s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
+    h, look = s["h"], group.cell(False)
+    for contact in group.each_contact():
+        law = contact.law
+        mode, k, c = contact.mode, contact.ke, contact.ce
+        v0, v1 = contact.between("v0"), contact.between("v")
+        d0, d1 = contact.penetration("u0"), contact.penetration()
+        contact.d0, contact.d1, contact.w0, contact.w1 = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
-        parts, closed = Cell(group.full(False)), mode > OPEN
+        parts, closed = group.cell(False), mode > OPEN
         with when_any(closed):
             may = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
             if law.shape.one_sided:
                 nears, parting = SIDES[law.shape.rebound_only]
                 may = may | ((mode == nears) & (v1 < 0.0)) | ((mode == parting) & (v1 > 0.0))
             if law.shape.clips:
-                p = law.pressing(s["kl", j], s["cl", j], d1, v1)
+                p = law.pressing(contact.kl, contact.cl, d1, v1)
                 may = may | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
             if law.shape.yields:
-                may = may | _may_slip(group, j, mode, d1, early, late, v1)
+                may = may | _may_slip(contact, mode, d1, early, late, v1)
             if is_capped(group):
-                cap, mass, deep = group.prop("cap"), group.prop("reduced", j), maximum(d0, d1)
+                cap, mass, deep = group.prop("cap"), contact.reduced, maximum(d0, d1)
                 may = may | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
                 if law.shape.damper:
                     may = may | (h * law.damper(c, deep) > (2.0 * cap) * mass)
             parts.now = may
         meets = maximum(d1, minimum(early, late)) > 0.0
         mine = where(closed, parts.now, meets)
-        s["asks", j] = where(mine, 1.0, 0.0)
+        contact.asks = where(mine, 1.0, 0.0)
         look.now |= mine
     return look.now
 
@@ -190,27 +185,27 @@ def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
-    s, first, cap = group.state, Cell(group.full(1.0)), Cell(group.full(1.0))
-    for j in group.each_contact():
-        s.put(asks, NEVER, "event", j)
-        with when_any(busy := asks & (s["asks", j] > 0.0)):
-            event, target = _event(group, j, busy, cap)
+    first, cap = group.cell(1.0), group.cell(1.0)
+    for contact in group.each_contact():
+        contact.put(asks, event=NEVER)
+        with when_any(busy := asks & (contact.asks > 0.0)):
+            event, target = _event(contact, busy, cap)
             first.now = minimum(first.now, event)
-            s.put(busy, event, "event", j)
-            s.put(busy, target, "next", j)
+            contact.put(busy, event=event, next=target)
     return minimum(first.now, cap.now)
 
 
-def course_of(group: Group, j: Any) -> Series:
-    """Penetration of contact j in the sub-step just tried, by parts of it."""
+def course_of(contact: Contact) -> Series:
+    """Penetration of a contact in the sub-step just tried, by parts of it."""
     rows = {"u0": "d0", "u": "d1", "v0": "w0", "v": "w1"}
-    return course(group, lambda name: group.state[rows[name], j] if name in rows else group.between(name, j))
+    return course(contact.group, lambda name: getattr(contact, rows[name]) if name in rows else contact.between(name))
 
 
-def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
+def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     """Find when a contact changes its mode in the trial, and to which."""
-    s, h, law, depth = group.state, group.state["h"], group.law_of(j), course_of(group, j)
-    mode, d0, d1, v0, v1 = (s[name, j] for name in ("mode", "d0", "d1", "w0", "w1"))
+    group, law, depth = contact.group, contact.law, course_of(contact)
+    s, h = group.state, group.state["h"]
+    mode, d0, d1, v0, v1 = contact.mode, contact.d0, contact.d1, contact.w0, contact.w1
     closed = mode > OPEN
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
@@ -233,33 +228,33 @@ def _event(group: Group, j: Any, busy: Any, cap: Cell) -> tuple[Any, Any]:
         sooner = busy & (slows | speeds) & (t < when)
         when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
     if law.shape.yields:
-        t = _slips(group, j, busy & closed, (d0, d1, v0, v1), depth)
+        t = _slips(contact, busy & closed, (d0, d1, v0, v1), depth)
         sooner = busy & closed & (t < when)
         when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
     if law.shape.clips:
-        when, target = _slack(group, j, busy, (when, target), depth)
+        when, target = _slack(contact, busy, (when, target), depth)
     if is_capped(group):
-        rate_there = contact_rate(law, s["ke", j], s["ce", j], group.full(group.prop("reduced", j)), maximum(d0, d1))
+        rate_there = contact_rate(law, contact.ke, contact.ce, group.full(contact.reduced), maximum(d0, d1))
         fast, most = h * rate_there, group.prop("cap")
         deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
         cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
     return when, target
 
 
-def _slack(group: Group, j: Any, asks: Any, event: tuple[Any, Any], depth: Series) -> tuple[Any, Any]:
+def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
-    s, law, (when, target) = group.state, group.law_of(j), event
-    mode, k, c = (s[name, j] for name in ("mode", "kl", "cl"))
+    group, law, (when, target) = contact.group, contact.law, event
+    mode, k, c = contact.mode, contact.kl, contact.cl
 
     def press(t: Any) -> tuple[Any, Any, Any]:
         both = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
         d, slope = (reduce(lambda x, each: each + t * x, powers) for powers in both)
-        return law.pressing(k, c, d, slope / s["h"]), d, slope
+        return law.pressing(k, c, d, slope / group.state["h"]), d, slope
 
     asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))
     # not the release itself, where E and B v both end
     end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
-    ends, begins, first = Cell(asks & ~asks), Cell(asks & ~asks), Cell(group.full(0.0))
+    ends, begins, first = Cell(asks & ~asks), Cell(asks & ~asks), group.cell(0.0)
     with when_any(asks):
         p1, d, slope = press(end)
         ends.now = asks & (mode == PRESSING) & (p1 <= 0.0) & (slope < 0.0)
@@ -284,52 +279,46 @@ def ends(group: Group, whole: Any) -> None:
     follows = None
     if implicit:  # where contacts are too stiff for a sub-step, it is their end force that counts
         follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
-    for j in group.each_contact() if needs_force or "penetration" in r else ():
-        d0, d1, v0, v1 = s["d0", j], s["d1", j], s["w0", j], s["w1", j]
-        closed = s["mode", j] > OPEN
+    for contact in group.each_contact() if needs_force or "penetration" in r else ():
+        d0, d1, v0, v1 = contact.d0, contact.d1, contact.w0, contact.w1
+        closed = contact.mode > OPEN
         if follows is not None:
             closed = closed & follows
         looks = closed & (h > 0.0)
-        for name in ("f0", "f1", "q0", "q1") if group.looks("ends") and not implicit else ():
-            s[name, j] = 0.0
+        if group.looks("ends") and not implicit:
+            contact.put(None, f0=0.0, f1=0.0, q0=0.0, q1=0.0)
         counts = closed
         if group.spec.staged and not (group.looks("ends") or "penetration" in r):
-            counts = looks & _may_exceed(group, j)
+            counts = looks
+            if contact.law.shape.grows:  # lanes in which the force may exceed its largest so far
+                rates = size(v0) + size(v1)
+                deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
+                counts = counts & (contact.law.pressing(contact.ke, contact.ce, deepest, fastest) > contact.fmax)
         with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
-            depth = course_of(group, j)
+            depth = course_of(contact)
             if "penetration" in r:
-                s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
+                contact.dmax = maximum(contact.dmax, where(closed, maximum(d0, d1), 0.0))
                 deepens = looks & (v0 > 0.0) & (v1 < 0.0)
                 with when_any(deepens):
                     t = crossing(group, deepens, 0.0, 1.0, depth.rate, -1.0)
-                    s["dmax", j] = maximum(s["dmax", j], where(deepens, depth.value(t), 0.0))
+                    contact.dmax = maximum(contact.dmax, where(deepens, depth.value(t), 0.0))
             if needs_force:
-                _force_ends(group, j, looks, whole, depth, follows)
+                _force_ends(contact, looks, whole, depth, follows)
 
 
-def _may_exceed(group: Group, j: Any) -> Any:
-    """Lanes in which the force of contact j may exceed its largest so far in the sub-step just taken."""
-    s, law, h = group.state, group.law_of(j), group.state["h"]
-    d0, d1, v0, v1 = (s[name, j] for name in ("d0", "d1", "w0", "w1"))
-    if not law.shape.grows:
-        return group.full(True)
-    rates = size(v0) + size(v1)
-    deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
-    return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
-
-
-def force_at(group: Group, j: Any, t: Any) -> Any:
+def force_at(contact: Contact, t: Any) -> Any:
     """Force of a contact at a part t of the sub-step just taken."""
-    s, (d, slope) = group.state, course_of(group, j).with_slope(t)
-    force = group.law_of(j).pressing(s["ke", j], s["ce", j], d, slope / s["h"])
-    return where(s["mode", j] > OPEN, force, 0.0)
+    d, slope = course_of(contact).with_slope(t)
+    force = contact.law.pressing(contact.ke, contact.ce, d, slope / contact.group.state["h"])
+    return where(contact.mode > OPEN, force, 0.0)
 
 
-def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, follows: Any) -> None:
+def _force_ends(contact: Contact, looks: Any, whole: Any, depth: Series, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
-    s, law, r, h, limit = group.state, group.law_of(j), group.asked, group.state["h"], group.limit
-    d0, d1, v0, v1, k, c, mode = (s[name, j] for name in ("d0", "d1", "w0", "w1", "ke", "ce", "mode"))
-    a0, a1 = group.between("a0", j), depth.rate.rate.value(1.0) / (h * h)
+    group, law, k, c, mode = contact.group, contact.law, contact.ke, contact.ce, contact.mode
+    d0, d1, v0, v1 = contact.d0, contact.d1, contact.w0, contact.w1
+    s, r, h, limit = group.state, group.asked, group.state["h"], group.limit
+    a0, a1 = contact.between("a0"), depth.rate.rate.value(1.0) / (h * h)
     f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
     r0, r1 = law.pressing_rate(k, c, d0, v0, a0), law.pressing_rate(k, c, d1, v1, a1)
     mean = (f1 - f0) / maximum(h, limit.tiny)
@@ -341,9 +330,9 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, fol
         presses = presses & follows
         f0, f1, r0, r1, mean = (where(presses, x, 0.0) for x in (f0, f1, r0, r1, mean))
     if "force" in r:
-        s["fmax", j] = maximum(s["fmax", j], maximum(f0, f1))
+        contact.fmax = maximum(contact.fmax, maximum(f0, f1))
         between = looks & presses & (r0 > 0.0) & (r1 < 0.0)
-        turn = Cell(group.full(0.0))
+        turn = group.cell(0.0)
         if group.spec.staged:  # of a graze, whose force has no rate at its ends, about where it is deepest
             grazes = looks & presses & ~between & ~(r0 < 0.0) & (v0 > 0.0) & (v1 < 0.0)
             with when_any(grazes):
@@ -359,100 +348,95 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, depth: Series, fol
                 t = where(here > 0.0, t + (1.0 - t) * here / (here - r1), t * r0 / (r0 - here))
                 d, slope = depth.with_slope(t)
                 found = maximum(found, where(grazes, found, law.pressing(k, c, d, slope / h)))
-            s["fmax", j] = maximum(s["fmax", j], where(between, found, 0.0))
+            contact.fmax = maximum(contact.fmax, where(between, found, 0.0))
     if follows is not None:
-        for reducer, name, value in (
-            ("impulse", "impulse", 0.5 * h * (f0 + f1)),
-            ("work", "work", 0.5 * h * (f0 * v0 + f1 * v1)),
-        ):
-            if reducer in r:
-                s.put(presses, s[name, j] + value, name, j)
+        if "impulse" in r:
+            contact.put(presses, impulse=contact.impulse + 0.5 * h * (f0 + f1))
+        if "work" in r:
+            contact.put(presses, work=contact.work + 0.5 * h * (f0 * v0 + f1 * v1))
     if group.looks("ends"):
         q0, q1 = where(size(r0) < limit.far, r0, mean), where(size(r1) < limit.far, r1, mean)
         if follows is None:
-            s["f0", j], s["f1", j], s["q0", j], s["q1", j] = f0, f1, q0, q1
+            contact.f0, contact.f1, contact.q0, contact.q1 = f0, f1, q0, q1
         else:  # a lane that did not take its trial stays where it is
             taken, stiff = s["taken"] > 0.0, s["stiff"] > 0.0
-            held = where(stiff & ~follows, s["force", j], 0.0)
-            s["f0", j] = where(taken, where(follows, f0, held), s["f1", j])
-            s.put(taken, where(follows, f1, held), "f1", j)
-            s["q0", j] = where(taken, where(follows, q0, 0.0), s["q1", j])
-            s.put(taken, where(follows, q1, 0.0), "q1", j)
+            held = where(stiff & ~follows, contact.force, 0.0)
+            contact.f0 = where(taken, where(follows, f0, held), contact.f1)
+            contact.put(taken, f1=where(follows, f1, held))
+            contact.q0 = where(taken, where(follows, q0, 0.0), contact.q1)
+            contact.put(taken, q1=where(follows, q1, 0.0))
 
 
-def is_due(group: Group, j: Any, lands: Any) -> Any:
-    """Lanes in which the event of contact j ends this sub-step."""
-    s = group.state
-    return lands & (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+def is_due(contact: Contact, lands: Any) -> Any:
+    """Lanes in which the event of a contact ends this sub-step."""
+    group = contact.group
+    return lands & (contact.event < 1.0) & (contact.event <= group.state["fraction"] + group.limit.same_time)
 
 
 def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
     s = group.state
     switched = Cell(lands & ~lands)
-    for j in group.each_contact():
-        law, which = group.law_of(j), group.law_index(j)
-        due = is_due(group, j, lands)
+    for contact in group.each_contact():
+        law, which = contact.law, contact.law_index
+        due = is_due(contact, lands)
         switched.now |= due
         with when_any(due):
-            mode, target = s["mode", j], s["next", j]
+            mode, target = contact.mode, contact.next
             touches = due & (mode == OPEN) & (target > OPEN)
             with when_any(touches):
-                v, mass = group.between("v", j), group.prop("reduced", j)
-                k, c = group.stiffness(j), s["c", j]
-                lasts = law.duration(k, v, mass)
-                s.put(touches, lasts, "lasts", j)
-                s.put(touches, 0.0, "age", j)
+                v, k, c = contact.between("v"), contact.stiffness, contact.c
+                lasts = law.duration(k, v, contact.reduced)
+                contact.put(touches, lasts=lasts, age=0.0)
                 s.put(touches, minimum(s["shortest", which], lasts), "shortest", which)
                 if law.shape.per_speed:
                     c = c / maximum(v, RESTING_SPEED)
-                note_onset(group, j, touches, touches, v, group.clock(h))
-                s.put(touches, k, "kl", j)
-                s.put(touches, c, "cl", j)
+                note_onset(contact, touches, touches, v, group.clock(h))
+                contact.put(touches, kl=k, cl=c)
                 if law.shape.yields:
-                    _begin_yielding(group, j, touches, k, c, v, mass)
-            k, c = s["kl", j], s["cl", j]
+                    _begin_yielding(contact, touches, k, c, v)
+            k, c = contact.kl, contact.cl
             if law.shape.yields:
-                _switch_yielding(group, j, due, mode, target)
+                _switch_yielding(contact, due, mode, target)
             else:
-                s.put(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), "ke", j)
-                s.put(due, where(target == PRESSING, c, 0.0), "ce", j)
-            s["mode", j] = where(due, target, mode)
+                pressing = target == PRESSING
+                contact.put(due, ke=where(pressing | (target == REBOUND), k, 0.0), ce=where(pressing, c, 0.0))
+            contact.mode = where(due, target, mode)
     return switched.now
 
 
 def is_late(group: Group) -> Any:
     """Lanes in which an open contact would be switched on, now or later, deeper than `LATE` of its duration."""
-    s, late = group.state, Cell(group.full(False))
-    for j in group.each_contact():
-        d, v = s["d1", j], s["w1", j]
-        mine = (s["mode", j] == OPEN) & (d > group.limit.exact) & (v > 0.0)
+    late = group.cell(False)
+    for contact in group.each_contact():
+        d, v = contact.d1, contact.w1
+        mine = (contact.mode == OPEN) & (d > group.limit.exact) & (v > 0.0)
         with when_any(mine):
-            lasts = group.law_of(j).duration(group.stiffness(j), v, group.prop("reduced", j))
+            lasts = contact.law.duration(contact.stiffness, v, contact.reduced)
             late.now |= mine & (d > LATE * v * lasts)
     return late.now
 
 
-def note_onset(group: Group, j: Any, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
+def note_onset(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
     """Tell reducers of an onset."""
-    for reducer in group.reducers:
+    for reducer in contact.group.reducers:
         if reducer.touch:
-            reducer.touch(group, Onset(j, lanes, fresh, speed, time))
+            reducer.touch(contact.group, Onset(contact, lanes, fresh, speed, time))
 
 
 def is_closed(group: Group) -> Any:
     """Lanes in which any contact is closed."""
-    found = Cell(group.full(False))
-    for j in group.each_contact(straight=True):
-        found.now |= group.state["mode", j] > OPEN
+    found = group.cell(False)
+    for contact in group.each_contact(straight=True):
+        found.now |= contact.mode > OPEN
     return found.now
 
 
 def is_near(group: Group, h: Any) -> Any:
     """Lanes in which a contact would close within `AHEAD` times h if floors went on as they do."""
-    time, found = AHEAD * group.full(h), Cell(group.full(False))
-    for j in group.each_contact(straight=True):
-        found.now |= fma(time, group.between("v", j), penetration(group, j)) > 0.0
+    time, found = AHEAD * group.full(h), group.cell(False)
+    for contact in group.each_contact(straight=True):
+        found.now |= fma(time, contact.between("v"), contact.penetration()) > 0.0
     return found.now
 
 
@@ -465,97 +449,83 @@ def is_near(group: Group, h: Any) -> Any:
 # is KE d + CE.
 
 
-def _may_slip(group: Group, j: Any, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
+def _may_slip(contact: Contact, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
     """Lanes in which a closed contact may slip, or stick again."""
-    s = group.state
-    low = s["plastic", j]
-    top, slips = low + s["yield", j], s["ce", j] > 0.0
+    low = contact.plastic
+    top, slips = low + contact.yield_depth, contact.ce > 0.0
     leaves = (maximum(d1, minimum(early, late)) > top) | (minimum(d1, maximum(early, late)) < low)
     return ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
 
 
-def _begin_yielding(group: Group, j: Any, lanes: Any, k: Any, loss: Any, v: Any, mass: Any) -> None:
+def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> None:
     """Properties of a contact that begins at the rate v, meant for the depth of an elastic Hertz contact."""
-    s = group.state
     speed = maximum(v, RESTING_SPEED)
-    deepest = power(1.25 * mass * speed * speed / k, 0.4)
+    deepest = power(1.25 * contact.reduced * speed * speed / k, 0.4)
     effective = k * sqrt(deepest)
     lost = 0.4 * loss * effective
-    yields = where(loss > 0.0, YIELD_SHARE * deepest, group.limit.far)
-    for name, value in (
-        ("kl", effective - lost / (1.0 - YIELD_SHARE)),
-        ("cl", lost / (YIELD_SHARE * (1.0 - YIELD_SHARE))),
-        ("yield", yields),
-        ("plastic", 0.0),
-    ):
-        s.put(lanes, value, name, j)
-    stick(group, j, lanes)
+    contact.put(
+        lanes,
+        kl=effective - lost / (1.0 - YIELD_SHARE),
+        cl=lost / (YIELD_SHARE * (1.0 - YIELD_SHARE)),
+        yield_depth=where(loss > 0.0, YIELD_SHARE * deepest, contact.group.limit.far),
+        plastic=0.0,
+    )
+    stick(contact, lanes)
 
 
-def set_plastic(group: Group, j: Any, lanes: Any, d: Any) -> None:
+def set_plastic(contact: Contact, lanes: Any, d: Any) -> None:
     """Plastic part of a contact that has slipped to the penetration d."""
-    s = group.state
-    s.put(lanes, where(s["ce", j] > 0.0, d - s["yield", j], d), "plastic", j)
+    contact.put(lanes, plastic=where(contact.ce > 0.0, d - contact.yield_depth, d))
 
 
-def stick(group: Group, j: Any, lanes: Any) -> None:
+def stick(contact: Contact, lanes: Any) -> None:
     """Let the plastic part stand still from here on."""
-    s = group.state
-    s.put(lanes, s["kl", j] + s["cl", j], "ke", j)
-    s.put(lanes, -s["cl", j] * s["plastic", j], "ce", j)
+    contact.put(lanes, ke=contact.kl + contact.cl, ce=-contact.cl * contact.plastic)
 
 
-def slip(group: Group, j: Any, lanes: Any, d: Any) -> None:
+def slip(contact: Contact, lanes: Any, d: Any) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
-    s = group.state
-    deep = d - s["plastic", j] > 0.5 * s["yield", j]
-    s.put(lanes, s["kl", j], "ke", j)
-    s.put(lanes, where(deep, s["cl", j] * s["yield", j], 0.0), "ce", j)
+    deep = d - contact.plastic > 0.5 * contact.yield_depth
+    contact.put(lanes, ke=contact.kl, ce=where(deep, contact.cl * contact.yield_depth, 0.0))
 
 
-def _switch_yielding(group: Group, j: Any, due: Any, mode: Any, target: Any) -> None:
+def _switch_yielding(contact: Contact, due: Any, mode: Any, target: Any) -> None:
     """Go over to another mode, in the lanes in which that is due."""
-    s = group.state
-    d = penetration(group, j)
-    opens, sticks, slips = due & (target == 0.0), due & (target == 1.0), due & (target == 2.0)
-    for name in ("ke", "ce"):
-        s.put(opens, 0.0, name, j)
-    set_plastic(group, j, sticks & (mode > 0.0), d)
-    stick(group, j, sticks)
-    slip(group, j, slips, d)
+    d, sticks = contact.penetration(), due & (target == 1.0)
+    contact.put(due & (target == 0.0), ke=0.0, ce=0.0)
+    set_plastic(contact, sticks & (mode > 0.0), d)
+    stick(contact, sticks)
+    slip(contact, due & (target == 2.0), d)
 
 
-def held_force(group: Group, j: Any, d: Any) -> Any:
+def held_force(contact: Contact, d: Any) -> Any:
     """Force at penetration d, the plastic part being what it must be there."""
-    s = group.state
-    stretch = minimum(maximum(d - s["plastic", j], 0.0), s["yield", j])
-    return where(d > 0.0, s["kl", j] * d + s["cl", j] * stretch, 0.0)
+    stretch = minimum(maximum(d - contact.plastic, 0.0), contact.yield_depth)
+    return where(d > 0.0, contact.kl * d + contact.cl * stretch, 0.0)
 
 
-def settle_yielding(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
+def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
     """Mode of a contact that went to the penetration d by `held_force`."""
-    s = group.state
-    stretch, top = d - s["plastic", j], s["yield", j]
-    plastic = where(stretch > top, d - top, where(stretch < 0.0, d, s["plastic", j]))
-    s.put(lanes, plastic, "plastic", j)
+    stretch, top = d - contact.plastic, contact.yield_depth
+    contact.put(lanes, plastic=where(stretch > top, d - top, where(stretch < 0.0, d, contact.plastic)))
     slips = lanes & (((stretch >= top) & (v > 0.0)) | ((stretch <= 0.0) & (v < 0.0)))
-    slip(group, j, slips, d)
-    stick(group, j, lanes & ~slips)
+    slip(contact, slips, d)
+    stick(contact, lanes & ~slips)
     return where(slips, 2.0, 1.0)
 
 
-def _slips(group: Group, j: Any, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
+def _slips(contact: Contact, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
-    s, (d0, d1, v0, v1) = group.state, ends
-    slipping, slips = s["mode", j] == 2.0, s["ce", j] > 0.0
+    group, (d0, d1, v0, v1) = contact.group, ends
+    slipping, slips = contact.mode == 2.0, contact.ce > 0.0
     falls = asks & slipping & slips & (v1 < 0.0)
     grows = asks & slipping & ~slips & (v1 > 0.0)
-    low = s["plastic", j]
+    low = contact.plastic
     toward = where(falls, -1.0, 1.0)
     found = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
     # it sticks where v is zero and d at one of both limits: rounding there is no crossing
-    margin = group.limit.at_release * s["yield", j]
-    for sign, limit, may in ((1.0, low + s["yield", j], asks), (-1.0, low, asks & (low > 0.0))):
+    margin = group.limit.at_release * contact.yield_depth
+    for sign, limit, may in ((1.0, low + contact.yield_depth, asks), (-1.0, low, asks & (low > 0.0))):
         crosses = sign * (d1 - limit) > margin
         turns = ~crosses & (sign * v0 > 0.0) & (sign * v1 < 0.0)
         begun = depth.begun(sign * minimum(sign * (d0 - limit), 0.0))

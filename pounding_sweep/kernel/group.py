@@ -14,7 +14,7 @@ from typing import Any
 from llvmlite import ir
 
 from pounding_sweep.kernel.lanes import (
-    Contact,
+    Cell,
     Count,
     Counts,
     Lookup,
@@ -219,7 +219,7 @@ class Group:
             rows |= {"a": n, "alone": n}
         rows |= {"joining": nc} if spec.impulsive else {}
         if any(law.yields for law in spec.laws):
-            rows |= {"plastic": nc, "yield": nc}
+            rows |= {"plastic": nc, "yield_depth": nc}
         #: What no step leaves to the next follows, from this row on.
         self.passing = sum(rows.values())
         rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
@@ -302,6 +302,10 @@ class Group:
         """Return a number or a truth in all lanes."""
         return everywhere(self.trace, x, self.lanes)
 
+    def cell(self, x: Any) -> Cell:
+        """Return a variable with a number or a truth in all lanes."""
+        return Cell(self.full(x))
+
     def floor(self, x: Any, i: Any) -> Any:
         """Return floor i's of all floors' values, of the rows of a name, or of a function."""
         if isinstance(x, str):
@@ -322,84 +326,76 @@ class Group:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
         return self.trace is not None and not self.spec.fused
 
-    def each_contact(self, straight: bool = False, touching: bool = True) -> Iterator[Any]:
+    def _in_runs(self, items: Sequence[tuple[int, ...]], key: Callable[[int], Any]) -> Iterator[tuple[Any, Any, Any]]:
+        """Go through rows of whole numbers: what those in a run have in common, number, row; of several at run time."""
+        table = Lookup([x for item in items for x in item])
+        for kind, run in groupby(range(len(items)), key):
+            first, *others = run
+            if not others:
+                yield kind, first, items[first]
+                continue
+            for q in count_to(1 + len(others)):
+                number, width = q + first, len(items[first])
+                yield kind, number, [table[width * number + k] for k in range(width)]
+
+    def known_contacts(self, touching: bool = True) -> list[Contact]:
+        """Return all contacts, whose numbers are known."""
+        contacts = enumerate(self.contacts if touching else self.spec.contacts)
+        return [Contact(self, j, sides, *self._kind(j)) for j, sides in contacts]
+
+    def _kind(self, j: int) -> tuple[int, bool, int]:
+        """Side of contact j whose columns are struck (-1: floors meet), whether they stand on the ground, its law."""
+        spec = self.spec
+        side = spec.struck[j] if spec.struck else -1
+        grounded = side >= 0 and spec.bottom[spec.contacts[j][side]]
+        return side, grounded, spec.bumped[j] if spec.bumped else 0
+
+    def each_contact(self, straight: bool = False, touching: bool = True) -> Iterator[Contact]:
         """Go through the contacts, at run time (in a short row, if not `straight`); not `touching`: closings too."""
         contacts = self.contacts if touching else self.spec.contacts
         if self.trace is None or (straight and not self.long):
-            yield from range(len(contacts))
+            yield from self.known_contacts(touching)
             return
 
-        def kind(j: int) -> tuple[tuple[bool, ...], tuple[int, bool], int]:
-            """Return what contacts in one loop have in common: walls, struck columns, the law."""
-            return tuple(i < 0 for i in contacts[j][:2]), self._columns(j), self.law_index(j)
+        def alike(j: int) -> tuple[tuple[bool, ...], tuple[int, bool, int]]:
+            return tuple(i < 0 for i in contacts[j][:2]), self._kind(j)
 
-        table = Lookup([i for contact in contacts for i in contact])
-        for (walls, columns, law), same in groupby(range(len(contacts)), key=kind):
-            some = list(same)
-            if len(some) == 1:
-                yield some[0]
-                continue
-            for q in count_to(len(some)):
-                j = q + some[0]
-                sides = [table[3 * j + side] for side in range(3)]
-                left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
-                yield Contact(j, (left, right, sides[2]), columns, law)
+        for (walls, kind), j, (*sides, gap) in self._in_runs(contacts, alike):
+            left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=True))
+            yield Contact(self, j, (left, right, gap), *kind)
 
     def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Go through the links and the floors that they join; in a long row at run time."""
         if not (self.long and self.spec.links):
             yield from enumerate(self.spec.links)
             return
-        table = Lookup([i for ends in self.spec.links for i in ends])
-        for j in count_to(len(self.spec.links)):
-            yield j, (table[2 * j], table[2 * j + 1])
-
-    def law_index(self, j: Any) -> int:
-        """Return the number of the law of contact j."""
-        if isinstance(j, Contact):
-            return j.law
-        return self.spec.bumped[j] if self.spec.bumped else 0
-
-    def law_of(self, j: Any) -> LaneLaw:
-        """Return the law of contact j."""
-        return self.laws[self.law_index(j)]
-
-    def _columns(self, j: Any) -> tuple[int, bool]:
-        """Side of contact j whose columns are struck (-1: floors meet), and whether they stand on the ground."""
-        if isinstance(j, Contact):
-            return j.columns
-        side = self.spec.struck[j] if self.spec.struck else -1
-        return side, side >= 0 and self.spec.bottom[self.spec.contacts[j][side]]
+        for _, j, (left, right) in self._in_runs(self.spec.links, lambda _: 0):
+            yield j, (left, right)
 
     def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
         if not self.long:
             yield from enumerate(self.building_floors)
             return
-        spec, done = self.spec, 0
+        spec = self.spec
         order = sorted(range(spec.n_buildings), key=lambda b: spec.storeys[b])
-        table = Lookup([i for b in order for i in (b, spec.home(b))])
-        for n, same in groupby(order, key=lambda b: spec.storeys[b]):
-            some = list(same)
-            if len(some) == 1:
-                yield some[0], self.building_floors[some[0]]
-            else:
-                for q in count_to(len(some)):
-                    at = 2 * (q + done)
-                    home = table[at + 1]
-                    yield table[at], [home + s for s in range(n)]
-            done += len(some)
+        homes = [(b, spec.home(b)) for b in order]
+        for n, _, (b, home) in self._in_runs(homes, lambda k: spec.storeys[order[k]]):
+            yield b, [home + s for s in range(n)]
 
-    def each_storey(self, those: Sequence[int], straight: bool = True) -> Iterator[tuple[Any, Any]]:
-        """Go through some floors and those below (None: the ground), in a short row at run time if not `straight`."""
+    def each_storey(self, those: Sequence[int], straight: bool = True) -> Iterator[Storey]:
+        """Go through some storeys, in a short row at run time if not `straight`."""
         if not self.long and (straight or self.trace is None or self.spec.foundations):
-            yield from ((i, self.spec.below(i)) for i in those)
+            yield from (self.storey(i) for i in those)
             return
-        for bottom in (True, False):
-            some = [i for i in those if self.spec.bottom[i] is bottom]
-            for q in count_to(len(some)) if some else ():
-                i = Lookup(some)[q]
-                yield i, None if bottom else i - 1
+        bottom = self.spec.bottom
+        floors = sorted(those, key=lambda i: not bottom[i])
+        for grounded, _, (i,) in self._in_runs([(i,) for i in floors], lambda k: bottom[floors[k]]):
+            yield Storey(self, i, None if grounded else i - 1)
+
+    def storey(self, i: int) -> Storey:
+        """Return a storey whose number is known."""
+        return Storey(self, i, self.spec.below(i))
 
     def each_part(self, whole: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
         """Go through what is worked out at once, and its degrees of freedom: buildings, or the `whole` row."""
@@ -412,12 +408,6 @@ class Group:
     def base(self, floor: Any) -> tuple[int, int] | None:
         """Sway and rocking of the foundation below a floor; None where there is none."""
         return self.spec.base_of(floor) if self.spec.foundations else None
-
-    def drift(self, i: Any, below: Any, x: Any = "u") -> Any:
-        """Drift of the storey below floor i, of a row's name or of values floor by floor; `below` None: the ground."""
-        found, base = self.floor(x, i), self.base(i)
-        found = found if below is None else found - self.floor(x, below)
-        return found if base is None else found - self.prop("height", i) * self.floor(x, base[1])
 
     def deformation(self, i: Any, x: Any, p: Any) -> Any:
         """Motion relative to the base of floor i, whose value is number p of `x`."""
@@ -435,51 +425,116 @@ class Group:
         else:
             yield from range(n)
 
-    def sides(self, j: Any) -> tuple[Any, Any, Any]:
-        """Left floor, right floor (-1: a wall) and gap of contact j."""
-        found: tuple[Any, Any, Any] = j.sides if isinstance(j, Contact) else self.spec.contacts[j]
-        return found
-
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
         spec, at = self.spec, 3 * floor
         table = Lookup([x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
         return table[at], spec.storeys[0] if len(set(spec.storeys)) == 1 else table[at + 1], table[at + 2]
 
-    def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:
-        """Floors that contact j acts on at its left (0) or right (1) side, and the share of each (None: all)."""
-        floor, (struck, grounded) = self.sides(j)[side], self._columns(j)
+
+class Indexed:
+    """A contact or a storey of a loop: its rows of the state, and properties of the scene, are its attributes."""
+
+    def __init__(self, group: Group, index: Any) -> None:
+        self.__dict__.update(group=group, index=index)
+
+    def __getattr__(self, name: str) -> Any:
+        state = self.group.state
+        return state[name, self.index] if name in state.first else self.group.prop(name, self.index)
+
+    def __setattr__(self, name: str, x: Any) -> None:
+        self.group.state[name, self.index] = x
+
+    def put(self, lanes: Any, **rows: Any) -> None:
+        """Write rows in some lanes (None: all)."""
+        for name, x in rows.items():
+            self.group.state.put(lanes, x, name, self.index)
+
+
+class Contact(Indexed):
+    """A contact that is known beforehand, or at run time."""
+
+    # sides: left floor, right floor (-1: a wall), gap
+    # struck: the side whose columns are struck, -1 where floors meet; whether they stand on the ground
+
+    def __init__(
+        self, group: Group, index: Any, sides: Sequence[Any], struck: int, grounded: bool, law_index: int
+    ) -> None:
+        super().__init__(group, index)
+        self.__dict__.update(sides=sides, struck=struck, grounded=grounded, law_index=law_index)
+
+    @property
+    def law(self) -> LaneLaw:
+        """Its law."""
+        return self.group.laws[self.law_index]
+
+    @property
+    def stiffness(self) -> Any:
+        """Stiffness (kN/m**exponent)."""
+        return self.group.state["k", self.index] if self.group.spec.own_stiffness else self.group.state["k"]
+
+    @property
+    def gap(self) -> Any:
+        """Gap (m)."""
+        return self.group.state["gap", self.sides[2]]
+
+    def floors_of(self, side: int) -> list[tuple[Any, Any]]:
+        """Floors that it acts on at its left (0) or right (1) side, and the share of each (None: all)."""
+        floor = self.sides[side]
         if is_wall(floor):
             return []
-        if side != struck:
+        if side != self.struck:
             return [(floor, None)]
-        upper = (floor, self.prop("upper", j))
-        return [upper] if grounded else [(floor - 1, self.prop("lower", j)), upper]
+        return [(floor, self.upper)] if self.grounded else [(floor - 1, self.lower), (floor, self.upper)]
 
-    def ends(self, j: Any) -> list[tuple[Any, str, Any]]:
-        """Floors that contact j pushes: the floor, the sign of the force on it, and its share (None: all)."""
-        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(j, side)]
+    def ends(self) -> list[tuple[Any, str, Any]]:
+        """Floors that it pushes: the floor, the sign of the force on it, and its share (None: all)."""
+        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(side)]
 
-    def between(self, x: Any, j: Any) -> Any:
-        """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
-        left, right = (_weighted(self.floors_of(j, side), lambda i: self.floor(x, i)) for side in (0, 1))
+    def between(self, x: Any) -> Any:
+        """Left minus right of its floors, a wall being at rest; x: of all floors, or a row's name."""
+        sums: list[Any] = []
+        for side in (0, 1):
+            parts = [part_of(self.group.floor(x, i), share) for i, share in self.floors_of(side)]
+            sums.append(parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None)
+        left, right = sums
         if left is None:
             return -right
         return left if right is None else left - right
 
-    def stiffness(self, j: Any) -> Any:
-        """Stiffness of contact j (kN/m**exponent)."""
-        return self.state["k", j] if self.spec.own_stiffness else self.state["k"]
-
-    def gap(self, j: Any) -> Any:
-        """Gap of contact j (m)."""
-        return self.state["gap", self.sides(j)[2]]
+    def penetration(self, name: str = "u") -> Any:
+        """Penetration (m)."""
+        return self.between(name) - self.gap
 
 
-def _weighted(floors: Sequence[tuple[Any, Any]], read: Callable[[Any], Any]) -> Any:
-    """Sum of what is read of floors by their shares; None of none."""
-    parts = [read(i) if share is None else share * read(i) for i, share in floors]
-    return parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None
+class Storey(Indexed):
+    """The storey below a floor, which is its index; `below` is the floor at its foot (None: the ground)."""
+
+    def __init__(self, group: Group, index: Any, below: Any) -> None:
+        super().__init__(group, index)
+        self.__dict__["below"] = below
+
+    @property
+    def stiffness(self) -> Any:
+        """Elastic stiffness (kN/m)."""
+        return self.group.prop("k", self.index)
+
+    @property
+    def exponent(self) -> float:
+        """Exponent of the law of Bouc and Wen."""
+        return dict(self.group.spec.smooth)[self.index]
+
+    @property
+    def hardened(self) -> tuple[Any, Any]:
+        """Stiffness while it yields, and what that is less than the elastic one."""
+        return self.hardening * self.stiffness, (1.0 - self.hardening) * self.stiffness
+
+    def drift(self, x: Any = "u") -> Any:
+        """Drift (m), of a row's name or of values floor by floor."""
+        group, base = self.group, self.group.base(self.index)
+        moved = group.floor(x, self.index)
+        moved = moved if self.below is None else moved - group.floor(x, self.below)
+        return moved if base is None else moved - self.height * group.floor(x, base[1])
 
 
 def part_of(force: Any, share: Any) -> Any:

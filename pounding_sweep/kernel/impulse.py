@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from pounding_sweep.kernel import transfers
-from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_onset, penetration
-from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_onset
+from pounding_sweep.kernel.group import Contact, Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import NEVER, first_crossing
 from pounding_sweep.kernel.row import put_accelerations
@@ -78,7 +78,7 @@ def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[A
 
 def resting(group: Group) -> list[Any]:
     """Lanes in which the floors of each contact rest on each other."""
-    return [group.state["ke", j] > 0.0 for j in range(len(group.contacts))]
+    return [contact.ke > 0.0 for contact in group.known_contacts()]
 
 
 def rest(group: Group, lanes: Any) -> None:
@@ -88,30 +88,30 @@ def rest(group: Group, lanes: Any) -> None:
     join_rows(group, "alone", "joining")
     for i in group.each(group.spec.n_moving):
         s.put(lanes, s["alone", i], "a", i)
-    for j in group.each(len(group.contacts)):
-        s.put(lanes, s["joining", j], "f1", j)
+    for contact in group.each_contact(straight=True):
+        contact.put(lanes, f1=contact.joining)
 
 
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
-    s, look = group.state, Cell(group.full(False))
+    s, look = group.state, group.cell(False)
     h = s["h"]
     closed = is_closed(group)
     with when_any(closed):
         rest(group, closed)
-    for j in group.each_contact():
-        v0, v1 = group.between("v0", j), group.between("v", j)
-        d0, d1 = penetration(group, j, "u0"), penetration(group, j)
-        s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
+    for contact in group.each_contact():
+        v0, v1 = contact.between("v0"), contact.between("v")
+        d0, d1 = contact.penetration("u0"), contact.penetration()
+        contact.d0, contact.d1, contact.w0, contact.w1 = d0, d1, v0, v1
         meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
-        look.now |= where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
+        look.now |= where(contact.mode == OPEN, meets, contact.f1 < 0.0)
     return look.now
 
 
-def _how_far(group: Group, j: Any) -> Any:
+def _how_far(contact: Contact) -> Any:
     """Sum of the sizes of what a penetration at either end of the trial is the difference of."""
-    s, far = group.state, size(group.gap(j))
-    for i in group.sides(j)[:2]:
+    s, far = contact.group.state, size(contact.gap)
+    for i in contact.sides[:2]:
         if not is_wall(i):
             far = far + size(s["u0", i]) + size(s["u", i])
     return far
@@ -119,35 +119,33 @@ def _how_far(group: Group, j: Any) -> Any:
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
-    s, h = group.state, group.state["h"]
-    first = Cell(group.full(1.0))
-    for j in group.each_contact():
-        mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
-        closed, late = mode > OPEN, s["f1", j]
+    _s, h = group.state, group.state["h"]
+    first = group.cell(1.0)
+    for contact in group.each_contact():
+        mode, d0, d1, v0, v1 = contact.mode, contact.d0, contact.d1, contact.w0, contact.w1
+        closed, late = mode > OPEN, contact.f1
         pulls = closed & (late < 0.0)
-        held = maximum(s["f0", j], 0.0)
+        held = maximum(contact.f0, 0.0)
         share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
-        s.put(asks, where(pulls, share, NEVER), "event", j)
-        s.put(asks, where(pulls, OPEN, mode), "next", j)
-        clear = group.limit.clear * _how_far(group, j)
+        contact.put(asks, event=where(pulls, share, NEVER), next=where(pulls, OPEN, mode))
+        clear = group.limit.clear * _how_far(contact)
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
         with when_any(busy):
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
-            depth = course_of(group, j).begun(minimum(d0, 0.0))
+            depth = course_of(contact).begun(minimum(d0, 0.0))
             when = first_crossing(group, busy, depth, 1.0, crosses, turns, least=clear)
-            s.put(when < NEVER, when, "event", j)
-            s.put(when < NEVER, 1.0, "next", j)
-        first.now = minimum(first.now, s["event", j])
+            contact.put(when < NEVER, event=when, next=1.0)
+        first.now = minimum(first.now, contact.event)
     return first.now
 
 
 def ends(group: Group, whole: Any) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
     del whole
-    s, r, h = group.state, group.asked, group.state["h"]
-    for j in group.each_contact() if group.spec.implicit and "impulse" in r else ():
-        s["impulse", j] += 0.5 * h * (s["f0", j] + s["f1", j])
+    _s, r, h = group.state, group.asked, group.state["h"]
+    for contact in group.each_contact() if group.spec.implicit and "impulse" in r else ():
+        contact.impulse += 0.5 * h * (contact.f0 + contact.f1)
 
 
 def hold(group: Group, end: str) -> None:
@@ -155,21 +153,22 @@ def hold(group: Group, end: str) -> None:
     s = group.state
     slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
     _, taken = join(group, [x - slope for x in group.floors(f"rate{end}")], resting(group))
-    for j, x in enumerate(taken):
-        s[f"q{end}", j] = x
+    for contact, x in zip(group.known_contacts(), taken, strict=True):
+        setattr(contact, f"q{end}", x)
 
 
-def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
+def _note_onset(contact: Contact, lanes: Any, v: Any, h: Any) -> None:
     """Tell of an impact at the rate v; mark what is told."""
-    s, r = group.state, group.asked
+    group, r = contact.group, contact.group.asked
     fast = v > COUNTED * RESTING_SPEED
     if "count" in r:
-        fast = fast | (s["count", j] == 0.0)
-    note_onset(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, group.clock(h))
-    s.put(lanes, 2.0, "next", j)
-    for reducer, name in (("force", "fmax"), ("penetration", "dmax")):
-        if reducer in r:
-            s.put(lanes, 1.0, name, j)
+        fast = fast | (contact.count == 0.0)
+    note_onset(contact, lanes, lanes & (contact.next == 1.0) & fast, v, group.clock(h))
+    contact.put(lanes, next=2.0)
+    if "force" in r:
+        contact.put(lanes, fmax=1.0)
+    if "penetration" in r:
+        contact.put(lanes, dmax=1.0)
 
 
 def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
@@ -181,93 +180,92 @@ def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
         s["now", b] += 0.5 * group.prop("m", i) * (before - after) * (before + after)
 
 
-def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
+def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
-    s, r, m = group.state, group.asked, group.prop("reduced", j)
-    left, right, _ = group.sides(j)
+    group = contact.group
+    s, r, m = group.state, group.asked, contact.reduced
+    left, right, _ = contact.sides
     p = (1.0 + e) * m * v
     if not is_wall(left):
         _set_speed(group, left, lanes, s["v", left] - p * group.prop("im", left))
     if not is_wall(right):
         _set_speed(group, right, lanes, s["v", right] + p * group.prop("im", right))
     if "impulse" in r:
-        s["impulse", j] += where(lanes, p, 0.0)
+        contact.impulse += where(lanes, p, 0.0)
     if "work" in r:
-        s["work", j] += where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
+        contact.work += where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
     if "transfer" in r:
         transfers.jumped(group)
 
 
 def _collide(group: Group, lanes: Any, h: Any) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
-    s = group.state
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
         mine, more = again.now, Cell(again.now & ~again.now)
-        for j in group.each_contact():
-            v, c = group.between("v", j), s["c", j]
-            hits = mine & (s["next", j] > 0.0) & (v > PARTED * RESTING_SPEED)
+        for contact in group.each_contact():
+            v, c = contact.between("v"), contact.c
+            hits = mine & (contact.next > 0.0) & (v > PARTED * RESTING_SPEED)
             bounces = where(c * v > RESTING_SPEED, c, 0.0)
             with when_any(hits):
-                _note_onset(group, j, hits & ((s["mode", j] == OPEN) | (bounces > 0.0)), v, h)
-                _jump(group, j, hits, v, bounces)
+                _note_onset(contact, hits & ((contact.mode == OPEN) | (bounces > 0.0)), v, h)
+                _jump(contact, hits, v, bounces)
             more.now |= hits
         again.now = more.now
 
 
 def _halt(group: Group, lanes: Any) -> None:
     """Floors at this instant that do not part stop to approach: what `_collide` has left of it."""
-    s, r = group.state, group.asked
-    for j in group.each_contact():
-        v = group.between("v", j)
-        s.put(lanes, v, "w1", j)
-        stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
-        s.put(lanes, where(stays, 1.0, 0.0), "ke", j)
+    _s, r = group.state, group.asked
+    for contact in group.each_contact():
+        v = contact.between("v")
+        contact.put(lanes, w1=v)
+        stays = (contact.next > 0.0) & (v >= -PARTED * RESTING_SPEED)
+        contact.put(lanes, ke=where(stays, 1.0, 0.0))
     speeds, taken = join(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
-    for j, p in enumerate(taken):
+    for contact, p in zip(group.known_contacts(), taken, strict=True):
         if "impulse" in r:
-            s["impulse", j] += where(lanes, p, 0.0)
+            contact.impulse += where(lanes, p, 0.0)
         if "work" in r:
-            s["work", j] += where(lanes, 0.5 * p * s["w1", j], 0.0)
+            contact.work += where(lanes, 0.5 * p * contact.w1, 0.0)
     if "transfer" in r:
         transfers.jumped(group)
 
 
 def _choose(group: Group, lanes: Any) -> None:
     """Which of the contacts marked in ``ke`` rest from now on: those that are pressed. The others are unmarked."""
-    s = group.state
     going = Cell(lanes)
     for _ in while_any(lambda: going.now, at_most=len(group.contacts) + 1):
         mine = going.now
         rest(group, mine)
-        least, at = Cell(group.full(-group.limit.released)), Cell(group.full(-1.0))
-        for j in group.each_contact():
-            pressed = s["f1", j] / group.prop("reduced", j)
-            worse = (s["ke", j] > 0.0) & (pressed < least.now)
-            least.now, at.now = where(worse, pressed, least.now), where(worse, real(j), at.now)
-        for j in group.each_contact():
-            s.put(mine & (at.now == real(j)), 0.0, "ke", j)
+        least, at = group.cell(-group.limit.released), group.cell(-1.0)
+        for contact in group.each_contact():
+            pressed = contact.f1 / contact.reduced
+            worse = (contact.ke > 0.0) & (pressed < least.now)
+            least.now, at.now = where(worse, pressed, least.now), where(worse, real(contact.index), at.now)
+        for contact in group.each_contact():
+            contact.put(mine & (at.now == real(contact.index)), ke=0.0)
         going.now = mine & (at.now >= 0.0)
 
 
 def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
-    s, released = group.state, group.limit.released
-    for j in group.each_contact():
-        due = is_due(group, j, lanes)
-        opened = s["mode", j] == OPEN
-        pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
+    _s, released = group.state, group.limit.released
+    for contact in group.each_contact():
+        due = is_due(contact, lanes)
+        opened = contact.mode == OPEN
+        pressed = ~opened & (contact.f1 > released * contact.reduced)
         takes_part = pressed | (due & opened) | (~due & ~opened)
-        s.put(lanes, where(takes_part, 1.0, 0.0), "next", j)
+        contact.put(lanes, next=where(takes_part, 1.0, 0.0))
     _collide(group, lanes, h)
     _halt(group, lanes)
     _choose(group, lanes)
-    for j in group.each_contact():
-        mode = where(s["ke", j] > 0.0, 1.0, 0.0)
-        comes = lanes & (mode > s["mode", j])
+    for contact in group.each_contact():
+        mode = where(contact.ke > 0.0, 1.0, 0.0)
+        comes = lanes & (mode > contact.mode)
         with when_any(comes):
-            _note_onset(group, j, comes, s["w1", j], h)
-        s.put(lanes, mode, "mode", j)
+            _note_onset(contact, comes, contact.w1, h)
+        contact.put(lanes, mode=mode)
     return lanes

@@ -637,7 +637,7 @@ def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
     return Vector(trace, found)
 
 
-def after(x: Any) -> Any:
+def shifted(x: Any) -> Any:
     """Return each lane's next neighbour; the last lane's is its own."""
     trace = _trace_of(x)
     if trace is None:
@@ -735,16 +735,6 @@ class Lookup:
             table.linkage, table.global_constant, table.initializer = "internal", True, ir.Constant(kind, numbers)
         place = t.builder.gep(t.module.globals[name], [ir.Constant(_I64, 0), i.value], inbounds=True)
         return form(t, t.builder.load(place))
-
-
-class Contact(Count):
-    """Number of a contact that is known at run time, and its sides: left floor, right floor (-1: a wall), gap."""
-
-    # beside them the side whose columns are struck (-1: floors meet), whether these stand on the ground, and the law
-
-    def __init__(self, count: Count, sides: tuple[Any, Any, Any], columns: tuple[int, bool], law: int) -> None:
-        super().__init__(count.trace, count.value)
-        self.sides, self.columns, self.law = sides, columns, law
 
 
 def everywhere(trace: Tracer | None, x: Any, lanes: int) -> Any:

@@ -76,7 +76,7 @@ def conclude(group: Group) -> None:
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
     if "links" in r:
         links.conclude(group)
-    sound = Cell(group.full(True))
+    sound = group.cell(True)
     for i in group.each(spec.n_moving):
         v = s["v", i]
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
@@ -93,40 +93,41 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
     implicit = group.spec.implicit
     for b in group.each(group.spec.n_buildings) if implicit and "transfer" in r else ():
         s["gain", b] = 0.0
-    for j in group.each_contact():
-        law, which = group.law_of(j), group.law_index(j)
-        d = forces.penetration(group, j)
-        v, before = group.between("v", j), group.between("v0", j)
+    for contact in group.each_contact():
+        law, which = contact.law, contact.law_index
+        d = contact.penetration()
+        v, before = contact.between("v"), contact.between("v0")
         speed = maximum(v, before)
         closed = d > 0.0
-        fresh = closed & (s["mode", j] == 0.0)
-        s["mode", j] = where(closed, 1.0, 0.0)
-        forces.note_onset(group, j, fresh, fresh, speed, time)
+        fresh = closed & (contact.mode == 0.0)
+        contact.mode = where(closed, 1.0, 0.0)
+        forces.note_onset(contact, fresh, fresh, speed, time)
         for reducer in group.reducers:
             if reducer.plain:
-                reducer.plain(group, forces.Sample(j, closed, d, h))
+                reducer.plain(group, forces.Sample(contact, closed, d, h))
         fastest = None
         if law.shape.per_speed:
-            fastest = maximum(where(fresh, speed, s["vrun", j]), v)
-            s["vrun", j] = where(closed, fastest, 0.0)
+            fastest = maximum(where(fresh, speed, contact.vrun), v)
+            contact.vrun = where(closed, fastest, 0.0)
         with when_any(fresh):
-            lasts = law.duration(group.stiffness(j), speed, group.prop("reduced", j))
+            lasts = law.duration(contact.stiffness, speed, contact.reduced)
             s.put(fresh, minimum(s["shortest", which], lasts), "shortest", which)
         if not (implicit or group.spec.history or group.looks("force")):
             continue
-        c, last = s["c", j], s["f1", j]
+        c, last = contact.c, contact.f1
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
-        force = where(closed, law.closed_force(group.stiffness(j), c, d, v), 0.0)
-        s["f1", j] = force
+        force = where(closed, law.closed_force(contact.stiffness, c, d, v), 0.0)
+        contact.f1 = force
         if "force" in r:
-            s["fmax", j] = maximum(s["fmax", j], force)
+            contact.fmax = maximum(contact.fmax, force)
         if implicit:
-            for reducer, value in (("impulse", last + force), ("work", last * before + force * v)):
-                if reducer in r:
-                    s[reducer, j] += 0.5 * h * value
+            if "impulse" in r:
+                contact.impulse += 0.5 * h * (last + force)
+            if "work" in r:
+                contact.work += 0.5 * h * (last * before + force * v)
             for force_at, v_at in ((last, "v0"), (force, "v")) if "transfer" in r else ():
-                for b, power in each_given(group, j, force_at, v_at):
+                for b, power in each_given(contact, force_at, v_at):
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
 
 
@@ -180,8 +181,8 @@ def cut(group: Group, lanes: Any) -> None:
             s.put(lanes, bend, name, i)
         s.put(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), "u", i)
         s.put(lanes, fma(h, sped, s["v0", i]), "v", i)
-    for j in group.each_contact():
-        s["d1", j], s["w1", j] = forces.penetration(group, j), group.between("v", j)
+    for contact in group.each_contact():
+        contact.d1, contact.w1 = contact.penetration(), contact.between("v")
     s.put(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), "g1")
     s.put(lanes, 1.0, "land")
     s.put(lanes, h, "h")
@@ -253,8 +254,8 @@ def substep(group: Group, h: Any) -> None:
     s, kind, r = group.state, impulse if group.spec.impulsive else forces, group.asked
     look_ahead(group, h)
     if group.spec.impulsive:
-        for j in group.each(len(group.contacts)):
-            s["f0", j] = s["f1", j]
+        for contact in group.each_contact(straight=True):
+            contact.f0 = contact.f1
     elif group.spec.implicit and group.touching:
         group.scheme.soften(group)
     add = group.scheme.trial(group)
@@ -283,8 +284,8 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         if reducer.substep:
             reducer.substep(group)
     if any(law.graded for law in group.laws) and not group.spec.impulsive:
-        for j in group.each(len(group.contacts)):
-            s["age", j] += s["h"]
+        for contact in group.each_contact(straight=True):
+            contact.age += s["h"]
     if group.spec.yielding:
         hysteresis.follow(group)
     if group.spec.smooth:
@@ -311,9 +312,8 @@ def moving_rows(group: Group) -> list[str]:
 
 def clear_forces(group: Group, lanes: Any) -> None:
     """Flight goes on without contact forces, in some lanes."""
-    for j in group.each(len(group.contacts)):
-        for name in ("f0", "f1", "q0", "q1"):
-            group.state.put(lanes, 0.0, name, j)
+    for contact in group.each_contact(straight=True):
+        contact.put(lanes, f0=0.0, f1=0.0, q0=0.0, q1=0.0)
 
 
 def needs_ends(group: Group) -> bool:
@@ -338,11 +338,11 @@ def storeys_may_change(group: Group, h: Any) -> Any:
 def may_touch(group: Group, h: Any) -> Any:
     """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
     u0, v0, u, v = (name if group.long else group.floors(name) for name in ("u0", "v0", "u", "v"))
-    hit = Cell(group.full(-1.0))
-    for j in group.each_contact(straight=True):
-        gap = group.gap(j)
-        d0, d1 = group.between(u0, j) - gap, group.between(u, j) - gap
-        w0, w1 = group.between(v0, j), group.between(v, j)
+    hit = group.cell(-1.0)
+    for contact in group.each_contact(straight=True):
+        gap = contact.gap
+        d0, d1 = contact.between(u0) - gap, contact.between(u) - gap
+        w0, w1 = contact.between(v0), contact.between(v)
         hit.now = maximum(hit.now, maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1))))
     return hit.now > 0.0
 

@@ -99,7 +99,7 @@ def septic_extremes(
         curve = _septic(start, end)
         take(once, curve.value(turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))))
         for _ in when(any_lane(again.now)):
-            t, x, s = Cell(group.full(0.0)), Cell(x0), Cell((1.0 / PARTS) * at_start)
+            t, x, s = group.cell(0.0), Cell(x0), Cell((1.0 / PARTS) * at_start)
             for _ in count_to(PARTS):
                 t.now += 1.0 / PARTS
                 then, rate = curve.with_slope(t.now)
@@ -191,7 +191,7 @@ def each_step(group: Group) -> None:
 
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
-    found = Cell(group.full(1.0))
+    found = group.cell(1.0)
     for motion in followed(group, straight=True):
         if motion.alone:
             found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
@@ -231,7 +231,7 @@ def largest_accelerations(
         add_forces(group, f"rate{end}", f"q{end}")
     h = s["h"]
     closed = forces.is_closed(group) & (h > 0.0) if pressed else group.full(False)
-    again = Cell(group.full(False))
+    again = group.cell(False)
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]
         s1 = h * s["rate1", i]
@@ -281,16 +281,15 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
 
 def _accelerate(group: Group, t: Any) -> None:
     """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    s = group.state
     if group.spec.smooth:
         bouc_wen.part(group, t)
     put_accelerations(group, "there", moved(group, t), moved(group, t, velocities=True))
     if group.spec.smooth:
         bouc_wen.settle(group)
-    for j in group.each_contact():
-        s["press", j] = 0.0
-        with when_any(s["mode", j] > forces.OPEN):
-            s["press", j] = forces.force_at(group, j, t)
+    for contact in group.each_contact():
+        contact.press = 0.0
+        with when_any(contact.mode > forces.OPEN):
+            contact.press = forces.force_at(contact, t)
     add_forces(group, "there", "press")
 
 

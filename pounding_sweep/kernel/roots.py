@@ -123,7 +123,7 @@ def first_crossing(
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
     rises = turns & ~turns if rises is None else rises
     bends = lanes & (turns | rises)
-    low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(lanes & crosses)
+    low, high, event = group.cell(0.0), group.cell(1.0), Cell(lanes & crosses)
     with when_any(bends):
         extreme = crossing(group, bends, 0.0, 1.0, series.rate, where(rises, sign, -sign))
         event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > least)))
@@ -185,7 +185,7 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     at_low, at_high = f(low), f(high)
     early = at_low > 0.0
     lo, hi, flo, fhi = Cell(low), Cell(where(early, low, high)), Cell(at_low), Cell(at_high)
-    side, going, least = Cell(group.full(0.0)), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
+    side, going, least = group.cell(0.0), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
     for _ in while_any(lambda: going.now, at_most=100):
         a, b, fa, fb, last = lo.now, hi.now, flo.now, fhi.now, side.now
         going.now &= b - a > group.limit.exact

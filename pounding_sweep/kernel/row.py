@@ -19,8 +19,8 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from pounding_sweep.kernel import hysteresis, links
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel import links
+from pounding_sweep.kernel.group import Contact, Group, Storey, part_of
 from pounding_sweep.kernel.lanes import fma
 
 #: Some buildings, and their floors.
@@ -48,7 +48,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
 def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
     """Drift below floor i, whose value is number p of `x`, that of its building's lowest floor number `first`."""
     if group.base(i) is not None:  # values are those of the whole row
-        return group.drift(i, group.spec.below(i), x)
+        return group.storey(i).drift(x)
     return x[p] if p == first else x[p] - x[p - 1]
 
 
@@ -134,9 +134,9 @@ class Pushes:
         before = self._group.state["push", floor]
         self._group.state["push", floor] = before - force if sign == "-" else before + force
 
-    def add_contact(self, j: Any, force: Any) -> None:
+    def add_contact(self, contact: Contact, force: Any) -> None:
         """Add the force of a contact on its floors."""
-        for floor, sign, share in self._group.ends(j):
+        for floor, sign, share in contact.ends():
             self.add(floor, sign, part_of(force, share))
 
     def add_links(self, x: Any, y: Any) -> None:
@@ -186,22 +186,23 @@ def strain(group: Group, floors: Sequence[Any]) -> Any:
     """u'Ku/2 of a building, of storeys that yield of their elastic parts."""
     terms, below, base = [], None, group.base(floors[0])
     for i in floors:
-        u = group.state["u", i]
-        drift = u if below is None else u - below
-        drift = drift if base is None else group.drift(i, group.spec.below(i), "u")
-        elastic = not group.yields(i)
-        terms.append(0.5 * group.prop("k", i) * drift * drift if elastic else hysteresis.strain(group, i, drift))
-        below = u
+        storey = Storey(group, i, below) if base is None else group.storey(i)
+        below, drift = i, storey.drift()
+        if group.yields(i):
+            (hard, soft), z = storey.hardened, drift - storey.slip
+            terms.append(0.5 * (hard * drift * drift + soft * z * z))
+        else:
+            terms.append(0.5 * storey.stiffness * drift * drift)
     terms += [0.5 * group.prop("k", i) * group.state["u", i] * group.state["u", i] for i in base or ()]
     return reduce(add, terms)
 
 
-def each_given(group: Group, j: Any, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
+def each_given(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
     """Go through the buildings that a contact presses, and what each gives to it: power (kW) of a force (kN)."""
     # `y` are the floors' velocities, or the name of their rows; a building may come up more than once
-    for floor, side, share in group.ends(j):
+    for floor, side, share in contact.ends():
         pushed = part_of(force, share)
-        yield group.home_of(floor)[2], (pushed if side == "-" else -pushed) * group.floor(y, floor)
+        yield contact.group.home_of(floor)[2], (pushed if side == "-" else -pushed) * contact.group.floor(y, floor)
 
 
 def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = None, rates: bool = False) -> None:
@@ -218,9 +219,9 @@ def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = Non
 def add_forces(group: Group, name: str, forces: Any) -> None:
     """Add what contact forces (or their rates), of rows or a function, do to accelerations (or theirs) in rows."""
     s = group.state
-    for j in group.each_contact():
-        force = forces(j) if callable(forces) else s[forces, j]
-        for floor, sign, share in group.ends(j):
+    for contact in group.each_contact():
+        force = forces(contact) if callable(forces) else getattr(contact, forces)
+        for floor, sign, share in contact.ends():
             before = s[name, floor]
             change = group.prop("im", floor) * part_of(force, share)
             s[name, floor] = before - change if sign == "-" else before + change

@@ -21,7 +21,7 @@ import numpy as np
 
 from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
@@ -63,9 +63,9 @@ HALVED = 0.5**HALVINGS
 PAST, SOONEST = -1.5, 1e-3
 
 
-def _is_product(group: Group, j: Any) -> bool:
+def _is_product(contact: Contact) -> bool:
     """Whether the damper of a contact grows with the penetration."""
-    law = group.law_of(j).shape
+    law = contact.law.shape
     return bool(law.damper) and law.damper_exponent == 1.0
 
 
@@ -93,17 +93,17 @@ def _expand(group: Group) -> None:
         s["jet", i] = s["u0", i]
     if group.spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
-        for held, contacts in ((closed, len(group.contacts)), (not_(closed), 0)):
+        for held, contacts in ((closed, True), (not_(closed), False)):
             for _ in when(held):
                 _expand_row(group, contacts)
     else:
-        _expand_row(group, len(group.contacts))
-    for j in group.each_contact() if not group.spec.yielding else ():
-        s["dj", j + order * len(group.contacts)] = group.between(_Term(group, order), j)
+        _expand_row(group, group.touching)
+    for contact in group.each_contact() if not group.spec.yielding else ():
+        s["dj", contact.index + order * len(group.contacts)] = contact.between(_Term(group, order))
 
 
-def _expand_row(group: Group, contacts: int) -> None:
-    """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
+def _expand_row(group: Group, contacts: bool) -> None:
+    """Find the coefficients of all floors, and if need be of contacts' penetrations and forces."""
     s = group.state
     inverse = Lookup([1.0 / (k + 1.0) for k in range(group.spec.series)])
     ground = Cell(s["g1"] - s["g0"])
@@ -113,11 +113,11 @@ def _expand_row(group: Group, contacts: int) -> None:
         ground.now = group.full(0.0)
 
 
-def _expand_term(group: Group, contacts: int, k: Any, ground: Any, inverse: Lookup) -> None:
+def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
-    for j in range(contacts) if not group.long else group.each_contact() if contacts else ():
-        push.add_contact(j, _press(group, j, k, x))
+    for contact in group.each_contact(straight=True) if contacts else ():
+        push.add_contact(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
     s, n, per = group.state, group.spec.n_dof, group.state["h"] * inverse[k]
     for b, floors in group.each_building():  # numbers are read building by building: there is room for few
@@ -142,24 +142,25 @@ class _Term:
         return self._state["jet", i + self._begin]
 
 
-def _press(group: Group, j: Any, k: Any, x: _Term) -> Any:
+def _press(contact: Contact, k: Any, x: _Term) -> Any:
     """Coefficient k of a contact's force, of the floors' motion `x`."""
+    group = contact.group
     s, nc = group.state, len(group.contacts)
-    d, w = group.between(x, j), group.between(x.rates, j)
+    d, w = contact.between(x), contact.between(x.rates)
     if x.constant:
-        d = d - group.gap(j)
-    s["dj", j + k * nc] = d
-    if not group.law_of(j).shape.damper:
-        return s["ke", j] * d
-    if not _is_product(group, j):
-        f = fma(s["ke", j], d, s["ce", j] * w)
+        d = d - contact.gap
+    s["dj", contact.index + k * nc] = d
+    if not contact.law.shape.damper:
+        return contact.ke * d
+    if not _is_product(contact):
+        f = fma(contact.ke, d, contact.ce * w)
     else:
-        s["wj", j + k * nc] = w
-        total = Cell(group.full(0.0))
+        s["wj", contact.index + k * nc] = w
+        total = group.cell(0.0)
         for i in range(k + 1) if isinstance(k, int) else count_to(k + 1):
-            total.now = fma(s["dj", j + i * nc], s["wj", j + (k - i) * nc], total.now)
-        f = fma(s["ke", j], d, s["ce", j] * total.now)
-    s["fj", j + k * nc] = f
+            total.now = fma(s["dj", contact.index + i * nc], s["wj", contact.index + (k - i) * nc], total.now)
+        f = fma(contact.ke, d, contact.ce * total.now)
+    s["fj", contact.index + k * nc] = f
     return f
 
 
@@ -169,25 +170,27 @@ def _floor(group: Group, i: Any) -> Series:
     return Series(lambda k: s["jet", i + k * n], group.spec.series)
 
 
-def _depth(group: Group, j: Any) -> Series:
+def _depth(contact: Contact) -> Series:
     """Penetration of a contact."""
+    group = contact.group
     s, nc = group.state, len(group.contacts)
     if group.spec.yielding:
 
         def read(k: int) -> Any:
-            d = group.between(_Term(group, k), j)
-            return d if k else d - group.gap(j)
+            d = contact.between(_Term(group, k))
+            return d if k else d - contact.gap
 
         return Series(read, group.spec.series)
-    return Series(lambda k: s["dj", j + k * nc], group.spec.series)
+    return Series(lambda k: s["dj", contact.index + k * nc], group.spec.series)
 
 
-def _force(group: Group, j: Any) -> Series:
+def _force(contact: Contact) -> Series:
     """Force of a contact, while its mode lasts."""
+    group = contact.group
     s, nc = group.state, len(group.contacts)
-    if not group.law_of(j).shape.damper:
-        return Series(lambda k: s["ke", j] * s["dj", j + k * nc], group.spec.series - 1)
-    return Series(lambda k: s["fj", j + k * nc], group.spec.series - 1)
+    if not contact.law.shape.damper:
+        return Series(lambda k: contact.ke * s["dj", contact.index + k * nc], group.spec.series - 1)
+    return Series(lambda k: s["fj", contact.index + k * nc], group.spec.series - 1)
 
 
 def _per(group: Group) -> Any:
@@ -202,10 +205,10 @@ def _meet(group: Group) -> None:
     ongoing = s["time_left"] > 0.0
     s["taken"] = where(ongoing, 1.0, 0.0 * s["h"])
     s["fraction"] = group.full(1.0)
-    for j in group.each_contact():
-        s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
-        for kind in range(_kinds(group, j)):
-            s["ruled_out", group.change(j, kind)] = 0.0
+    for contact in group.each_contact():
+        contact.event, contact.next = group.full(NEVER), contact.mode
+        for kind in range(_kinds(contact)):
+            s["ruled_out", group.change(contact.index, kind)] = 0.0
     _converge(group)
     if group.spec.yielding:
         _begin_storeys(group)
@@ -228,25 +231,25 @@ def _meet(group: Group) -> None:
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _kinds(group: Group, j: Any) -> int:
+def _kinds(contact: Contact) -> int:
     """How many kinds of changes a contact has: of its penetration's sign, and of that of its rate or its force."""
-    law = group.law_of(j).shape
+    law = contact.law.shape
     return 2 if law.approach_only or law.clips else 1
 
 
 def _converge(group: Group) -> None:
     """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    s, order, room, back = group.state, group.spec.series, Cell(group.full(1.0)), Cell(group.full(1.0))
+    s, order, room, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
     left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
-    for j in group.each_contact(straight=True):
-        depth = _depth(group, j)
+    for contact in group.each_contact(straight=True):
+        depth = _depth(contact)
         large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
         most, last = left_out[group.spec.precision] * large, size(depth.read(order))
-        short = (s["mode", j] > OPEN) & (last > most)
+        short = (contact.mode > OPEN) & (last > most)
         room.now = where(short, minimum(room.now, most / last), room.now)
         d, v, bend = (depth.read(k) for k in range(3))
-        returns = (s["mode", j] == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
+        returns = (contact.mode == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
         back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
     short = room.now < 1.0
     with when_any(short):
@@ -257,22 +260,22 @@ def _converge(group: Group) -> None:
 def _begin_storeys(group: Group) -> None:
     """Let no storey change its phase yet, and end the step where the series of a floor is left out too early."""
     s, n, order = group.state, group.spec.n_dof, group.spec.series
-    for i, _ in hysteresis.each_storey(group):
-        s["turn", i], s["then", i] = group.full(NEVER), s["phase", i]
+    for storey in hysteresis.each_storey(group):
+        storey.turn, storey.then = group.full(NEVER), storey.phase
         for kind in range(2):
-            s["ruled_out", group.change(i + len(group.contacts), kind)] = 0.0
+            s["ruled_out", group.change(storey.index + len(group.contacts), kind)] = 0.0
 
     def terms(i: Any) -> tuple[Any, Any]:
         # the fourth of them too: a floor at rest begins with the ground's ramp
         first = reduce(maximum, [size(s["jet", i + k * n]) for k in range(4)])
         return LEFT_OUT_YIELDING[group.spec.precision] * first, size(s["jet", i + order * n])
 
-    over = Cell(group.full(0.0))
+    over = group.cell(0.0)
     for i in group.each(n):
         most, last = terms(i)
         over.now = maximum(over.now, last - most)
     with when_any(over.now > 0.0):
-        share = Cell(group.full(1.0))
+        share = group.cell(1.0)
         for i in group.each(n, straight=False):
             most, last = terms(i)
             share.now = minimum(share.now, where(last > most, most / last, 1.0))
@@ -284,7 +287,7 @@ class _Choice:
 
     def __init__(self, group: Group) -> None:
         self.group, nobody = group, group.full(False)
-        self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
+        self.soonest, self.found = group.cell(NEVER), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
         group.state["bends"] = 0.0
@@ -301,7 +304,7 @@ class _Choice:
         if leans is not None:
             crosses = crosses & (~leans | (r1 >= 0.0))
         turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
-        reach = Cell(group.full(-1.0))
+        reach = group.cell(-1.0)
         with when_any(turns):
             reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
         hops = turns & (reach.now > 0.0)
@@ -332,26 +335,27 @@ def _choose(group: Group, asks: Any) -> _Choice:
     """Find what may change first before ``fraction``, in lanes that ask."""
     s, choice = group.state, _Choice(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
-    for j in group.each_contact():
+    for contact in group.each_contact():
         if not group.spec.yielding:
-            _offer_contact(group, choice, j, asks, per)
+            _offer_contact(contact, choice, asks, per)
             continue
-        mine = asks & ((s["mode", j] > OPEN) | _may_touch(group, j, _depth(group, j)))
+        mine = asks & ((contact.mode > OPEN) | _may_touch(contact, _depth(contact)))
         with when_any(mine):
-            _offer_contact(group, choice, j, mine, per)
+            _offer_contact(contact, choice, mine, per)
     if group.spec.yielding:
         _offer_storeys(group, asks, choice)
     return choice
 
 
-def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
+def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> None:
     """Consider the changes of a contact's mode, in lanes that ask."""
-    s, law, depth, mode = group.state, group.law_of(j), _depth(group, j), group.state["mode", j]
+    group, law, depth, mode = contact.group, contact.law, _depth(contact), contact.mode
+    s = group.state
     closed, pressing = mode > OPEN, mode == PRESSING
 
     def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
-        number = group.change(j, kind)
-        known = (s["next", j] == target) & ~(s["event", j] > s["fraction"])
+        number = group.change(contact.index, kind)
+        known = (contact.next == target) & ~(contact.event > s["fraction"])
         lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
         choice.offer(real(number), lanes, sign, series, target, leans)
 
@@ -364,8 +368,8 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
         toward = where(pressing, -1.0, 1.0)
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
-        k, c = s["kl", j], s["cl", j] * per
-        press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
+        k, c = contact.kl, contact.cl * per
+        press = Series(_pressing(depth, k, c, _is_product(contact), group.limit.at_release), depth.order - 1)
         toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, group.full(PRESSING))
         offer(1, asks & closed & (c > 0.0), toward, press, target)
 
@@ -384,17 +388,10 @@ def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Cal
     return read
 
 
-def _drift(group: Group, i: Any, below: Any, first: Any, sign: Any) -> Series:
+def _drift(storey: Storey, first: Any, sign: Any) -> Series:
     """Sign times the drift of a storey, its first coefficient given."""
-    s, n = group.state, group.spec.n_dof
-
-    def read(k: int) -> Any:
-        if k == 0:
-            return first
-        x = s["jet", i + k * n]
-        return sign * (x if below is None else x - s["jet", below + k * n])
-
-    return Series(read, group.spec.series)
+    group = storey.group
+    return Series(lambda k: sign * storey.drift(_Term(group, k)) if k else first, group.spec.series)
 
 
 def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
@@ -404,33 +401,34 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def _may_touch(group: Group, j: Any, depth: Series) -> Any:
+def _may_touch(contact: Contact, depth: Series) -> Any:
     """Lanes in which an open contact may close."""
-    most, _ = _hull(group, *(group.between(name, j) for name in ("u0", "u", "v0", "v")))
-    return most + depth.bulge(group.state["fraction"]) > group.gap(j)
+    group = contact.group
+    most, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
+    return most + depth.bulge(group.state["fraction"]) > contact.gap
 
 
 def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
     """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
     s, first = group.state, len(group.contacts)
-    for i, below in hysteresis.each_storey(group):
-        phase, dy, p = s["phase", i], group.prop("yield_drift", i), s["slip", i]
+    for storey in hysteresis.each_storey(group):
+        phase, dy, p = storey.phase, storey.yield_drift, storey.slip
         # that of an event that ends the step as it is
-        then = where(s["turn", i] > s["fraction"], phase, s["then", i])
-        sides = [group.change(first + i, kind) for kind in range(2)]
-        margin = fma(dy, group.limit.same_time, hysteresis.far(group, i, below) * group.limit.exact)
-        v0, v1 = (group.drift(i, below, name) for name in ("v0", "v"))
-        z0, z1 = (group.drift(i, below, name) - p for name in ("u0", "u"))
+        then = where(storey.turn > s["fraction"], phase, storey.then)
+        sides = [group.change(first + storey.index, kind) for kind in range(2)]
+        margin = fma(dy, group.limit.same_time, hysteresis.far(storey) * group.limit.exact)
+        v0, v1 = storey.drift("v0"), storey.drift("v")
+        z0, z1 = storey.drift("u0") - p, storey.drift("u") - p
         elastic = asks & (phase == 0.0)
         with when_any(elastic):
             most, least = _hull(group, z0, z1, v0, v1)
-            bulge = _drift(group, i, below, z0, 1.0).bulge(s["fraction"])
+            bulge = _drift(storey, z0, 1.0).bulge(s["fraction"])
             most, least = most + bulge, least - bulge
             leaves, beyond = elastic & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
             # where it may turn twice, it may be beyond and back: half the step tells
             unseen = leaves & (then == 0.0) & (v0 * v1 >= 0.0) & ~beyond
             with when_any(unseen):
-                _, early, late, last = tangents(_drift(group, i, below, z0, 1.0).rate, s["fraction"])
+                _, early, late, last = tangents(_drift(storey, z0, 1.0).rate, s["fraction"])
                 twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
                 choice.doubt.now |= unseen & twice
             with when_any(leaves):
@@ -444,10 +442,10 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
                 start = where(start > -margin, start - margin, start)
                 lanes = leaves & (hops | beyond) & ~(then == side)
                 number = where(side > 0.0, *(group.full(real(each)) for each in sides))
-                choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
+                choice.offer(number, lanes, 1.0, _drift(storey, start, side), side)
         yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
-            rate = _drift(group, i, below, z0, 1.0).rate
+            rate = _drift(storey, z0, 1.0).rate
             end, last, per = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
             early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
             turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
@@ -467,12 +465,12 @@ def _locate(group: Group, found: Any) -> None:
         happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
     t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
     s["fraction"] = where(happens.now, t, end)
-    for j in group.each_contact():
-        for kind in range(_kinds(group, j)):
-            number = group.change(j, kind)
+    for contact in group.each_contact():
+        for kind in range(_kinds(contact)):
+            number = group.change(contact.index, kind)
             mine = found & (s["picked"] == real(number))
-            s["event", j] = where(mine & happens.now, t, s["event", j])
-            s["next", j] = where(mine & happens.now, s["aim"], s["next", j])
+            contact.event = where(mine & happens.now, t, contact.event)
+            contact.next = where(mine & happens.now, s["aim"], contact.next)
             s["ruled_out", number] = where(mine & ~happens.now, 1.0, s["ruled_out", number])
     if group.spec.yielding:
         _keep_storeys(group, found, happens.now, t)
@@ -481,12 +479,11 @@ def _locate(group: Group, found: Any) -> None:
 def _keep_storeys(group: Group, found: Any, happens: Any, t: Any) -> None:
     """Keep what was found of the storeys that were chosen."""
     s, first = group.state, len(group.contacts)
-    for i, _ in hysteresis.each_storey(group):
+    for storey in hysteresis.each_storey(group):
         for kind in range(2):
-            number = group.change(i + first, kind)
+            number = group.change(storey.index + first, kind)
             mine = found & (s["picked"] == real(number))
-            s["turn", i] = where(mine & happens, t, s["turn", i])
-            s["then", i] = where(mine & happens, s["aim"], s["then", i])
+            storey.put(mine & happens, turn=t, then=s["aim"])
             s["ruled_out", number] = where(mine & ~happens, 1.0, s["ruled_out", number])
 
 
@@ -521,13 +518,13 @@ def _take_contacts(group: Group) -> None:
     """Take the largest forces and penetrations of closed contacts."""
     s, r = group.state, group.asked
     moves = s["span"] > 0.0
-    for j in group.each_contact() if r & {"force", "penetration"} else ():
-        closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
+    for contact in group.each_contact() if r & {"force", "penetration"} else ():
+        closed, depth, force = (contact.mode > OPEN) & moves, _depth(contact), _force(contact)
         with when_any(closed):
             # of the force itself, a spring's too: the same bits in the kernel of a damped law
             for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
                 if reducer in r:
-                    s[most, j] = maximum(s[most, j], _largest(group, closed, series))
+                    setattr(contact, most, maximum(getattr(contact, most), _largest(group, closed, series)))
 
 
 def _largest(group: Group, lanes: Any, series: Series) -> Any:
@@ -616,27 +613,28 @@ def _integrate(group: Group) -> None:
                 for gained, lost in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
-        for j in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
-            closed = s["mode", j] > OPEN
+        for contact in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
+            closed = contact.mode > OPEN
             with when_any(closed):
-                force = _force_at(group, j, t)
+                force = _force_at(contact, t)
                 if "transfer" in r:
-                    transfers.add(group, j, force, weight)
+                    transfers.add(contact, force, weight)
                 if "impulse" in r:
-                    s["impulse", j] = fma(weight, force, s["impulse", j])
+                    contact.impulse = fma(weight, force, contact.impulse)
                 if "work" in r:
-                    s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
+                    contact.work = fma(weight, force * (_depth(contact).rate.value(t) * per), contact.work)
     if "links" in r:
         links.record(group, 1.0)
     if "transfer" in r:
         transfers.by_series(group, NODES[group.spec.precision], (_force_at, _velocity))
 
 
-def _force_at(group: Group, j: Any, t: Any) -> Any:
+def _force_at(contact: Contact, t: Any) -> Any:
     """Force of a contact at a part t of the whole step."""
-    closed, found = group.state["mode", j] > OPEN, Cell(group.full(0.0))
+    group = contact.group
+    closed, found = contact.mode > OPEN, group.cell(0.0)
     with when_any(closed):
-        found.now = where(closed, _force(group, j).value(t), 0.0)
+        found.now = where(closed, _force(contact).value(t), 0.0)
     return found.now
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel.forces import OPEN, force_at, is_closed
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.peaks import cubic_turns, moved
 from pounding_sweep.kernel.roots import cubic, root
@@ -30,7 +30,7 @@ AGAINST = 1e-4
 #: Room for what Gauss points miss of the integral of a power's size.
 ROOM = 1.5
 #: Force of a contact, and velocities of floors, at a part of a sub-step.
-Course = tuple[Callable[[Group, Any, Any], Any], Callable[[Group, Any], Any]]
+Course = tuple[Callable[[Contact, Any], Any], Callable[[Group, Any], Any]]
 #: Those of a sub-step that was tried.
 TRIED: Course = force_at, partial(moved, velocities=True)
 
@@ -63,7 +63,7 @@ def substep(group: Group, taken: Any) -> None:
 
 def _add(group: Group, closed: Any) -> None:
     s, h, implicit = group.state, group.state["h"], group.spec.implicit
-    _find_ends(group, lambda j: (s["f0", j], s["f1", j]))
+    _find_ends(group, lambda contact: (contact.f0, contact.f1))
     for b in group.each(group.spec.n_buildings, straight=False):
         early, late = h * s["given0", b], h * s["given1", b]
         gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
@@ -82,21 +82,21 @@ def _add(group: Group, closed: Any) -> None:
                 _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
 
 
-def _find_ends(group: Group, forces_of: Callable[[Any], tuple[Any, Any]]) -> None:
+def _find_ends(group: Group, forces_of: Callable[[Contact], Any]) -> None:
     """Find the powers that buildings give at both ends of a sub-step, by forces of contacts there."""
     s = group.state
     for b in group.each(group.spec.n_buildings):
         s["given0", b] = s["given1", b] = 0.0
-    for j in group.each_contact():
-        for row, force, v in zip(("given0", "given1"), forces_of(j), ("v0", "v"), strict=True):
-            for b, power in each_given(group, j, force, v):
+    for contact in group.each_contact():
+        for row, force, v in zip(("given0", "given1"), forces_of(contact), ("v0", "v"), strict=True):
+            for b, power in each_given(contact, force, v):
                 s[row, b] += power
 
 
 def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
     """Mean power of a building from the start of the sub-step until a part t of it, times t (Gauss & Legendre)."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
-    table, total = Lookup([*(0.5 + 0.5 * at), *(0.5 * weights)]), Cell(group.full(0.0))
+    table, total = Lookup([*(0.5 + 0.5 * at), *(0.5 * weights)]), group.cell(0.0)
     for q in count_to(nodes):
         total.now = fma(table[q + nodes], _power(group, b, t * table[q], course), total.now)
     return t * total.now
@@ -108,9 +108,9 @@ def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
     v = velocities(group, t)
     for each in group.each(group.spec.n_buildings):
         s["given", each] = 0.0
-    for j in group.each_contact():
-        with when_any(s["mode", j] > OPEN):
-            for each, power in each_given(group, j, force(group, j, t), v):
+    for contact in group.each_contact():
+        with when_any(contact.mode > OPEN):
+            for each, power in each_given(contact, force(contact, t), v):
                 s["given", each] += power
     return s["given", b]
 
@@ -125,10 +125,10 @@ def begin(group: Group) -> None:
             group.state[name, b] = group.full(0.0)
 
 
-def add(group: Group, j: Any, force: Any, weight: Any) -> None:
+def add(contact: Contact, force: Any, weight: Any) -> None:
     """Add the powers of a contact at a Gauss point, at which floors have the velocities ``y``."""
-    s = group.state
-    for b, power in each_given(group, j, force, "y"):
+    s = contact.group.state
+    for b, power in each_given(contact, force, "y"):
         s["gain", b] = fma(weight, power, s["gain", b])
         s["swing", b] = fma(weight, size(power), s["swing", b])
 
@@ -138,7 +138,7 @@ def by_series(group: Group, nodes: int, course: Course) -> None:
     s = group.state
     closed = is_closed(group) & (s["h"] > 0.0)
     with when_any(closed):
-        _find_ends(group, lambda j: (course[0](group, j, group.full(0.0)), course[0](group, j, s["fraction"])))
+        _find_ends(group, lambda contact: tuple(course[0](contact, t) for t in (group.full(0.0), s["fraction"])))
         for b in group.each(group.spec.n_buildings, straight=False):
             s["now", b] += s["gain", b]
             _take(group, b, s["now", b])

@@ -17,7 +17,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.forces import Onset, Sample
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, Storey
 from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
@@ -303,20 +303,19 @@ def _residual(results: KernelResults) -> np.ndarray:
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
-    for i, below in hysteresis.each_storey(group, straight):
-        shear = partial(hysteresis.shear, group, i, below)
+    for storey in hysteresis.each_storey(group, straight):
+        i, of = storey.index, partial(_borne, storey, hysteresis.shear)
         # it turns with the drift, which is asked for too
-        yield Motion(("shear", i), None, True, partial(_borne, group, i, below, shear), shear=i, alone=False)
-    for i, below, n in bouc_wen.each_storey(group):
-        shear = partial(bouc_wen.shear, group, i, below, n)
-        yield Motion(("shear", i), None, True, partial(_borne, group, i, below, shear))
+        yield Motion(("shear", i), None, True, of, shear=i, alone=False)
+    for storey in bouc_wen.each_storey(group):
+        yield Motion(("shear", storey.index), None, True, partial(_borne, storey, bouc_wen.shear))
 
 
-def _borne(group: Group, i: Any, below: Any, shear: Callable[[Any], Any], name: Any = "u") -> Any:
+def _borne(storey: Storey, shear: Callable[[Storey, Any], Any], name: Any = "u") -> Any:
     """Shear of a storey, which bears what the weights above it push too."""
-    if not group.spec.p_delta:
-        return shear(name)
-    return shear(name) + group.prop("geometric", i) * group.drift(i, below, name)
+    if not storey.group.spec.p_delta:
+        return shear(storey, name)
+    return shear(storey, name) + storey.geometric * storey.drift(name)
 
 
 def _column_shear(results: KernelResults, end: int) -> np.ndarray:
@@ -331,32 +330,28 @@ def _first_time(results: KernelResults) -> np.ndarray:
 
 
 def _count(group: Group, at: Onset) -> None:
-    s = group.state
-    s["count", at.j] = s["count", at.j] + where(at.fresh, 1.0, group.full(0.0))
+    at.contact.count += where(at.fresh, 1.0, 0.0)
 
 
 def _first(group: Group, at: Onset) -> None:
-    s = group.state
-    s["tfirst", at.j] = where(at.lanes & (s["tfirst", at.j] < 0.0), at.time, s["tfirst", at.j])
+    at.contact.put(at.lanes & (at.contact.tfirst < 0.0), tfirst=at.time)
 
 
 def _fastest(group: Group, at: Onset) -> None:
-    s = group.state
-    s["vmax", at.j] = where(at.lanes, maximum(s["vmax", at.j], at.speed), s["vmax", at.j])
+    at.contact.put(at.lanes, vmax=maximum(at.contact.vmax, at.speed))
 
 
 def _deepest(group: Group, at: Sample) -> None:
-    group.state["dmax", at.j] = maximum(group.state["dmax", at.j], at.d)
+    at.contact.dmax = maximum(at.contact.dmax, at.d)
 
 
-def _closed(group: Group, j: Any, lanes: Any, h: Any) -> None:
-    s = group.state
-    s["tclosed", j] = s["tclosed", j] + where(lanes, h, group.full(0.0))
+def _closed(group: Group, at: Sample) -> None:
+    at.contact.tclosed += where(at.closed, at.h, 0.0)
 
 
 def _closed_substep(group: Group) -> None:
-    for j in group.each_contact():
-        _closed(group, j, ~(group.state["mode", j] == 0.0), group.state["h"])
+    for contact in group.each_contact():
+        contact.tclosed += where(~(contact.mode == 0.0), group.state["h"], 0.0)
 
 
 #: Differences of larger energies: an undamped contact takes in no work in the end, however much passed through it.
@@ -593,8 +588,8 @@ REDUCERS: dict[str, Reducer] = {
             "drift",
             (Slot("drift", "floor"),),
             follows=lambda group, _: (
-                Motion(("drift", i), None, True, partial(group.drift, i, below))
-                for i, below in group.each_storey(range(group.spec.n_dof))
+                Motion(("drift", storey.index), None, True, storey.drift)
+                for storey in group.each_storey(range(group.spec.n_dof))
             ),
         ),
         Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
@@ -625,8 +620,8 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("closing", "contact"),),
             where="neighbours",
             follows=lambda group, straight: (
-                Motion(("closing", j), None, False, partial(group.between, j=j))
-                for j in group.each_contact(straight, touching=False)
+                Motion(("closing", contact.index), None, False, contact.between)
+                for contact in group.each_contact(straight, touching=False)
             ),
         ),
         Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
@@ -650,7 +645,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("tclosed", "contact"),),
             where="touch",
             substep=_closed_substep,
-            plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
+            plain=_closed,
         ),
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
         Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),

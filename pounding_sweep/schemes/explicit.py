@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, impulse, links
-from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
+from pounding_sweep.kernel.group import Contact, Group
+from pounding_sweep.kernel.lanes import any_lane, fma, when
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Part, Pushes, accelerations, each_given, powers
 from pounding_sweep.schemes.base import Scheme
 
-#: Force of a contact (number, displacements, velocities), these by floor or by the name of their rows.
+#: Force of a contact (of displacements, velocities), these by floor or by the name of their rows.
 Press = Callable[[Any, Any, Any], Any]
 
 
@@ -84,20 +84,20 @@ class Explicit(Scheme):
                 value = weight * value
                 m[name, k] = value if number == 1 else m[name, k] + value
 
-            def count(j: Any, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
+            def count(contact: Contact, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
                 if "impulse" in asked:
-                    add("dimpulse", j, force)
-                for b, power in each_given(group, j, force, y) if "transfer" in asked else ():
+                    add("dimpulse", contact.index, force)
+                for b, power in each_given(contact, force, y) if "transfer" in asked else ():
                     known = rows or ("gain", b) in m
                     m["gain", b] = fma(weight, power, m["gain", b]) if known else weight * power
 
-            for j in group.each_contact(straight=True) if press is not None else ():
+            for contact in group.each_contact(straight=True) if press is not None else ():
                 assert press is not None
-                force = press(j, x, y)
-                push.add_contact(j, force)
+                force = press(contact, x, y)
+                push.add_contact(contact, force)
                 if "work" in asked:
-                    add("dwork", j, force * group.between(y, j))
-                count(j, force)
+                    add("dwork", contact.index, force * contact.between(y))
+                count(contact, force)
             push.add_links(x, y)
             if "links" in asked:
                 links.add_powers(group, x, y, weight, number == 1)
@@ -111,8 +111,8 @@ class Explicit(Scheme):
                     add("ddamp", some[0][0] if rows else k, lost)
             if joins:
                 impulse.join_rows(group, now, memory=m)
-                for j in group.each_contact(straight=True):
-                    count(j, m["force", j])
+                for contact in group.each_contact(straight=True):
+                    count(contact, m["force", contact.index])
             names = ("x", "y") if number < len(self.nodes) else ("u", "v")
             for i in every():
                 a = [m[f"s{k}", i] for k in range(number)]
@@ -142,11 +142,10 @@ class Explicit(Scheme):
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
-        s = group.state
 
-        def press(j: Any, x: Any, y: Any) -> Any:
-            d, law = group.between(x, j) - group.gap(j), group.law_of(j)
-            return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, group.between(y, j))
+        def press(contact: Contact, x: Any, y: Any) -> Any:
+            d, law = contact.between(x) - contact.gap, contact.law
+            return law.memoryless(contact.stiffness, contact.c, contact.vrun, d, contact.between(y))
 
         return self._take(group, h, press)
 
@@ -161,18 +160,18 @@ class Explicit(Scheme):
         """Try a sub-step of every lane's own length, modes frozen."""
         s = group.state
 
-        def read(j: Any) -> tuple[Any, Any, Any]:
-            return s["ke", j], s["ce", j], group.gap(j)
+        def read(contact: Contact) -> tuple[Any, Any, Any]:
+            return contact.ke, contact.ce, contact.gap
 
         # of a short row once for all stages
-        known = {} if group.long else {j: read(j) for j in range(len(group.contacts))}
+        known = {} if group.long else {c.index: read(c) for c in group.each_contact(straight=True)}
         presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in known.items()}
 
-        def press(j: Any, x: Any, y: Any) -> Any:
-            force, (k, c, gap) = Cell(group.full(0.0)), known[j] if known else read(j)
-            for _ in when(presses[j]) if known else (None,):
-                d, v = group.between(x, j) - gap, group.between(y, j)
-                force.now = group.law_of(j).pressing(k, c, d, v)
+        def press(contact: Contact, x: Any, y: Any) -> Any:
+            force, (k, c, gap) = group.cell(0.0), known[contact.index] if known else read(contact)
+            for _ in when(presses[contact.index]) if known else (None,):
+                d, v = contact.between(x) - gap, contact.between(y)
+                force.now = contact.law.pressing(k, c, d, v)
             return force.now
 
         joins = group.spec.impulsive and group.touching

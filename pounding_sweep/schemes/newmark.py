@@ -15,6 +15,7 @@ are swept until none changes any more (block Gauss-Seidel).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,13 +30,12 @@ from pounding_sweep.kernel.forces import (
     contact_rate,
     held_force,
     is_closed,
-    penetration,
     set_plastic,
     settle_yielding,
     slip,
     stick,
 )
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.group import Contact, Group, part_of
 from pounding_sweep.kernel.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import (
@@ -55,22 +55,6 @@ MAX_SWEEPS = 500
 STIFF_RATE = 2.0
 #: Floors that a contact acts on at one of its sides, and the share of each (None: all).
 Floors = list[tuple[Any, Any]]
-
-
-def _step(group: Group, part: Part, start: Sequence[Sequence[Any]], h: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return displacements, velocities and accelerations after a step from those of its start."""
-    beta, gamma, (u, v, a) = group.prop("newmark_beta"), group.prop("newmark_gamma"), start
-    h = group.full(h)
-    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
-    every = range(len(u))
-    x = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every]
-    y = [fma(pv, a[p], v[p]) for p in every]
-    push = Pushes(group, rows=False)
-    push.add_links(x, y)
-    ends = _solve_row(
-        group, part, be, gg, accelerations(group, part, x, y, group.state["g1"], push.on(every), loads=True)
-    )
-    return [fma(be, ends[p], x[p]) for p in every], [fma(gg, ends[p], y[p]) for p in every], ends
 
 
 def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any]) -> list[Any]:
@@ -130,20 +114,17 @@ def _stiffen(
                     other = part * z
                     beside[p][q] = beside[q][p] = beside[p][q] + other if q in beside[p] else other
 
+    one = group.full(1.0)
     for b in group.spec.foundations:
-        floors, base = group.building_floors[b], group.spec.base(b)
-        assert base is not None
-        sway, rocks = base
+        base: Any = group.spec.base(b)
         for i in base:
             held = fma(ga, group.prop("dashpot", i), be * group.prop("k", i))
             diagonal.append(group.prop("m", i) + held)
-        for i in floors:
-            below = group.spec.below(i)
-            assert below is not None
-            one = group.full(1.0)
-            add(storeys[i], {i: one, below: -one, rocks: -group.full(group.prop("height", i))})
+        for i in group.building_floors[b]:
+            below: Any = group.spec.below(i)
+            add(storeys[i], {i: one, below: -one, base[1]: -group.full(group.prop("height", i))})
             drag = ga * group.prop("alpha", b) * group.prop("m", i)
-            add(drag, {i: one, sway: -one, rocks: -group.full(group.prop("elevation", i))})
+            add(drag, {i: one, base[0]: -one, base[1]: -group.full(group.prop("elevation", i))})
 
 
 def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
@@ -155,15 +136,16 @@ def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
     return found + ga * group.prop("dashpot", i) if group.dashed(i) else found
 
 
-def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
+def _sides(contact: Contact) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
+    group = contact.group
     if group.spec.whole:  # both are of one whole, whose response is to the push on both
-        each = ((i, sign, group.full(1.0) if share is None else share) for i, sign, share in group.ends(j))
-        both = [(i, -share if sign == "-" else share) for i, sign, share in each]
-        return [(j * group.spec.n_moving, both, 1.0)]
+        ends = ((i, sign, group.full(1.0) if share is None else share) for i, sign, share in contact.ends())
+        both = [(i, -share if sign == "-" else share) for i, sign, share in ends]
+        return [(contact.index * group.spec.n_moving, both, 1.0)]
     most = max(group.spec.storeys)
-    sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
-    return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
+    sides = ((side, contact.floors_of(side), sign) for side, sign in enumerate((-1.0, 1.0)))
+    return [((contact.index * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
 
 
 def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
@@ -171,10 +153,9 @@ def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
     return (0, group.spec.n_moving) if group.spec.whole else group.home_of(floor)[:2]
 
 
-def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
-    """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
-    s, beta, gamma = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma")
-    be, ga = beta * h * h, gamma * h
+def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any) -> None:
+    """Keep the acceleration of every floor of a building for a unit force on some at the end of a Newmark step."""
+    s = group.state
     if group.spec.whole:
         right = [group.full(0.0) for _ in range(group.spec.n_moving)]
         for floor, share in floors:
@@ -187,58 +168,33 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     def stiffness(i: Any) -> Any:
         return _storey_stiffness(group, b, i, be, ga)
 
-    def ahead(p: Any, above: Any) -> tuple[Any, Any]:
-        i = home + p
-        diagonal = group.prop("m", i) * (1.0 + ga * group.prop("alpha", b)) + stiffness(i) + above
+    def ahead(p: Any) -> tuple[Any, Any]:
+        i, top, above = home + p, p + 1 == storeys, 0.0
+        if not isinstance(top, bool):
+            above = where(top, group.full(0.0), group.full(stiffness(where(top, i, i + 1))))
+        elif not top:
+            above = stiffness(i + 1)
         pushed = None
         for floor, share in floors:
-            here, own = constant(i == floor), group.full(1.0 if share is None else share)
-            pushed = where(here, own, group.full(0.0) if pushed is None else pushed)
-        return diagonal, pushed
-
-    def above(p: Any) -> Any:
-        top = p + 1 == storeys
-        if not isinstance(top, bool):
-            i = where(top, home + p, home + p + 1)
-            return where(top, 0.0, group.full(stiffness(i)))
-        return 0.0 if top else stiffness(home + p + 1)
+            here = constant(i == floor)
+            pushed = where(
+                here, group.full(1.0 if share is None else share), group.full(0.0) if pushed is None else pushed
+            )
+        return group.prop("m", i) * (1.0 + ga * group.prop("alpha", b)) + stiffness(i) + above, pushed
 
     # elimination from the bottom, as in the flight step
-    s["diagonal"], s["response", first] = ahead(0, above(0))
+    s["diagonal"], s["response", first] = ahead(0)
     for q in group.each(storeys - 1):
-        p = q + 1
-        k = stiffness(home + p)
-        diagonal, right = ahead(p, above(p))
+        k, (diagonal, right) = stiffness(home + q + 1), ahead(q + 1)
         low = -k / s["diagonal", q]
-        s["diagonal", p] = diagonal + low * k
-        s["response", first + p] = right - low * s["response", first + q]
+        s["diagonal", q + 1] = diagonal + low * k
+        s["response", first + q + 1] = right - low * s["response", first + q]
     last = storeys - 1
     s["response", first + last] = s["response", first + last] / s["diagonal", last]
     for q in group.each(last):
         p = last - 1 - q
-        found = s["response", first + p] + stiffness(home + p + 1) * s["response", first + p + 1]
-        s["response", first + p] = found / s["diagonal", p]
-
-
-def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: Any, lanes: Any) -> None:
-    """Add a change (kN) of force to the end state of a building."""
-    s = group.state
-    home, storeys = _whole(group, floors[0][0])
-    for p in group.each(storeys):
-        i = home + p
-        a = change * s["response", first + p]
-        s.put(lanes, s["a", i] + a, "a", i)
-        s.put(lanes, s["u", i] + be * a, "u", i)
-        s.put(lanes, s["v", i] + ga * a, "v", i)
-
-
-def _unit(group: Group, j: Any) -> Any:
-    """Relative acceleration of a contact's floors for a unit force."""
-    unit = group.full(0.0)
-    for first, floors, _ in _sides(group, j):
-        for floor, share in floors:
-            unit = unit + part_of(group.state["response", first + (floor - _whole(group, floor)[0])], share)
-    return unit
+        x = s["response", first + p] + stiffness(home + p + 1) * s["response", first + p + 1]
+        s["response", first + p] = x / s["diagonal", p]
 
 
 def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
@@ -250,7 +206,7 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
     def miss(force: Any) -> Any:
         return law(d - bg * force, v - gg * force) - force
 
-    lo, glo, hi = Cell(group.full(0.0)), Cell(f0), Cell(f0)
+    lo, glo, hi = group.cell(0.0), Cell(f0), Cell(f0)
     ghi = Cell(miss(f0))
     wide = Cell(asks & (ghi.now * f0 > 0.0))
     for _ in while_any(lambda: wide.now, at_most=60):
@@ -259,7 +215,7 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
         hi.now = where(mine, hi.now * 2.0, hi.now)
         ghi.now = where(mine, miss(hi.now), ghi.now)
         wide.now = mine & (ghi.now * f0 > 0.0)
-    side, going = Cell(group.full(0.0)), Cell(asks)
+    side, going = group.cell(0.0), Cell(asks)
     for _ in while_any(lambda: going.now, at_most=200):
         a, b, ga, gb, last = lo.now, hi.now, glo.now, ghi.now, side.now
         mine = going.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
@@ -276,205 +232,79 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
     return where(asks, hi.now, 0.0)
 
 
-def correct(group: Group, h: Any) -> None:
-    """Find the contact forces at the end of the step and correct its end with them."""
-    s, spec = group.state, group.spec
-    h = group.full(h)
-    some = Cell(group.full(False))
-    for j in group.each_contact():
-        s["force", j] = 0.0
-        some.now |= ~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0
-    live = some.now & (h > 0.0)
-    with when_any(live):
-        be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-        share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), 1.0)
-        for j in group.each_contact():
-            with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
-                for first, floors, _ in _sides(group, j):
-                    _keep_compliance(group, first, floors, h)
-
-        def force_of(j: Any) -> Callable[[Any, Any], Any]:
-            law = group.law_of(j)
-
-            def force(d: Any, v: Any) -> Any:
-                if not spec.located:
-                    return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
-                pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
-                return where(s["stiff"] > 0.0, held_force(group, j, d), pressed) if law.shape.yields else pressed
-
-            return force
-
-        def update(j: Any, here: Any) -> tuple[Any, Any]:
-            unit = _unit(group, j) * share
-            old = s["force", j]
-            d = penetration(group, j) + be * unit * old
-            v = group.between("v", j) + ga * unit * old
-            new = where(here, _solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
-            return new, new - old
-
-        _iterate(group, live, share, (be, ga), update)
-
-
 def _iterate(
-    group: Group, live: Any, share: Any, ends: tuple[Any, Any], update: Callable[[Any, Any], tuple[Any, Any]]
+    group: Group, live: Any, share: Any, ends: tuple[Any, Any], update: Callable[[Contact, Any], tuple[Any, Any]]
 ) -> None:
     """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
-    s, spec, (be, ga) = group.state, group.spec, ends
-    going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
+    s, (be, ga) = group.state, ends
+    going, largest, moved = Cell(live), group.cell(0.0), group.cell(0.0)
     for _ in while_any(lambda: going.now, at_most=MAX_SWEEPS):
-        mine = going.now
-        most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
-        for j in group.each_contact():
-            here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
+        most, change_most = group.cell(0.0), group.cell(0.0)
+        for contact in group.each_contact():
+            here = _active(contact, going.now)
             with when_any(here):
-                old = s["force", j]
-                new, change = update(j, here)
+                old = contact.force
+                new, change = update(contact, here)
                 most.now = where(here, maximum(most.now, size(new)), most.now)
                 change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
                 moves = here & ~(change == 0.0)
                 with when_any(moves):
-                    s["force", j] = where(moves, new, old)
-                    for first, floors, sign in _sides(group, j):
-                        _push(group, first, floors, be, ga, (-share if sign < 0.0 else share) * change, moves)
-        largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
-        going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
-    failed = going.now & (moved.now > group.limit.unswept * largest.now)
-    s.put(failed, 1.0, "unsolved")
+                    contact.force = where(moves, new, old)
+                    for first, floors, sign in _sides(contact):
+                        push = (-share if sign < 0.0 else share) * change
+                        home, storeys = _whole(group, floors[0][0])
+                        for p in group.each(storeys):
+                            a = push * s["response", first + p]
+                            for name, x in (("a", a), ("u", be * a), ("v", ga * a)):
+                                s.put(moves, s[name, home + p] + x, name, home + p)
+        largest.now, moved.now = where(going.now, most.now, largest.now), where(going.now, change_most.now, moved.now)
+        going.now &= ~(change_most.now <= group.limit.swept * most.now)
+    s.put(going.now & (moved.now > group.limit.unswept * largest.now), 1.0, "unsolved")
 
 
-def correct_resting(group: Group, h: Any) -> None:
-    """Find the end forces by which resting floors accelerate as one; correct the end of the step with them."""
-    s = group.state
-    h = group.full(h)
-    live = is_closed(group) & (h > 0.0)
+def _active(contact: Contact, lanes: Any) -> Any:
+    """Those of some lanes in which a contact may press."""
+    return lanes & ~(contact.ke == 0.0) if contact.group.spec.located else lanes
+
+
+def correct(group: Group, h: Any) -> None:
+    """Find the contact forces at the end of the step and correct its end with them."""
+    # floors at rest on each other accelerate as one
+    s, spec, h = group.state, group.spec, group.full(h)
+    some = group.cell(False)
+    for contact in group.each_contact():
+        contact.force = 0.0
+        some.now |= ~(contact.ke == 0.0) if spec.located else contact.penetration() > 0.0
+    live = some.now & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-        for j in group.each_contact():
-            with when_any(live & (s["ke", j] > 0.0)):
-                for first, floors, _ in _sides(group, j):
-                    _keep_compliance(group, first, floors, h)
-            s.put(live, 0.0, "force", j)
+        share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), 1.0) if not spec.impulsive else 1.0
+        for contact in group.each_contact():
+            with when_any(_active(contact, live)):
+                for first, floors, _ in _sides(contact):
+                    _keep_compliance(group, first, floors, be, ga)
 
-        def update(j: Any, here: Any) -> tuple[Any, Any]:
-            del here
-            change = group.between("a", j) / _unit(group, j)
-            return s["force", j] + change, change
+        def force_of(contact: Contact, d: Any, v: Any) -> Any:
+            law = contact.law
+            if not spec.located:
+                return law.memoryless(contact.stiffness, contact.c, contact.vrun, d, v)
+            pressed = law.closed_force(contact.ke, contact.ce, d, v)
+            return where(s["stiff"] > 0.0, held_force(contact, d), pressed) if law.shape.yields else pressed
 
-        _iterate(group, live, 1.0, (be, ga), update)
+        def update(contact: Contact, here: Any) -> tuple[Any, Any]:
+            unit, old = group.full(0.0), contact.force  # relative acceleration for a unit force
+            for first, floors, _ in _sides(contact):
+                for floor, part in floors:
+                    unit = unit + part_of(s["response", first + (floor - _whole(group, floor)[0])], part)
+            if spec.impulsive:
+                change = contact.between("a") / unit
+                return old + change, change
+            unit = unit * share
+            d, v = contact.penetration() + be * unit * old, contact.between("v") + ga * unit * old
+            new = where(here, _solve(group, here, d, v, (be * unit, ga * unit), partial(force_of, contact)), old)
+            return new, new - old
 
-
-def balance(group: Group, lanes: Any, end: str = "1") -> None:
-    """Find the accelerations at the end of a step by the equation of motion; at its start ("0") without contacts."""
-    s = group.state
-    put_accelerations(group, "alone", "u", "v", s[f"g{end}"])
-    if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
-
-        def force(j: Any) -> Any:
-            k, d, v = s["ke", j], penetration(group, j), group.between("v", j)
-            return where(k == 0.0, 0.0, group.law_of(j).pressing(k, s["ce", j], d, v))
-
-        add_forces(group, "alone", force)
-    for i in group.each(group.spec.n_moving):
-        s.put(lanes, s["alone", i], "a", i)
-
-
-def soften(group: Group) -> None:
-    """Mark lanes in which a closed contact is too stiff for the next sub-step."""
-    s, h = group.state, group.state["h"]
-    mine = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
-    s.put(mine, 0.0, "stiff")
-    closed = mine & is_closed(group)
-    with when_any(closed):
-        hard = Cell(closed & ~closed)
-        for j in group.each_contact():
-            law, here = group.law_of(j), closed & (s["mode", j] > OPEN)
-            d, v = penetration(group, j), group.between("v", j)
-            if law.shape.yields:
-                set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
-            # the clip and the phase are those of the end, which `closed_force` knows
-            s.put(here, s["kl", j], "ke", j)
-            s.put(here, s["cl", j], "ce", j)
-            if law.shape.yields:
-                stick(group, j, here)
-            ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
-            hard.now |= here & (
-                h * contact_rate(law, s["ke", j], s["ce", j], group.prop("reduced", j), ahead) > STIFF_RATE
-            )
-        stiff = hard.now
-        s.put(stiff, 1.0, "stiff")
-        soft = closed & ~stiff
-        for j in group.each_contact():
-            slack = soft & (s["mode", j] == SLACK)
-            s.put(slack | (soft & (s["mode", j] == REBOUND)), 0.0, "ce", j)
-            s.put(slack, 0.0, "ke", j)
-            if group.law_of(j).shape.yields:
-                slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
-        with when_any(stiff):
-            balance(group, stiff, end="0")
-            for i in group.each(group.spec.n_moving):
-                s.put(stiff, s["a", i], "a0", i)
-
-
-def settle(group: Group, lanes: Any) -> None:
-    """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
-    s, r, h = group.state, group.asked, group.state["h"]
-    for j in group.each_contact():
-        law, here = group.law_of(j), lanes & (s["mode", j] > OPEN)
-        d, v, force = penetration(group, j), group.between("v", j), s["force", j]
-        if "force" in r:
-            s.put(here, maximum(s["fmax", j], force), "fmax", j)
-        if "penetration" in r:
-            s.put(here, maximum(s["dmax", j], d), "dmax", j)
-        if "impulse" in r:
-            s.put(here, s["impulse", j] + h * force, "impulse", j)
-        if "work" in r:
-            w = 0.5 * h * force * (group.between("v0", j) + v)
-            s.put(here, s["work", j] + w, "work", j)
-        nears, parting = SIDES[law.shape.rebound_only]
-        mode = where(d > 0.0, group.full(nears), OPEN)
-        if law.shape.one_sided:
-            mode = where((d > 0.0) & (v < 0.0), parting, mode)
-        if law.shape.clips:
-            slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
-            mode = where((d > 0.0) & slack, SLACK, mode)
-        pressing = mode == PRESSING
-        s.put(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), "ke", j)
-        s.put(here, where(pressing, s["cl", j], 0.0), "ce", j)
-        if law.shape.yields:
-            mode = where(here & pressing, settle_yielding(group, j, here & pressing, d, v), mode)
-        s.put(here, mode, "mode", j)
-
-
-def touch_miss(group: Group) -> Any:
-    """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    s, late = group.state, Cell(group.full(0.0))
-    for j in group.each_contact():
-        nears = SIDES[group.law_of(j).shape.rebound_only][0]
-        d, v = penetration(group, j), group.between("v", j)
-        mine = (
-            (s["mode", j] == OPEN) & (s["next", j] == nears) & (s["event", j] <= s["fraction"] + group.limit.same_time)
-        )
-        mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
-        late.now = where(mine, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
-    return late.now
-
-
-def add_gains(group: Group) -> None:
-    """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
-    s = group.state
-    h6 = s["h"] * (1.0 / 6.0)
-    for part, moving in group.each_part() if "energy" in group.asked else ():
-        early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
-        late = powers(group, part, [s["v", i] for i in moving], s["g1"])
-        for (b, _), first, last in zip(part, early, late, strict=True):
-            s["e_in", b] = fma(h6, 3.0 * (first[0] + last[0]), s["e_in", b])
-            s["e_damp", b] = fma(h6, 3.0 * (first[1] + last[1]), s["e_damp", b])
-    if group.spec.smooth:
-        bouc_wen.add_lost(group)
-    if "links" in group.asked:
-        links.add_powers(group, "u0", "v0", 3.0, first=True)
-        links.add_powers(group, "u", "v", 3.0, first=False)
-        links.record(group, h6)
+        _iterate(group, live, share, (be, ga), update)
 
 
 class Newmark(Scheme):
@@ -504,15 +334,12 @@ class Newmark(Scheme):
         """By the first terms."""
         return np.hypot((0.5 * beta - 1.0 / 24.0) * x * x, 0.5 * (gamma - 0.5) * x)
 
-    soften, settle = staticmethod(soften), staticmethod(settle)
-    balance, touch_miss = staticmethod(balance), staticmethod(touch_miss)
-
     def begin(self, group: Group) -> None:
         """Accelerations at the start, which are part of the state."""
         if group.spec.impulsive and group.touching:
             impulse.rest(group, group.state["scale"] == group.state["scale"])
         else:
-            balance(group, None)
+            self.balance(group, None)
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
@@ -520,7 +347,7 @@ class Newmark(Scheme):
             keep_start(group)
             return self.trial(group)
         self._reach(group, h, flies=True)
-        return lambda: add_gains(group)
+        return partial(self._add_gains, group)
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
@@ -532,22 +359,137 @@ class Newmark(Scheme):
         """Try a sub-step of every lane's own length, contacts implicit."""
         for _ in bouc_wen.rounds(group) if group.spec.smooth else (None,):
             self._reach(group, group.state["h"])
-        return lambda: add_gains(group)
+            if group.touching:
+                correct(group, group.state["h"])
+        return partial(self._add_gains, group)
 
     def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
-        s = group.state
+        s, beta, gamma, h = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma"), group.full(h)
+        be, gg, pu, pv = (
+            beta * (h * h),
+            gamma * h,
+            h * h * (0.5 - beta),
+            h * (1.0 - gamma),
+        )
         for part, moving in group.each_part(group.spec.whole):
-            before = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
-            for name, old, new in zip("uva", before, _step(group, part, before, h), strict=True):
-                for i, x, y in zip(moving, old, new, strict=True):
+            before = u, v, a = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
+            every = range(len(u))
+            x, y = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every], [fma(pv, a[p], v[p]) for p in every]
+            push = Pushes(group, rows=False)
+            push.add_links(x, y)
+            loads = accelerations(group, part, x, y, s["g1"], push.on(every), loads=True)
+            ends = _solve_row(group, part, be, gg, loads)
+            after = [fma(be, ends[p], x[p]) for p in every], [fma(gg, ends[p], y[p]) for p in every], ends
+            for name, old, new in zip("uva", before, after, strict=True):
+                for i, x0, x1 in zip(moving, old, new, strict=True):
                     if flies:
-                        s[f"{name}0", i] = x
+                        s[f"{name}0", i] = x0
                     # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
-                    s[name, i] = where(h > 0.0, y, x) if name == "a" and not flies else y
-        if flies:
-            return
-        if group.spec.impulsive:
-            correct_resting(group, h)
-        elif group.touching:
-            correct(group, h)
+                    s[name, i] = where(h > 0.0, x1, x0) if name == "a" and not flies else x1
+
+    def _add_gains(self, group: Group) -> None:
+        """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
+        s = group.state
+        h6 = s["h"] * (1.0 / 6.0)
+        for part, moving in group.each_part() if "energy" in group.asked else ():
+            early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
+            late = powers(group, part, [s["v", i] for i in moving], s["g1"])
+            for (b, _), first, last in zip(part, early, late, strict=True):
+                for name, x0, x1 in zip(("e_in", "e_damp"), first, last, strict=True):
+                    s[name, b] = fma(h6, 3.0 * (x0 + x1), s[name, b])
+        for storey in bouc_wen.each_storey(group) if "hysteretic" in group.asked else ():
+            bouc_wen.add_lost(storey)
+        if "links" in group.asked:
+            links.add_powers(group, "u0", "v0", 3.0, first=True)
+            links.add_powers(group, "u", "v", 3.0, first=False)
+            links.record(group, h6)
+
+    def balance(self, group: Group, lanes: Any, end: str = "1") -> None:
+        """Find the accelerations at the end of a step by the equation of motion; at its start ("0") no contacts act."""
+        s = group.state
+        put_accelerations(group, "alone", "u", "v", s[f"g{end}"])
+        if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
+
+            def force(contact: Contact) -> Any:
+                k, d, v = contact.ke, contact.penetration(), contact.between("v")
+                return where(k == 0.0, 0.0, contact.law.pressing(k, contact.ce, d, v))
+
+            add_forces(group, "alone", force)
+        for i in group.each(group.spec.n_moving):
+            s.put(lanes, s["alone", i], "a", i)
+
+    def soften(self, group: Group) -> None:
+        """Mark lanes in which a closed contact is too stiff for the next sub-step."""
+        s, h = group.state, group.state["h"]
+        waits = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
+        s.put(waits, 0.0, "stiff")
+        closed = waits & is_closed(group)
+        with when_any(closed):
+            hard = Cell(closed & ~closed)
+            for contact in group.each_contact():
+                law, here = contact.law, closed & (contact.mode > OPEN)
+                d, v = contact.penetration(), contact.between("v")
+                if law.shape.yields:
+                    set_plastic(contact, here & (contact.mode == REBOUND), d)
+                # the clip and the phase are those of the end, which `closed_force` knows
+                contact.put(here, ke=contact.kl, ce=contact.cl)
+                if law.shape.yields:
+                    stick(contact, here)
+                ahead = maximum(d + maximum(v, 0.0) * minimum(h, contact.lasts), 0.0)
+                fastest = contact_rate(law, contact.ke, contact.ce, contact.reduced, ahead)
+                hard.now |= here & (h * fastest > STIFF_RATE)
+            stiff = hard.now
+            s.put(stiff, 1.0, "stiff")
+            soft = closed & ~stiff
+            for contact in group.each_contact():
+                slack, rebounds = soft & (contact.mode == SLACK), soft & (contact.mode == REBOUND)
+                contact.put(slack | rebounds, ce=0.0)
+                contact.put(slack, ke=0.0)
+                if contact.law.shape.yields:
+                    slip(contact, rebounds, contact.penetration())
+            with when_any(stiff):
+                self.balance(group, stiff, end="0")
+                for i in group.each(group.spec.n_moving):
+                    s.put(stiff, s["a", i], "a0", i)
+
+    def settle(self, group: Group, lanes: Any) -> None:
+        """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
+        r, h = group.asked, group.state["h"]
+        for contact in group.each_contact():
+            law, here = contact.law, lanes & (contact.mode > OPEN)
+            d, v, force = contact.penetration(), contact.between("v"), contact.force
+            if "force" in r:
+                contact.put(here, fmax=maximum(contact.fmax, force))
+            if "penetration" in r:
+                contact.put(here, dmax=maximum(contact.dmax, d))
+            if "impulse" in r:
+                contact.put(here, impulse=contact.impulse + h * force)
+            if "work" in r:
+                contact.put(here, work=contact.work + 0.5 * h * force * (contact.between("v0") + v))
+            nears, parting = SIDES[law.shape.rebound_only]
+            mode = where(d > 0.0, group.full(nears), OPEN)
+            if law.shape.one_sided:
+                mode = where((d > 0.0) & (v < 0.0), parting, mode)
+            if law.shape.clips:
+                slack = (contact.cl > 0.0) & (law.pressing(contact.kl, contact.cl, d, v) <= 0.0)
+                mode = where((d > 0.0) & slack, SLACK, mode)
+            pressing = mode == PRESSING
+            contact.put(
+                here, ke=where(pressing | (mode == REBOUND), contact.kl, 0.0), ce=where(pressing, contact.cl, 0.0)
+            )
+            if law.shape.yields:
+                mode = where(here & pressing, settle_yielding(contact, here & pressing, d, v), mode)
+            contact.put(here, mode=mode)
+
+    def touch_miss(self, group: Group) -> Any:
+        """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
+        late = group.cell(0.0)
+        for contact in group.each_contact():
+            nears = SIDES[contact.law.shape.rebound_only][0]
+            d, v = contact.penetration(), contact.between("v")
+            touches = (contact.mode == OPEN) & (contact.next == nears)
+            touches = touches & (contact.event <= group.state["fraction"] + group.limit.same_time)
+            touches = touches & (v > 0.0) & (size(d) > group.limit.exact)
+            late.now = where(touches, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
+        return late.now
