@@ -58,8 +58,6 @@ OVER = 1.05
 BEYOND = 0.25
 #: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
 GRADED = 0.8
-#: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
-LATE = 0.01
 
 
 @dataclass(frozen=True)
@@ -397,24 +395,16 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
                     _begin_yielding(contact, touches, k, c, v)
             k, c = contact.kl, contact.cl
             if law.shape.yields:
-                _switch_yielding(contact, due, mode, target)
+                d, sticks = contact.penetration(), due & (target == 1.0)
+                contact.put(due & (target == 0.0), ke=0.0, ce=0.0)
+                set_plastic(contact, sticks & (mode > 0.0), d)
+                stick(contact, sticks)
+                slip(contact, due & (target == 2.0), d)
             else:
                 pressing = target == PRESSING
                 contact.put(due, ke=where(pressing | (target == REBOUND), k, 0.0), ce=where(pressing, c, 0.0))
             contact.mode = where(due, target, mode)
     return switched.now
-
-
-def is_late(group: Group) -> Any:
-    """Lanes in which an open contact would be switched on, now or later, deeper than `LATE` of its duration."""
-    late = group.cell(False)
-    for contact in group.each_contact():
-        d, v = contact.d1, contact.w1
-        mine = (contact.mode == OPEN) & (d > group.limit.exact) & (v > 0.0)
-        with when_any(mine):
-            lasts = contact.law.duration(contact.stiffness, v, contact.reduced)
-            late.now |= mine & (d > LATE * v * lasts)
-    return late.now
 
 
 def note_onset(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
@@ -487,15 +477,6 @@ def slip(contact: Contact, lanes: Any, d: Any) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
     deep = d - contact.plastic > 0.5 * contact.yield_depth
     contact.put(lanes, ke=contact.kl, ce=where(deep, contact.cl * contact.yield_depth, 0.0))
-
-
-def _switch_yielding(contact: Contact, due: Any, mode: Any, target: Any) -> None:
-    """Go over to another mode, in the lanes in which that is due."""
-    d, sticks = contact.penetration(), due & (target == 1.0)
-    contact.put(due & (target == 0.0), ke=0.0, ce=0.0)
-    set_plastic(contact, sticks & (mode > 0.0), d)
-    stick(contact, sticks)
-    slip(contact, due & (target == 2.0), d)
 
 
 def held_force(contact: Contact, d: Any) -> Any:

@@ -115,17 +115,13 @@ class LaneLaw:
             return slope * v
         return (slope + self._evaluate(self.shape.damper_slope or "0.0", d, c=c) * v) * v + self.damper(c, d) * a
 
-    def damped_rate(self, v: Any) -> Any:
-        """Rate of the penetration that the damper feels."""
-        if self.shape.rebound_only:
-            return minimum(v, 0.0)
-        return maximum(v, 0.0) if self.shape.approach_only else v
-
     def closed_force(self, k: Any, c: Any, d: Any, v: Any) -> Any:
         """Force of a closed contact, cut at zero where the law cannot pull."""
-        found = self.elastic(k, c, d)
-        found = found + self.damper(c, d) * self.damped_rate(v) if self.shape.damper else found
-        return found if self.shape.tension else where(d > 0.0, maximum(found, 0.0), 0.0)
+        force = self.elastic(k, c, d)
+        if self.shape.damper:
+            felt = maximum(v, 0.0) if self.shape.approach_only else v
+            force = force + self.damper(c, d) * (minimum(v, 0.0) if self.shape.rebound_only else felt)
+        return force if self.shape.tension else where(d > 0.0, maximum(force, 0.0), 0.0)
 
     def memoryless(self, k: Any, c: Any, fastest: Any, d: Any, v: Any) -> Any:
         """Force where nothing but the present state decides it; `fastest` is the rate of approach so far."""

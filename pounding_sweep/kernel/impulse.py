@@ -108,15 +108,6 @@ def measure(group: Group) -> Any:
     return look.now
 
 
-def _how_far(contact: Contact) -> Any:
-    """Sum of the sizes of what a penetration at either end of the trial is the difference of."""
-    s, far = contact.group.state, size(contact.gap)
-    for i in contact.sides[:2]:
-        if not is_wall(i):
-            far = far + size(s["u0", i]) + size(s["u", i])
-    return far
-
-
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
     _s, h = group.state, group.state["h"]
@@ -128,7 +119,10 @@ def first_event(group: Group, asks: Any) -> Any:
         held = maximum(contact.f0, 0.0)
         share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
         contact.put(asks, event=where(pulls, share, NEVER), next=where(pulls, OPEN, mode))
-        clear = group.limit.clear * _how_far(contact)
+        # what a penetration at either end of the trial is the difference of
+        floors = [i for i in contact.sides[:2] if not is_wall(i)]
+        far = sum((size(group.state[name, i]) for i in floors for name in ("u0", "u")), start=size(contact.gap))
+        clear = group.limit.clear * far
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
         with when_any(busy):

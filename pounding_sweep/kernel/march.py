@@ -31,6 +31,8 @@ from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Landings on the same touch that Newton improves, and those in all.
 MAX_NEWTON, MAX_LANDINGS = 4.0, 40.0
+#: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
+LATE = 0.01
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
@@ -207,7 +209,14 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         # on the way that Newton changed, another contact may have touched before
         again = Cell(ongoing & landing & (s["taken"] > 0.0) & (s["land"] <= MAX_LANDINGS))
         with when_any(again.now):
-            again.now &= forces.is_late(group)
+            late = group.cell(False)  # an open one would be switched on, now or later, deeper than `LATE` of its length
+            for contact in group.each_contact():
+                d, v = contact.d1, contact.w1
+                closes = (contact.mode == forces.OPEN) & (d > group.limit.exact) & (v > 0.0)
+                with when_any(closes):
+                    lasts = contact.law.duration(contact.stiffness, v, contact.reduced)
+                    late.now |= closes & (d > LATE * v * lasts)
+            again.now &= late.now
         asks = asks | again.now
     with when_any(asks):
         fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
@@ -222,31 +231,6 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
             # sums over the stages of a trial know no part of it
             sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
             (cut if group.spec.staged and not (group.spec.yielding or sums) else refuse)(group, early)
-
-
-def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
-    """Do what a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
-    s = group.state
-    taken = s["taken"] > 0.0
-    if "transfer" in group.asked and not group.spec.series:
-        transfers.substep(group, taken)
-    lands = taken & (s["land"] > 0.0)
-    implicit = group.spec.implicit and not group.spec.impulsive
-    switched = Cell(lands & ~lands)
-    if implicit and group.touching:
-        stiff = taken & (s["stiff"] > 0.0)
-        with when_any(stiff):
-            group.scheme.settle(group, stiff)
-            switched.now = stiff
-    with when_any(lands):
-        s.put(lands, 0.0, "land")
-        if group.spec.yielding:
-            switched.now |= hysteresis.apply_events(group, lands)
-        if group.touching:
-            switched.now |= kind.apply_events(group, lands, h)
-    if implicit:
-        with when_any(switched.now):
-            group.scheme.balance(group, switched.now)
 
 
 def substep(group: Group, h: Any) -> None:
@@ -277,7 +261,7 @@ def substep(group: Group, h: Any) -> None:
 
 
 def close(group: Group, kind: ModuleType, h: Any) -> None:
-    """Conclude a sub-step: time goes on, lanes that land change their modes."""
+    """Conclude a sub-step: time goes on, lanes that land change their modes, velocities jump."""
     s = group.state
     s["tries"] += where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
     for reducer in group.reducers:
@@ -292,7 +276,25 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         bouc_wen.settle(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
-    finalize_substep(group, kind, h)
+    taken = s["taken"] > 0.0
+    if "transfer" in group.asked and not group.spec.series:
+        transfers.substep(group, taken)
+    lands, implicit = taken & (s["land"] > 0.0), group.spec.implicit and not group.spec.impulsive
+    switched = Cell(lands & ~lands)
+    if implicit and group.touching:
+        stiff = taken & (s["stiff"] > 0.0)
+        with when_any(stiff):
+            group.scheme.settle(group, stiff)
+            switched.now = stiff
+    with when_any(lands):
+        s.put(lands, 0.0, "land")
+        if group.spec.yielding:
+            switched.now |= hysteresis.apply_events(group, lands)
+        if group.touching:
+            switched.now |= kind.apply_events(group, lands, h)
+    if implicit:
+        with when_any(switched.now):
+            group.scheme.balance(group, switched.now)
     keep_start(group)
     late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
     s.put(late, 1.0, "fallback")
@@ -321,18 +323,10 @@ def needs_ends(group: Group) -> bool:
     return group.touching and not group.spec.series and group.looks("ends")
 
 
-def may_change(group: Group, h: Any) -> Any:
-    """Lanes in which floors may touch, or storeys change their phase, in the step just flown."""
-    if not group.spec.yielding:
-        return may_touch(group, h)
-    yields = storeys_may_change(group, h)
-    return yields | may_touch(group, h) if group.touching else yields
-
-
 def storeys_may_change(group: Group, h: Any) -> Any:
     """Lanes in which storeys that yield ask for the step just taken to be cut."""
-    found = hysteresis.may_change(group, h)
-    return found | bouc_wen.may_change(group, h) if group.spec.smooth else found
+    lanes = hysteresis.may_change(group, h)
+    return lanes | bouc_wen.may_change(group, h) if group.spec.smooth else lanes
 
 
 def may_touch(group: Group, h: Any) -> Any:
@@ -392,7 +386,8 @@ class FixedSteps:
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
-            touched.now = any_lane(may_change(group, h))
+            asks = storeys_may_change(group, h) if group.spec.yielding else group.full(False)
+            touched.now = any_lane(asks | may_touch(group, h) if group.touching else asks)
             for _ in when(not_(touched.now)):
                 if flowing is not None:
                     for _ in when(flowing.now):

@@ -37,35 +37,26 @@ _Function = tuple[Any, Any]
 
 def step(w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
     """Return `MOVES` over a step of `h` (s), of frequencies, decay 2 zeta w, and what the ground pushes by."""
-    damping = c * h
-    (e0, e1), (p0, p1), (q0, q1) = _functions((w * h) * (w * h), damping)
-    found = [e0, e1 * h, -(w * w) * (e1 * h), e0 - damping * e1]
-    for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
-        found += [-(f1 * (push * h) * h), -((f0 - damping * f1) * (push * h))]
-    return dict(zip(MOVES, found, strict=True))
-
-
-def _functions(square: Any, damping: Any) -> tuple[_Function, _Function, _Function]:
-    """exp, phi1 and phi2 of Z = [[0, 1], [-square, -damping]], lane by lane."""
+    square, damping = (w * h) * (w * h), c * h
     # each by its own number of halvings, so that none depends on those beside it
     largest = maximum(maximum(sqrt(square), damping), _SMALL)
     share = Cell(square * 0.0 + 1.0)
     for _ in while_any(lambda: largest * share.now > _SMALL, _HALVINGS):
         share.now = where(largest * share.now > _SMALL, 0.5 * share.now, share.now)
     scale = share.now
-    s, c = square * scale * scale, damping * scale
+    less, lost = square * scale * scale, damping * scale
 
-    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -c Z - s
+    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -lost Z - less
         both = f[1] * g[1]
-        return fma(f[0], g[0], -s * both), fma(f[0], g[1], fma(f[1], g[0], -c * both))
+        return fma(f[0], g[0], -less * both), fma(f[0], g[1], fma(f[1], g[0], -lost * both))
 
     # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
-    f0, f1 = s * 0.0 + 1.0 / math.factorial(_TERMS + 1), s * 0.0
+    f0, f1 = less * 0.0 + 1.0 / math.factorial(_TERMS + 1), less * 0.0
     for i in range(_TERMS - 2, -1, -1):
-        f0, f1 = fma(-s, f1, 1.0 / math.factorial(i + 2)), fma(-c, f1, f0)
+        f0, f1 = fma(-less, f1, 1.0 / math.factorial(i + 2)), fma(-lost, f1, f0)
     phi2 = Cell(f0), Cell(f1)
-    phi1 = Cell(1.0 - s * f1), Cell(f0 - c * f1)
-    grown = Cell(1.0 - s * phi1[1].now), Cell(phi1[0].now - c * phi1[1].now)
+    phi1 = Cell(1.0 - less * f1), Cell(f0 - lost * f1)
+    grown = Cell(1.0 - less * phi1[1].now), Cell(phi1[0].now - lost * phi1[1].now)
 
     def now(cells: tuple[Cell, Cell]) -> _Function:
         return cells[0].now, cells[1].now
@@ -79,4 +70,8 @@ def _functions(square: Any, damping: Any) -> tuple[_Function, _Function, _Functi
             for cell, value in zip(cells, values, strict=True):
                 cell.now = where(more, value, cell.now)
         share.now = where(more, 2.0 * share.now, share.now)
-    return tuple((cells[0].now, cells[1].now * scale) for cells in (grown, phi1, phi2))  # type: ignore[return-value]
+    (e0, e1), (p0, p1), (q0, q1) = ((x.now, z.now * scale) for x, z in (grown, phi1, phi2))
+    moves = [e0, e1 * h, -(w * w) * (e1 * h), e0 - damping * e1]
+    for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
+        moves += [-(f1 * (push * h) * h), -((f0 - damping * f1) * (push * h))]
+    return dict(zip(MOVES, moves, strict=True))

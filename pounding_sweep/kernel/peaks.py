@@ -59,11 +59,6 @@ def cubic_turns(curve: Series) -> tuple[Any, Any]:
     return t, u
 
 
-def leaving(s0: Any, s1: Any) -> Any:
-    """Rate at the start of a step; at rest as if the motion turned, so that one is seen that goes and comes back."""
-    return where(s0 == 0.0, -LEAVES * s1, s0)
-
-
 def septic_extremes(
     group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any], known: tuple[Any, Any] | None = None
 ) -> tuple[Any, Any]:
@@ -72,7 +67,8 @@ def septic_extremes(
     Where it may turn more than once, those beyond what is `known`, if it is given.
     """
     (x0, at_start, c0, j0), (x1, s1, c1, j1) = start, end
-    s0 = leaving(at_start, s1)
+    # at rest as if the motion turned, so that one is seen that goes and comes back
+    s0 = where(at_start == 0.0, -LEAVES * s1, at_start)
     # what spans the hull that its rate keeps within, which changes its sign no more often than they do
     spans = [s0, s0 + (1.0 / 6.0) * c0, s0 + (1.0 / 3.0) * c0 + (1.0 / 30.0) * j0]
     spans += [s1 - (1.0 / 3.0) * c1 + (1.0 / 30.0) * j1, s1 - (1.0 / 6.0) * c1, s1]
@@ -96,7 +92,15 @@ def septic_extremes(
         below.now = where(mine, minimum(below.now, x), below.now)
 
     for _ in when(any_lane(once | again.now)):
-        curve = _septic(start, end)
+        # the polynomial with value and three rates (times powers of the step) at its ends
+        c, j = 0.5 * c0, (1.0 / 6.0) * j0
+        r, r1 = x1 - x0 - at_start - c - j, s1 - at_start - c0 - 0.5 * j0
+        r2, r3 = c1 - c0 - j0, j1 - j0
+        b4 = 35.0 * r - 15.0 * r1 + 2.5 * r2 - (1.0 / 6.0) * r3
+        b5 = -84.0 * r + 39.0 * r1 - 7.0 * r2 + 0.5 * r3
+        b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
+        b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
+        curve = Series.of(x0, at_start, c, j, b4, b5, b6, b7)
         take(once, curve.value(turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))))
         for _ in when(any_lane(again.now)):
             t, x, s = group.cell(0.0), Cell(x0), Cell((1.0 / PARTS) * at_start)
@@ -108,18 +112,6 @@ def septic_extremes(
                 x.now, s.now = then, rate
                 take(again.now, then)
     return above.now, below.now
-
-
-def _septic(start: Sequence[Any], end: Sequence[Any]) -> Series:
-    """Polynomial with value and three rates (times powers of the step) at its ends."""
-    (x0, s0, c0, j0), (x1, s1, c1, j1) = start, end
-    c, j = 0.5 * c0, (1.0 / 6.0) * j0
-    r, r1, r2, r3 = x1 - x0 - s0 - c - j, s1 - s0 - c0 - 0.5 * j0, c1 - c0 - j0, j1 - j0
-    b4 = 35.0 * r - 15.0 * r1 + 2.5 * r2 - (1.0 / 6.0) * r3
-    b5 = -84.0 * r + 39.0 * r1 - 7.0 * r2 + 0.5 * r3
-    b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
-    b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
-    return Series.of(x0, s0, c, j, b4, b5, b6, b7)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ Part = Sequence[tuple[Any, Sequence[Any]]]
 
 
 def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], constant: bool = True) -> list[Any]:
-    """Storey forces f = k (w_i - w_(i-1)), w = x + beta y; all values floor by floor of the part."""
+    """Storey forces f = k (w_i - w_(i-1)), w = x + beta y, by floors of the part; of rates without their `constant`."""
     forces, at = [], 0
     for b, floors in part:
         here = range(at, at + len(floors))
@@ -36,7 +36,17 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
         if any(map(group.own_damper, floors)) or group.base(floors[0]) is not None:
             for i, p in zip(floors, here, strict=True):
                 drift, rate = (_drift(group, i, values, p, at) for values in (x, y))
-                forces.append(_storey_force(group, b, i, drift, rate, constant))
+                k, beta = group.prop("k", i), group.prop("beta", b)
+                if not group.own_damper(i):
+                    forces.append(k * fma(beta, rate, drift))
+                    continue
+                elastic = k * drift
+                if group.yields(i):
+                    kt, ct = group.state["kt", i], group.state["ct", i]
+                    elastic = fma(kt, drift, ct) if constant else kt * drift
+                coefficient = beta * damper_stiffness(group, i)
+                coefficient = coefficient + group.prop("dashpot", i) if group.dashed(i) else coefficient
+                forces.append(fma(coefficient, rate, elastic))
             at += len(floors)
             continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
@@ -50,20 +60,6 @@ def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
     if group.base(i) is not None:  # values are those of the whole row
         return group.storey(i).drift(x)
     return x[p] if p == first else x[p] - x[p - 1]
-
-
-def _storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
-    """Force of a storey of a building in which some may yield, or have dashpots, its dampers included."""
-    # Of rates it is without its `constant`.
-    if not group.own_damper(i):
-        return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
-    s = group.state
-    if group.yields(i):
-        elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
-    else:
-        elastic = group.prop("k", i) * drift
-    coefficient = group.prop("beta", b) * damper_stiffness(group, i)
-    return fma(coefficient + group.prop("dashpot", i) if group.dashed(i) else coefficient, rate, elastic)
 
 
 def damper_stiffness(group: Group, i: Any) -> Any:

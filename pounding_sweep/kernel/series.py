@@ -21,7 +21,7 @@ import numpy as np
 
 from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Contact, Group, Storey
+from pounding_sweep.kernel.group import Contact, Group, Indexed, Storey
 from pounding_sweep.kernel.lanes import (
     Cell,
     Lookup,
@@ -63,18 +63,26 @@ HALVED = 0.5**HALVINGS
 PAST, SOONEST = -1.5, 1e-3
 
 
-def _is_product(contact: Contact) -> bool:
-    """Whether the damper of a contact grows with the penetration."""
-    law = contact.law.shape
-    return bool(law.damper) and law.damper_exponent == 1.0
-
-
 def substep(group: Group, h: Any) -> None:
     """One sub-step of every lane that has some of its step of length h left: to the first event, at most."""
     march.look_ahead(group, h)
-    _expand(group)
+    s, spec = group.state, group.spec
+    s["span"] = s["h"]
+    for i in group.each(spec.n_dof):
+        s["jet", i] = s["u0", i]
+    if spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
+        closed = any_lane(forces.is_closed(group))
+        for case, contacts in ((closed, True), (not_(closed), False)):
+            for _ in when(case):
+                _expand_row(group, contacts)
+    else:
+        _expand_row(group, group.touching)
+    for contact in group.each_contact() if not spec.yielding else ():
+        _coefficients(contact, "dj")[spec.series] = contact.between(_Term(group, spec.series))
     _meet(group)
-    _go(group)
+    s["h"] = s["span"] * s["fraction"]
+    if not spec.yielding:
+        _place(group)
     _take_contacts(group)
     _take_turns(group)
     if "link_force" in group.asked:
@@ -83,23 +91,6 @@ def substep(group: Group, h: Any) -> None:
     if "acceleration" in group.asked:
         _take_accelerations(group)
     march.close(group, forces, h)
-
-
-def _expand(group: Group) -> None:
-    """Find the series of floors, penetrations and forces from the start of the step on."""
-    s, n, order = group.state, group.spec.n_dof, group.spec.series
-    s["span"] = s["h"]
-    for i in group.each(n):
-        s["jet", i] = s["u0", i]
-    if group.spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
-        closed = any_lane(forces.is_closed(group))
-        for held, contacts in ((closed, True), (not_(closed), False)):
-            for _ in when(held):
-                _expand_row(group, contacts)
-    else:
-        _expand_row(group, group.touching)
-    for contact in group.each_contact() if not group.spec.yielding else ():
-        s["dj", contact.index + order * len(group.contacts)] = contact.between(_Term(group, order))
 
 
 def _expand_row(group: Group, contacts: bool) -> None:
@@ -142,55 +133,64 @@ class _Term:
         return self._state["jet", i + self._begin]
 
 
+class _Coefficients:
+    """Coefficients of a contact or a floor, in rows of the state."""
+
+    def __init__(self, group: Group, name: str, i: Any, many: int) -> None:
+        self._state, self._name, self._i, self._many = group.state, name, i, many
+
+    def __getitem__(self, k: Any) -> Any:
+        return self._state[self._name, self._i + k * self._many]
+
+    def __setitem__(self, k: Any, x: Any) -> None:
+        self._state[self._name, self._i + k * self._many] = x
+
+
+def _coefficients(contact: Contact, name: str) -> _Coefficients:
+    return _Coefficients(contact.group, name, contact.index, len(contact.group.contacts))
+
+
 def _press(contact: Contact, k: Any, x: _Term) -> Any:
     """Coefficient k of a contact's force, of the floors' motion `x`."""
-    group = contact.group
-    s, nc = group.state, len(group.contacts)
-    d, w = contact.between(x), contact.between(x.rates)
+    depths, d, w = _coefficients(contact, "dj"), contact.between(x), contact.between(x.rates)
     if x.constant:
         d = d - contact.gap
-    s["dj", contact.index + k * nc] = d
+    depths[k] = d
     if not contact.law.shape.damper:
         return contact.ke * d
-    if not _is_product(contact):
+    if not contact.law.shape.is_product:
         f = fma(contact.ke, d, contact.ce * w)
     else:
-        s["wj", contact.index + k * nc] = w
-        total = group.cell(0.0)
+        rates, total = _coefficients(contact, "wj"), contact.group.cell(0.0)
+        rates[k] = w
         for i in range(k + 1) if isinstance(k, int) else count_to(k + 1):
-            total.now = fma(s["dj", contact.index + i * nc], s["wj", contact.index + (k - i) * nc], total.now)
+            total.now = fma(depths[i], rates[k - i], total.now)
         f = fma(contact.ke, d, contact.ce * total.now)
-    s["fj", contact.index + k * nc] = f
+    _coefficients(contact, "fj")[k] = f
     return f
 
 
 def _floor(group: Group, i: Any) -> Series:
     """Displacement of a floor."""
-    s, n = group.state, group.spec.n_dof
-    return Series(lambda k: s["jet", i + k * n], group.spec.series)
+    return Series(_Coefficients(group, "jet", i, group.spec.n_dof).__getitem__, group.spec.series)
 
 
 def _depth(contact: Contact) -> Series:
     """Penetration of a contact."""
     group = contact.group
-    s, nc = group.state, len(group.contacts)
-    if group.spec.yielding:
 
-        def read(k: int) -> Any:
-            d = contact.between(_Term(group, k))
-            return d if k else d - contact.gap
+    def read(k: int) -> Any:
+        d = contact.between(_Term(group, k))
+        return d if k else d - contact.gap
 
-        return Series(read, group.spec.series)
-    return Series(lambda k: s["dj", contact.index + k * nc], group.spec.series)
+    return Series(read if group.spec.yielding else _coefficients(contact, "dj").__getitem__, group.spec.series)
 
 
 def _force(contact: Contact) -> Series:
     """Force of a contact, while its mode lasts."""
-    group = contact.group
-    s, nc = group.state, len(group.contacts)
-    if not contact.law.shape.damper:
-        return Series(lambda k: contact.ke * s["dj", contact.index + k * nc], group.spec.series - 1)
-    return Series(lambda k: s["fj", contact.index + k * nc], group.spec.series - 1)
+    damped, depths = contact.law.shape.damper, _coefficients(contact, "dj")
+    read: Any = _coefficients(contact, "fj").__getitem__ if damped else lambda k: contact.ke * depths[k]
+    return Series(read, contact.group.spec.series - 1)
 
 
 def _per(group: Group) -> Any:
@@ -207,11 +207,14 @@ def _meet(group: Group) -> None:
     s["fraction"] = group.full(1.0)
     for contact in group.each_contact():
         contact.event, contact.next = group.full(NEVER), contact.mode
-        for kind in range(_kinds(contact)):
-            s["ruled_out", group.change(contact.index, kind)] = 0.0
+    for storey in hysteresis.each_storey(group):
+        storey.turn, storey.then = group.full(NEVER), storey.phase
+    for _, numbers, _ in _changes(group):
+        for number in numbers:
+            s["ruled_out", number] = 0.0
     _converge(group)
     if group.spec.yielding:
-        _begin_storeys(group)
+        _converge_floors(group)
     s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
     if group.spec.yielding:
         _place(group)
@@ -231,10 +234,16 @@ def _meet(group: Group) -> None:
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _kinds(contact: Contact) -> int:
-    """How many kinds of changes a contact has: of its penetration's sign, and of that of its rate or its force."""
-    law = contact.law.shape
-    return 2 if law.approach_only or law.clips else 1
+def _changes(group: Group) -> Iterator[tuple[Indexed, list[Any], tuple[str, str]]]:
+    """Go through contacts and storeys: numbers of kinds of changes, and rows of when and to what one changes."""
+    # of a contact, of its penetration's sign, and of that of its rate or its force
+    for contact in group.each_contact():
+        law = contact.law.shape
+        kinds = 2 if law.approach_only or law.clips else 1
+        yield contact, [group.change(contact.index, kind) for kind in range(kinds)], ("event", "next")
+    for storey in hysteresis.each_storey(group):
+        first = storey.index + len(group.contacts)
+        yield storey, [group.change(first, kind) for kind in range(2)], ("turn", "then")
 
 
 def _converge(group: Group) -> None:
@@ -257,13 +266,9 @@ def _converge(group: Group) -> None:
     s["fraction"] = minimum(s["fraction"], back.now)
 
 
-def _begin_storeys(group: Group) -> None:
-    """Let no storey change its phase yet, and end the step where the series of a floor is left out too early."""
+def _converge_floors(group: Group) -> None:
+    """End the step where the series of a floor is left out too early."""
     s, n, order = group.state, group.spec.n_dof, group.spec.series
-    for storey in hysteresis.each_storey(group):
-        storey.turn, storey.then = group.full(NEVER), storey.phase
-        for kind in range(2):
-            s["ruled_out", group.change(storey.index + len(group.contacts), kind)] = 0.0
 
     def terms(i: Any) -> tuple[Any, Any]:
         # the fourth of them too: a floor at rest begins with the ground's ramp
@@ -292,10 +297,6 @@ class _Choice:
         self.doubt = Cell(nobody)
         group.state["bends"] = 0.0
 
-    def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
-        """How far it goes between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
-        return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
-
     def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         group, s, end = self.group, self.group.state, self.group.state["fraction"]
@@ -306,7 +307,9 @@ class _Choice:
         turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
         reach = group.cell(-1.0)
         with when_any(turns):
-            reach.now = self._reach(e0 + end * r0, e1 - end * r1, e0, e1) + series.bulge(end)
+            # as far as it is a cubic, no farther than its tangents at thirds
+            early, late = e0 + (1.0 / 3.0) * (e0 + end * r0 - e0), e1 + (1.0 / 3.0) * (e1 - end * r1 - e1)
+            reach.now = maximum(early, late) + series.bulge(end)
         hops = turns & (reach.now > 0.0)
         # one that turns twice may have been positive before: half the step tells
         above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
@@ -333,13 +336,14 @@ class _Choice:
 
 def _choose(group: Group, asks: Any) -> _Choice:
     """Find what may change first before ``fraction``, in lanes that ask."""
-    s, choice = group.state, _Choice(group)
-    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
+    s, choice, per = group.state, _Choice(group), _per(group)
     for contact in group.each_contact():
         if not group.spec.yielding:
             _offer_contact(contact, choice, asks, per)
             continue
-        mine = asks & ((contact.mode > OPEN) | _may_touch(contact, _depth(contact)))
+        farthest, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
+        may_touch = farthest + _depth(contact).bulge(s["fraction"]) > contact.gap
+        mine = asks & ((contact.mode > OPEN) | may_touch)
         with when_any(mine):
             _offer_contact(contact, choice, mine, per)
     if group.spec.yielding:
@@ -369,7 +373,7 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = contact.kl, contact.cl * per
-        press = Series(_pressing(depth, k, c, _is_product(contact), group.limit.at_release), depth.order - 1)
+        press = Series(_pressing(depth, k, c, contact.law.shape.is_product, group.limit.at_release), depth.order - 1)
         toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, group.full(PRESSING))
         offer(1, asks & closed & (c > 0.0), toward, press, target)
 
@@ -399,13 +403,6 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     third = (1.0 / 3.0) * (group.state["span"] * group.state["fraction"])
     early, late = fma(third, v0, x0), fma(-third, v1, x1)
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
-
-
-def _may_touch(contact: Contact, depth: Series) -> Any:
-    """Lanes in which an open contact may close."""
-    group = contact.group
-    most, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
-    return most + depth.bulge(group.state["fraction"]) > contact.gap
 
 
 def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
@@ -465,53 +462,19 @@ def _locate(group: Group, found: Any) -> None:
         happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
     t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
     s["fraction"] = where(happens.now, t, end)
-    for contact in group.each_contact():
-        for kind in range(_kinds(contact)):
-            number = group.change(contact.index, kind)
-            mine = found & (s["picked"] == real(number))
-            contact.event = where(mine & happens.now, t, contact.event)
-            contact.next = where(mine & happens.now, s["aim"], contact.next)
-            s["ruled_out", number] = where(mine & ~happens.now, 1.0, s["ruled_out", number])
-    if group.spec.yielding:
-        _keep_storeys(group, found, happens.now, t)
-
-
-def _keep_storeys(group: Group, found: Any, happens: Any, t: Any) -> None:
-    """Keep what was found of the storeys that were chosen."""
-    s, first = group.state, len(group.contacts)
-    for storey in hysteresis.each_storey(group):
-        for kind in range(2):
-            number = group.change(storey.index + first, kind)
-            mine = found & (s["picked"] == real(number))
-            storey.put(mine & happens, turn=t, then=s["aim"])
-            s["ruled_out", number] = where(mine & ~happens, 1.0, s["ruled_out", number])
+    for changed, numbers, (when_row, to_row) in _changes(group):
+        for number in numbers:
+            chosen = found & (s["picked"] == real(number))
+            changed.put(chosen & happens.now, **{when_row: t, to_row: s["aim"]})
+            s["ruled_out", number] = where(chosen & ~happens.now, 1.0, s["ruled_out", number])
 
 
 def _place(group: Group) -> None:
     """Find displacements and velocities at ``fraction``, of the step."""
-    s, n, order, t = group.state, group.spec.n_dof, group.spec.series, group.state["fraction"]
-    moves = s["span"] > 0.0
-    per = where(moves, 1.0 / s["span"], 0.0)
-    for i in group.each(n, straight=False):
-        x = rate = s["jet", i + order * n]
-        x = fma(t, x, s["jet", i + (order - 1) * n])
-        for k in range(order - 2, -1, -1):
-            rate = fma(t, rate, x)
-            x = fma(t, x, s["jet", i + k * n])
-        s["u", i], s["v", i] = x, where(moves, rate * per, s["v0", i])
-
-
-def _go(group: Group) -> None:
-    """Go to the end of the step, or to the event that ends it."""
-    s, t = group.state, group.state["fraction"]
-    moves = s["span"] > 0.0
-    per = where(moves, 1.0 / s["span"], 0.0)
-    s["h"] = s["span"] * t
-    if group.spec.yielding:  # it is there
-        return
+    s, t, per = group.state, group.state["fraction"], _per(group)
     for i in group.each(group.spec.n_dof, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t)
-        s["v", i] = where(moves, rate * per, s["v0", i])
+        s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
 
 
 def _take_contacts(group: Group) -> None:

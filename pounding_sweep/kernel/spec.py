@@ -126,6 +126,11 @@ class LawShape:
         )
 
     @property
+    def is_product(self) -> bool:
+        """Whether the damper grows with the penetration."""
+        return bool(self.damper) and self.damper_exponent == 1.0
+
+    @property
     def clips(self) -> bool:
         """Whether the published force can turn negative and is cut at zero."""
         return bool(self.damper) and not self.approach_only and not self.tension

@@ -143,19 +143,15 @@ def by_series(group: Group, nodes: int, course: Course) -> None:
             s["now", b] += s["gain", b]
             _take(group, b, s["now", b])
         for b in group.each(group.spec.n_buildings, straight=False):
-            turning = closed & _may_turn(group, b)
+            # lanes in which the transfer may have had an extreme of its own inside the step
+            gain, swing, high = s["gain", b], s["swing", b], s["now", b]
+            ends = s["h"] * minimum(s["given0", b] * gain, s["given1", b] * gain)
+            turns = (swing - size(gain) > group.limit.same_time * swing) | (ends < -AGAINST * gain * gain)
+            reach = 0.5 * (ROOM * swing - gain)  # beyond the end, if all that goes one way came first
+            beyond = (high + reach > s["tmax", b]) | (high - (reach + gain) < s["tmin", b])
+            turning = closed & (turns & beyond)
             with when_any(turning):
                 _take_turns(group, b, turning, nodes, course)
-
-
-def _may_turn(group: Group, b: Any) -> Any:
-    """Lanes in which a transfer may have had an extreme of its own inside the step."""
-    s = group.state
-    gain, swing, high = s["gain", b], s["swing", b], s["now", b]
-    ends = s["h"] * minimum(s["given0", b] * gain, s["given1", b] * gain)
-    turns = (swing - size(gain) > group.limit.same_time * swing) | (ends < -AGAINST * gain * gain)
-    reach = 0.5 * (ROOM * swing - gain)  # beyond the end, if all that goes one way came first
-    return turns & ((high + reach > s["tmax", b]) | (high - (reach + gain) < s["tmin", b]))
 
 
 def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) -> None:
