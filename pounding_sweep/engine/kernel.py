@@ -30,7 +30,7 @@ from pounding_sweep.kernel.lanes import (
 from pounding_sweep.kernel.spec import GIVEN, LANES, PARAMETERS, KernelSpec, Slots, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.schemes.exact import Course, Events, Flights
+from pounding_sweep.schemes.exact import Course, Flights, run_scenarios
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
 #: Share of its largest size by which what flight watches is widened in windows, for rounding.
@@ -156,7 +156,7 @@ def run_twin(spec: KernelSpec, *numbers: Any) -> None:
         given = {**arrays, "memory": None} | {name: arrays[name].reshape(-1, LANES) for name in ("inputs", "results")}
         counts = arrays["rows"], arrays["scenarios"], group.passing
         flights = make_flights(group, ground, given, counts, note, Ledger())
-        Events(group, ground, flights.serve, flights.course, note).run()
+        run_scenarios(group, ground, flights.serve, flights.course, note)
         return
     for inputs, results in zip(arrays["inputs"], arrays["results"], strict=True):
         group = make_group(spec, None, LANES, constants)
@@ -194,7 +194,7 @@ def _emit(spec: KernelSpec, trace: Tracer, place: Any) -> None:
         return
     kind = ir.FunctionType(ir.VoidType(), [_I64])
     flight = builder.inttoptr(arrays["flight"], kind.as_pointer())
-    Events(group, ground, lambda: builder.call(flight, [place]), Course(group, ledger.cell), note).run()
+    run_scenarios(group, ground, lambda: builder.call(flight, [place]), Course(group, ledger.cell), note)
 
 
 def _read_frame(trace: Tracer, frame: Any) -> dict[str, Any]:

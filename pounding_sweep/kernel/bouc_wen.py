@@ -3,11 +3,9 @@
     V = r k d + (1 - r) k z,    z = d - p
     p' = |z / dy|^n (GAMMA d' + BETA |d'| sign z)
 
-d is the drift, p its plastic part, r the hardening and dy = Vy / k. The shear is k d - (1 - r) k p,
-as that of a bilinear storey whose plastic part stands still; here it flows along: stage by stage, or,
-in an implicit step, by the trapezoid over the drift. Its rate has a kink where the drift turns and
-where z changes its sign: sub-steps end there. They are so short that z can't reach its limit, where it
-would be stiff, from anywhere within one.
+d is the drift, p its plastic part, r the hardening and dy = Vy / k. The shear is k d - (1 - r) k p, p flowing stage by
+stage, or, in an implicit step, by the trapezoid over the drift. Its rate has a kink where the drift turns and where z
+changes its sign: sub-steps end there, and are so short that z can't reach its limit from anywhere within one.
 """
 
 from __future__ import annotations

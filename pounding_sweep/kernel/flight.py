@@ -1,33 +1,16 @@
 """Free flight of one scenario, many instants side by side.
 
-Between impacts the displacements are u = s u0 + w: s u0 is the motion without pounding under
-the record's scale s, whose tables all scenarios share, and w decays freely, in modes
-
-    q'' + 2 zeta omega q' + omega**2 q = 0.
-
-What is watched, a gap or a peak so far, is a linear function x of the floors' motions. Since
-omega**2 q**2 + q'**2 never grows, w adds to x at most
+Between impacts the displacements are u = s u0 + w: s u0 is the motion without pounding under the record's scale s,
+whose tables all scenarios share, and w decays freely in modes, q'' + 2 zeta omega q' + omega**2 q = 0. What is watched,
+a gap or a peak so far, is a linear function x of the floors' motions, to which w adds at most
 
     B = sum over modes |x_m| a_m,    a_m = sqrt(q_m**2 + (q_m' / omega_m)**2)
 
-from now on, so that windows of the record in which s u0 keeps farther than B from gaps and
-peaks are passed in one step. In the others, x is looked at in all lanes: its values and rates
-at successive points of a grid.
-
-Where dashpots or links couple the modes, u follows from q and q', and so do velocities: what is
-watched is then the sum of x_m q_m and of y_m q_m', with sqrt(x_m**2 + (omega y_m)**2) in place of |x_m|.
-Energies are then sums of powers over Gauss points of each step of the grid: the state at any instant of
-it follows from its start and the ground at both ends without error. What the ground puts in and what
-links take are integrated; what of it is not held any more is the loss in damping.
-
-Where storeys may yield and all are elastic, their shears are k (d - (1 - r) p), and p stands still. With
-y = u - c, where the set c of a floor sums (1 - r) p over the storeys below it,
-
-    M y'' + C y' + K y = -M ag,
-
-the equation of the elastic row: y flies, and what is watched in u is watched in y with the value that it
-has at c added. A storey begins to yield where its drift reaches p + dy, or p - dy: like a touch, on either
-side. Once it yields, the row is stepped until all storeys are elastic again.
+from now on: windows of the record in which s u0 keeps farther than B from gaps and peaks are passed in one step, in the
+others values and rates of x at successive points of a grid lie in the lanes. Where dashpots or links couple the modes,
+x is the sum of x_m q_m and y_m q_m', and energies are sums of powers over Gauss points. A row whose storeys may yield
+flies, while all are elastic, about the set at which it would rest; storeys begin to yield as floors touch, on either
+side. See docs/theory.md.
 """
 
 from __future__ import annotations

@@ -1,18 +1,13 @@
 """Contacts that press by a law: touch, release and changes of phase inside a step.
 
-Within a sub-step of length h the penetration of contact j is the quartic that matches
-d, d', d'' at the start and d, d' at the end (beside exact flight the quintic that its stages
-lead to); its roots are the touch and the release.
-Each contact is in one mode:
+Within a sub-step the penetration is the quartic that matches d, d', d'' at the start and d, d' at the end (beside exact
+flight the quintic of its stages); its roots are touch and release. A contact is in one mode, frozen within a sub-step:
 
     0  open: no force             1  pressing: E(d) + B(d) v
     2  rebound: E(d) alone        3  slack: closed, the clipped force is zero
-       of a law that yields: its yielding part slips (`yielding`)
-       of one damped on rebound only: approach
+       of a law that yields: its yielding part slips; of one damped on rebound only: approach
 
-The mode is frozen within a sub-step, so that the integrated right-hand side is smooth there
-and the scheme keeps its order. The force in any mode is that of the stiffness ``ke`` and the
-damping ``ce``.
+The force in any mode is that of the stiffness ``ke`` and the damping ``ce``.
 """
 
 from __future__ import annotations

@@ -2,14 +2,9 @@
 
     V = r k d + (1 - r) k (d - p),    |d - p| <= dy
 
-d is the drift, p its plastic part, r the hardening and dy the yield drift. While a storey is
-elastic (phase 0) p stands still; while it yields to a side (phase 1 or -1) p follows the drift
-at the distance dy, until the drift turns. In either phase the shear is
-
-    V = KT d + CT
-
-with KT = k, CT = -(1 - r) k p, or KT = r k, CT = +-(1 - r) k dy. The phase is frozen within a
-sub-step, which ends where the first storey begins to yield or turns.
+d is the drift, p its plastic part, r the hardening and dy the yield drift. While a storey is elastic (phase 0) p stands
+still; while it yields (phase 1 or -1) p follows the drift at the distance dy, until it turns. In either phase the shear
+is V = KT d + CT, with KT = k, CT = -(1 - r) k p, or KT = r k, CT = +-(1 - r) k dy; it is frozen within a sub-step.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
 """Numbers of many scenarios side by side, one per lane.
 
-A kernel is written once, as plain functions over these values. On NumPy arrays it runs as
-Python, which is its slow, debuggable twin. On traced values every operation adds an
-instruction to the LLVM function that a `Tracer` builds, and a loop adds its blocks.
-
-What depends on lanes is written with masks: `where` chooses lane by lane, and what stands
-below `when_any` is left out where no lane asks for it, so it must leave all other lanes as
-they are. No fast-math flag is ever set: a lane's arithmetic is fixed by the source,
-whatever its neighbours do.
+A kernel is written once, as plain functions over these values. On NumPy arrays it runs as Python, its slow, debuggable
+twin; on traced values every operation adds an instruction to the LLVM function that a `Tracer` builds. `where` chooses
+lane by lane, and what stands below `when_any` is left out where no lane asks for it, so it must leave all other lanes
+as they are. No fast-math flag is ever set: a lane's arithmetic is fixed by the source, whatever its neighbours do.
 """
 
 from __future__ import annotations
@@ -433,7 +429,9 @@ class Cell:
     @property
     def now(self) -> Any:
         """Its value."""
-        return self._x if self._trace is None else self._form(self._trace, self._trace.builder.load(self._place))
+        if self._trace is not None:
+            return self._form(self._trace, self._trace.builder.load(self._place))
+        return self._x.copy() if isinstance(self._x, np.ndarray) else self._x  # `cell.now |= x` changes arrays in place
 
     @now.setter
     def now(self, x: Any) -> None:

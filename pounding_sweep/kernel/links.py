@@ -2,8 +2,7 @@
 
     F = k d + c d',    d = u_left - u_right
 
-F pulls the left floor back and the right one along. Floors x and their rates y are given as sequences of
-all floors, or as names of rows.
+Floors x and their rates y are sequences of all floors, or names of rows.
 """
 
 from __future__ import annotations

@@ -1,19 +1,12 @@
-"""Exact steps of modes, any number side by side: lanes of a kernel, or arrays of NumPy's.
+"""Exact steps of modes, any number side by side: lanes of a kernel, or arrays of NumPy's (Nigam & Jennings 1969).
 
-Between impacts a building is linear, and the ground acceleration is linear
-between record points; over a step h the state x = (q, q') of a mode then moves by
+The ground acceleration being linear over a step h, the state x = (q, q') moves by x' = A x + p g0 + q g1. A, p and q
+follow from exp(Z), phi1(Z) = (exp(Z) - 1) / Z and phi2(Z) = (exp(Z) - 1 - Z) / Z**2 of
 
-    x' = A x + p g0 + q g1
+    Z = [[0, 1], [-(w h)**2, -2 zeta w h]]
 
-without error at any h (Nigam & Jennings 1969). Rayleigh damping leaves the modes
-apart, so that A, p and q follow from functions of a 2 x 2 matrix per mode:
-
-    Z = [[0, 1], [-(w h)**2, -2 zeta w h]],    exp(Z),    phi1(Z), phi2(Z)
-
-with phi1(z) = (e**z - 1) / z and phi2(z) = (e**z - 1 - z) / z**2. By Cayley and
-Hamilton each of them is f0 + f1 Z with two real numbers, found from the power
-series of a halved Z and by doubling it again: one formula for modes that are
-under-, critically and over-damped.
+each f0 + f1 Z with two real numbers, by the power series of a halved Z and by doubling it again: one formula for modes
+that are under-, critically and over-damped.
 """
 
 from __future__ import annotations

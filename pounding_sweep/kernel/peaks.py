@@ -1,8 +1,6 @@
-"""What is kept of the motion: extremes inside a step, energies, accelerations.
+"""What is kept of the motion: extremes inside a step, accelerations.
 
-Peaks are the extremes of the cubic through value and rate at both ends of a step. A
-trajectory only peaks in a step where its rate changes sign, so what turns in no lane is
-left out.
+Peaks are the extremes of the cubic through value and rate at both ends of a step, in which the rate changes its sign.
 """
 
 from __future__ import annotations

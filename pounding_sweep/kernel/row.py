@@ -1,12 +1,8 @@
 """The row of buildings: its equation of motion, its energies, its accelerations.
 
-A foundation: a rigid base under a building, that sways and rocks on springs and dashpots.
-
-Displacements U of floors are those relative to the free field: with the base's displacement u, its rotation
-theta and the elevation h of a floor, U = u + h theta + (the building's own), so that masses stay apart.
-A storey's drift is U_i - U_(i-1) - (h_i - h_(i-1)) theta, with u in place of U_0, and its shear V_i acts on both
-floors and, by its lever arm, on the rotation; Rayleigh's a m acts on motions relative to the base,
-w_i = U_i - u - h_i theta, and on the base by reaction:
+Displacements U of floors are those relative to the free field: with the displacement u and rotation theta of a rigid
+base and the elevation h of a floor, U = u + h theta + (the building's own), so that masses stay apart. A storey's drift
+is U_i - U_(i-1) - (h_i - h_(i-1)) theta, with u in place of U_0; Rayleigh's a m acts on w_i = U_i - u - h_i theta:
 
     m_f u''     = V_1 + a sum m_i w_i' - K_h u - c_h u' - m_f g''
     I   theta'' = sum V_i (h_i - h_(i-1)) + a sum m_i h_i w_i' - K_theta theta - c_theta theta'

@@ -1,14 +1,8 @@
 """Steps beside contacts whose forces are polynomials of the motion: series in time.
 
-While no contact changes its mode, and the ground acceleration is linear, the motion of a row
-whose contacts press by F = k d + c d', or by k d + c d d', is analytic. Its Taylor series
-
-    u(t) = sum over n of U_n (t / h)**n
-
-follows from the equation of motion by comparing powers of t / h (Moore 1966; Corliss & Chang
-1982). It holds all along the step: contacts' events, the peaks of forces and penetrations and
-the motion at any instant are read from it, so that a step needs no trial, and a contact
-a few steps.
+While no contact changes its mode, and the ground acceleration is linear, the motion of a row whose contacts press by
+F = k d + c d', or by k d + c d d', is analytic: u(t) = sum over n of U_n (t / h)**n follows from the equation of motion
+by comparing powers (Moore 1966; Corliss & Chang 1982). Events, peaks and the motion at any instant are read from it.
 """
 
 from __future__ import annotations

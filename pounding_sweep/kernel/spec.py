@@ -1,8 +1,7 @@
-"""What a kernel is compiled for, and where its numbers lie.
+"""What a kernel is compiled for, and where its numbers lie: `Slots` of `LANES` numbers each.
 
-A kernel is given groups of `LANES` scenarios of one scene shape, one law, one scheme
-and one set of reducers. Their numbers lie in slots of `LANES` numbers each; `Slots` says
-where. It advances as many of them side by side as a vector register holds.
+Groups of `LANES` scenarios have one scene shape, one law, one scheme and one set of reducers; a kernel advances as many
+of them side by side as a vector register holds.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Energies that buildings give to their contacts.
 
-What a building has given changes by the powers of its contacts and has its extremes where their sum changes its sign.
-In steps that are tried a scheme sums powers over its stages; about where they change their sign, the cubic through
-energies and powers at the ends of a sub-step tells. In steps by series they are looked for part by part. How much was
-given by then, the motion between the ends tells.
+What a building has given has its extremes where the sum of its contacts' powers changes its sign: about there in steps
+that are tried, by the cubic through energies and powers at the ends of a sub-step; part by part in steps by series.
 """
 
 from __future__ import annotations

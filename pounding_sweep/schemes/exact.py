@@ -1,10 +1,8 @@
-"""Exact flight between contacts, from one possible touch to the next; beside contacts, Runge-Kutta.
+"""Exact flight between contacts (Nigam & Jennings 1969), series or Runge-Kutta beside them.
 
-Between impacts a building is linear, and the ground acceleration is linear between record points, so that its motion is
-known without error at any instant (Nigam & Jennings 1969): see `pounding_sweep.kernel.flight`. Only floors that touch,
-or may in the step to come, are stepped, scenarios side by side in the lanes, each at its own time. One whose contacts
-are all open at a point of flight's grid, and none about to close, flies on at once, and comes back to its lane where it
-may touch next; one at its end leaves its lane to the next scenario.
+Only floors that touch, or may in the step to come, are stepped, scenarios side by side in the lanes, each at its own
+time. One whose contacts are all open at a point of flight's grid, and none about to close, flies on at once, and comes
+back to its lane where it may touch next; one at its end leaves its lane to the next scenario.
 """
 
 from __future__ import annotations
@@ -164,7 +162,7 @@ class Flights:
 
     # inputs, results: rows of `LANES` scenarios, one after another; `count` of them in all
     # fill: fills flight's tables; `stops` are the points or blocks that these have
-    # kept: how many rows of the state a step leaves to the next
+    # persistent: how many rows of the state a step leaves to the next
     # note: keeps the motion after so many short steps, of one scenario, in lane 0
 
     def __init__(
@@ -175,89 +173,78 @@ class Flights:
         course: Course,
         scenarios: tuple[Rows, Rows, Any],
         tables: tuple[Callable[[], None], Any],
-        kept: Any,
+        persistent: Any,
         note: Callable[[Any], None] | None,
     ) -> None:
         self.group, self.ground, self.flight, self.course, self.note = group, ground, flight, course, note
         (self._inputs, self._results, self._count), (self._fill, self._stops) = scenarios, tables
-        self._kept = kept
+        self._persistent = persistent
         #: Short steps in one of flight's grid.
         self.short = ground.steps // ground.substeps
         self.settled = Cell(False)
-        self._note_point = None if note is None else lambda point: note(point * self.short)
 
     def serve(self) -> None:
         """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
-        for _ in when(self.course.next.now == 0):
+        group, flight, course, note = self.group, self.flight, self.course, self.note
+        note_point = None if note is None else lambda point: note(point * self.short)
+        for _ in when(course.next.now == 0):
             self._fill()
-        for lane in each_lane(self.course.leaves.now):
-            self._serve(lane)
-
-    def _serve(self, lane: Any) -> None:
-        group, flight, course = self.group, self.flight, self.course
-        has = Cell(course.busy.lane(lane) > 0.0)
-        self.settled.now = False
-        for _ in when(has.now):
-            self._leave(lane, course.at.lane(lane) // self.short)
-        for _ in while_any(lambda: not_(self.settled.now)):
-            for _ in when(not_(has.now)):
-                none_left = not_(course.next.now < self._count)
-                for _ in when(none_left):
-                    course.busy.put_lane(lane, 0.0)
-                    self.settled.now = True
-                for _ in when(not_(none_left)):
-                    self._begin(lane)
-                    has.now = True
+        for lane in each_lane(course.leaves.now):
+            has = Cell(course.busy.lane(lane) > 0.0)
+            self.settled.now = False
             for _ in when(has.now):
-                flight.fly(lane, self._note_point)
-                flight.enter(lane, flight.at.now)
-                # a record of one point has no step
-                hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
-                for _ in when(hits):
-                    course.at.put_lane(lane, flight.at.now * self.short)
-                    course.left.put_lane(lane, real(self.short))
-                    self.settled.now = True
-                for _ in when(not_(hits)):
-                    march.conclude(group)
-                    number = course.scenario.lane(lane)
-                    for row, mine in self._each(self._results, number):
-                        self._results.put_lane(mine, self._column(number), group.state.lane(row, lane))
-                    has.now = False
+                self._leave(lane, course.at.lane(lane) // self.short)
+            for _ in while_any(lambda: not_(self.settled.now)):
+                for _ in when(not_(has.now)):
+                    none_left = not_(course.next.now < self._count)
+                    for _ in when(none_left):
+                        course.busy.put_lane(lane, 0.0)
+                        self.settled.now = True
+                    for _ in when(not_(none_left)):
+                        self._begin(lane)
+                        has.now = True
+                for _ in when(has.now):
+                    flight.fly(lane, note_point)
+                    flight.enter(lane, flight.at.now)
+                    # a record of one point has no step
+                    hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
+                    for _ in when(hits):
+                        course.at.put_lane(lane, flight.at.now * self.short)
+                        course.left.put_lane(lane, real(self.short))
+                        self.settled.now = True
+                    for _ in when(not_(hits)):
+                        march.conclude(group)
+                        for row, place, column in self._each(self._results, course.scenario.lane(lane)):
+                            self._results.put_lane(place, column, group.state.lane(row, lane))
+                        has.now = False
 
-    @staticmethod
-    def _column(number: Any) -> Any:
-        return number - number // LANES * LANES
-
-    def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any]]:
-        """Go through the rows of a scenario: the row of the state, and its own."""
-        block, first = number // LANES * rows.size, self.group.state.first
+    def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
+        """Go through the rows of a scenario: the row of the state, its own, and its lane."""
+        block, first = number // LANES, self.group.state.first
         for name, n in rows.count.items():
             for i in count_to(n) if n > 8 else range(n):
-                yield first[name] + i, block + rows.first[name] + i
+                yield first[name] + i, block * rows.size + rows.first[name] + i, number - block * LANES
 
     def _leave(self, lane: Any, point: Any) -> None:
         """Take the scenario of a lane into flight, by the tables of its row of buildings."""
-        s, number, flight = self.group.state, self.course.scenario.lane(lane), self.flight
+        s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self._inputs
         flight.scale.now = s.lane(s.first["scale"], lane)
-        row = number * 0
-        if "tables" in self._inputs.first:
-            at = number // LANES * self._inputs.size + self._inputs.first["tables"]
-            row = rounded(self._inputs.lane(at, self._column(number)))
+        row, block = number * 0, number // LANES
+        if "tables" in inputs.first:
+            row = rounded(inputs.lane(block * inputs.size + inputs.first["tables"], number - block * LANES))
         flight.base.now = flight.layout.base(row, self._stops)
         flight.at.now = point
         flight.leave(lane, point)
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
-        group, course = self.group, self.course
-        number = course.next.now
-        for row in count_to(self._kept):
+        group, course, number = self.group, self.course, self.course.next.now
+        for row in count_to(self._persistent):
             group.state.put_lane(row, lane, 0.0)
-        for row, mine in self._each(self._inputs, number):
-            group.state.put_lane(row, lane, self._inputs.lane(mine, self._column(number)))
-        course.scenario.put_lane(lane, number)
-        course.busy.put_lane(lane, 1.0)
-        course.at.put_lane(lane, 0)
+        for row, place, column in self._each(self._inputs, number):
+            group.state.put_lane(row, lane, self._inputs.lane(place, column))
+        for cell, x in ((course.scenario, number), (course.busy, 1.0), (course.at, 0)):
+            cell.put_lane(lane, x)
         course.next.now = number + 1
         march.begin(group, self.ground.start(), side_by_side(group.trace, range(group.lanes)) == real(lane))
         if self.note is not None:
@@ -265,67 +252,46 @@ class Flights:
         self._leave(lane, constant(0))
 
 
-class Events:
-    """All scenarios of a kernel call, through the lanes of one group."""
+def run_scenarios(
+    group: Group, ground: Any, serve: Callable[[], None], course: Course, note: Callable[[Any], None] | None
+) -> None:
+    """Take all scenarios of a kernel call over the record, through the lanes of one group."""
+    # short steps in one of flight's grid, and in all
+    s, short, last = group.state, ground.steps // ground.substeps, ground.intervals * ground.steps
+    track = Table(group.trace, ground.track, group.lanes)
+    group.number = lambda: course.at.now
+    more = Cell(True)
 
-    # `ground` is the acceleration at the ends of all short steps, `serve` that of `Flights`
+    def ground_at(places: Any) -> Any:
+        safe = where(places < last, places, places * 0 + last)  # an idle lane may be at its end
+        numbers = [track.number(lane_of(safe, lane)) for lane in range(group.lanes)]
+        return s["scale"] * side_by_side(group.trace, numbers)
 
-    def __init__(
-        self,
-        group: Group,
-        ground: Any,
-        serve: Callable[[], None],
-        course: Course,
-        note: Callable[[Any], None] | None,
-    ) -> None:
-        self.group, self.ground, self.serve, self.course, self.note = group, ground, serve, course, note
-        #: Short steps in one of flight's grid, and in all.
-        self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
-        self._track = Table(group.trace, ground.track, group.lanes)
-        group.number = lambda: course.at.now
-
-    def run(self) -> None:
-        """Take all scenarios over the record."""
-        group, s, course = self.group, self.group.state, self.course
-        more = Cell(True)
-        for _ in while_any(lambda: more.now):
-            for _ in when(any_lane(course.leaves.now)):
-                self.serve()
-            more.now = any_lane(course.busy.now > 0.0)
-            if not group.eventful:
-                continue
-            for _ in when(more.now):
-                starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-                with when_any(starts):
-                    at = course.at.now
-                    march.begin_step(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
-                (series if group.spec.series else march).substep(group, self.ground.h)
-                self._go_on()
-
-    def _ground(self, places: Any) -> Any:
-        safe = where(places < self.last, places, places * 0 + self.last)  # an idle lane may be at its end
-        places = [lane_of(safe, lane) for lane in range(self.group.lanes)]
-        return self.group.state["scale"] * side_by_side(self.group.trace, [self._track.number(at) for at in places])
-
-    def _go_on(self) -> None:
-        """Find the lanes that leave: open at a point of flight's grid, or at the end of the record."""
-        group, s, course = self.group, self.group.state, self.course
-        over = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-        course.leaves.now = over & ~over
-        with when_any(over):
-            course.at.now = at = where(over, course.at.now + 1, course.at.now)
-            left = course.left.now - 1.0
-            whole_step = over & ~(left > 0.0)
-            course.left.now = where(whole_step, real(self.short), where(over, left, course.left.now))
-            closed, ends = forces.is_closed(group), over & (at >= self.last)
-            near = forces.is_near(group, self.ground.long) if group.touching else closed
-            stays = closed | near
-            stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
-            for _ in when(any_lane(over)) if self.note is not None else ():
-                assert self.note is not None
-                self.note(lane_of(at, 0))
-            course.leaves.now = ends | (whole_step & ~stays)
-            if march.needs_ends(group):
-                march.clear_forces(group, over & ~closed)
-            with when_any(ends):
-                samples(group, ends)
+    for _ in while_any(lambda: more.now):
+        for _ in when(any_lane(course.leaves.now)):
+            serve()
+        more.now = any_lane(course.busy.now > 0.0)
+        for _ in when(more.now) if group.eventful else ():
+            starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+            with when_any(starts):
+                march.begin_step(group, starts, ground_at(course.at.now), ground_at(course.at.now + 1), ground.h)
+            (series if group.spec.series else march).substep(group, ground.h)
+            # lanes leave where all is open at a point of flight's grid, or at the end of the record
+            over = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+            course.leaves.now = over & ~over
+            with when_any(over):
+                course.at.now = at = where(over, course.at.now + 1, course.at.now)
+                left = course.left.now - 1.0
+                whole_step = over & ~(left > 0.0)
+                course.left.now = where(whole_step, real(short), where(over, left, course.left.now))
+                closed, ends = forces.is_closed(group), over & (at >= last)
+                stays = closed | forces.is_near(group, ground.long) if group.touching else closed
+                stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
+                if note is not None:
+                    for _ in when(any_lane(over)):
+                        note(lane_of(at, 0))
+                course.leaves.now = ends | (whole_step & ~stays)
+                if march.needs_ends(group):
+                    march.clear_forces(group, over & ~closed)
+                with when_any(ends):
+                    samples(group, ends)

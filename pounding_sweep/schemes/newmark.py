@@ -1,15 +1,11 @@
-"""Newmark's method; contact is implicit.
-
-Acceleration form: predictors
+"""Newmark's method, in acceleration form; contact is implicit.
 
     u~ = u + h v + h^2 (1/2 - beta) a,    v~ = v + h (1 - gamma) a
+    (M + gamma h C + beta h^2 K) a' = -M g' - C v~ - K u~ (+ contact)
+    u' = u~ + beta h^2 a',    v' = v~ + gamma h a'
 
-then (M + gamma h C + beta h^2 K) a' = -M g' - C v~ - K u~ (+ contact), and
-u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per building.
-
-The contact forces at the end of the step solve the contact law together with the end state that they themselves change.
-Each contact sees the row through one compliance, so each is one scalar equation, solved within a bracket; the contacts
-are swept until none changes any more (block Gauss-Seidel).
+Each contact sees the row through one compliance, so its force at the end of the step is one scalar equation, solved
+within a bracket; the contacts are swept until none changes any more (block Gauss-Seidel).
 """
 
 from __future__ import annotations
