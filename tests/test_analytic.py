@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact, sdof_exact
-from numpy.polynomial import Polynomial
 from scipy.integrate import cumulative_simpson
-from scipy.interpolate import BPoly, PPoly
-from scipy.special import factorial, gamma
+from scipy.special import gamma
 from test_naive import NOMINAL, REALISED
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import cubic_turns, extreme, septic_extremes
-from pounding_sweep.kernel.roots import Series, cubic, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
@@ -442,76 +437,3 @@ def test_gap_and_motion_scaled_together_scale_the_answer(law, method):
         for name in names:
             want = one[name].fillna(0.0).values * factor**power
             near(other[name].fillna(0.0).values, want, 1e-9)
-
-
-@pytest.mark.parametrize("h", [0.1, 0.4, 0.8])
-def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
-    for share in np.linspace(0.02, 0.98, 25):
-        start, end = 0.5 * np.pi - share * h, 0.5 * np.pi + (1.0 - share) * h
-        quintic = BPoly.from_derivatives([0.0, h], [sine_rates(start, 3), sine_rates(end, 3)])
-        rates = [PPoly.from_bernstein_basis(quintic)(0.0, n) for n in range(6)]
-        powers = [rate * h**n / factorial(n) for n, rate in enumerate(rates)]
-        assert abs(extreme(Series.of(*powers), h * np.cos(end), nearer=True) - 1.0) < 8e-5 * h**6
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2])
-def test_the_extremes_of_a_cubic_are_those_of_its_finest_points(turns):
-    """Where it turns twice its rates at the ends have one sign, as those of an energy that contacts give and take."""
-    rng, n = np.random.default_rng(turns), 64
-    inside = np.sort(rng.uniform(0.05, 0.95, (n, 2)), axis=1)
-    beyond = rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1.1, 3.0, (n, 2))
-    roots = np.where(np.arange(2) < turns, inside, beyond)
-    course = [Polynomial.fromroots(each).integ(k=rng.normal()) * rng.choice([-1.0, 1.0]) for each in roots]
-    course += [Polynomial([0.0, s, -0.7 * s]) for s in (-1.0, 1.0)] * (turns == 1)  # a parabola
-    course += [Polynomial([1.0]), Polynomial([1.0, 2.0])] * (turns == 0)
-    x0, x1, s0, s1 = (np.array([each.deriv(k)(t) for each in course]) for k in (0, 1) for t in (0.0, 1.0))
-    fine = np.array([each(np.linspace(0.0, 1.0, 4001)) for each in course])
-    with np.errstate(all="ignore"):
-        curve = cubic(x0, x1, s0, s1)
-        found = np.array([x0, x1, *map(curve.value, cubic_turns(curve))])
-    room = 1e-6 * np.ptp(fine, axis=1).max()
-    np.testing.assert_allclose(found.max(axis=0), fine.max(axis=1), rtol=0, atol=room)
-    np.testing.assert_allclose(found.min(axis=0), fine.min(axis=1), rtol=0, atol=room)
-
-
-def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():
-    """Without acceleration at the start of the step, where Newton's first guess leads out of it."""
-    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(4, x), lanes_where=lambda x: np.full(4, x))
-    early = np.array([1e-3, 1e-2, 3e-2, 1e-1])  # rates there, times the step
-    coefficients = (0.0 * early, early, 0.0 * early, -1.0 / 6.0 + 0.0 * early)
-    found = np.sqrt(2.0 * early) * early * (2.0 / 3.0)  # at t = sqrt(2 * early)
-    course = Series(lambda n: coefficients[n], 3)
-    start, end = (
-        (course.value(t), course.rate.value(t), course.rate.rate.value(t), -1.0 + 0.0 * early) for t in (0.0, 1.0)
-    )
-    turns = np.full(4, True)
-    np.testing.assert_allclose(septic_extremes(lanes, turns, start, end)[0], found, rtol=1e-4)
-    at = turn(lanes, turns, 3, course.rate.with_slope, (0.0, 1.0), (start[1], end[1]))
-    np.testing.assert_allclose(at, np.sqrt(2.0 * early), rtol=0, atol=1e-3)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_the_extremes_of_a_septic_are_those_of_its_finest_points(seed):
-    """However often it turns, in lanes that are asked for; those of others are their ends."""
-    rng, n = np.random.default_rng(seed), 64
-    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(n, x), lanes_where=lambda x: np.full(n, x))
-    course = [Polynomial.fromroots(roots).integ(k=rng.normal()) for roots in rng.uniform(-0.7, 1.7, (n, 6))]
-    start, end = ([np.array([each.deriv(k)(t) for each in course]) for k in range(4)] for t in (0.0, 1.0))
-    fine = np.array([each(np.linspace(0.0, 1.0, 4001)) for each in course])
-    most, least, asked = fine.max(axis=1), fine.min(axis=1), rng.random(n) < 0.7
-    room = 2e-3 * (most - least)
-    above, below = septic_extremes(lanes, asked, start, end)
-    np.testing.assert_array_less(
-        np.abs([above - most, below - least])[:, asked], np.broadcast_to(room, (2, n))[:, asked]
-    )
-    for found, ends in ((above, np.maximum(start[0], end[0])), (below, np.minimum(start[0], end[0]))):
-        np.testing.assert_array_equal(found[~asked], ends[~asked])
-    beyond = septic_extremes(lanes, asked, start, end, (most - room, least - 1.0))[0]
-    np.testing.assert_array_equal(beyond, above)
-    beyond = septic_extremes(lanes, asked, start, end, (most + 1.0, least + room))[1]
-    np.testing.assert_array_equal(beyond, below)
-    assert ((np.diff(np.sign(np.diff(fine))) != 0).sum(axis=1) > 1).sum() > 20
-
-
-def sine_rates(t, many):
-    return [np.sin(t + 0.5 * np.pi * n) for n in range(many)]

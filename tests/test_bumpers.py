@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 import xarray as xr
 from against_twin import check_twin, errors, motion, number_of, simulate, truth
 from kernels_used import BUMPED, BUMPER, PADDED
-from scenes import OUTPUTS, pair
+from scenes import pair
 from test_analysis_gaps import told
 
 import pounding_sweep as ps
@@ -20,7 +18,6 @@ from pounding_sweep.analysis import gap_for_probability, required_gap
 from pounding_sweep.base.errors import InputError, LawError, SweepError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
-from pounding_sweep.kernel.spec import from_json, to_json
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
 from pounding_sweep.outputs.variables import Status, reducers_for
@@ -130,22 +127,6 @@ def test_pressing_that_a_row_ends_early_is_cut_at_zero():
     assert float(abs(found.energy_residual)) < 1e-5
 
 
-def test_a_stiff_end_counts_as_the_shorter_contact_that_it_is():
-    """Else steps that are too long for it would pass as good."""
-    soft, hard = (ps.rubber_bumper(0.01, stop=stop, key=f"pad{stop:g}") for stop in (1.0, 100.0))
-    from pounding_sweep.kernel.group import LaneLaw as Formulas
-
-    shapes = [kernel_shape(SCENE, law, Numerics("rk4", 1e-3), frozenset()).law for law in (soft, hard)]
-    slow, fast = (
-        [float(Formulas(shape, 4, 1e-16).duration(np.full(1, K), np.full(1, v), 40.0)[0]) for v in (0.01, 0.5)]
-        for shape in shapes
-    )
-    assert slow[0] == pytest.approx(fast[0], rel=1e-12)  # it does not reach its end
-    assert 5.0 < slow[1] / fast[1] < 20.0
-    slope = float(formulas.on_arrays(hard.elastic_slope, d=0.02, k=K))
-    assert np.pi * np.sqrt(40.0 / slope) == pytest.approx(fast[1], rel=0.5)
-
-
 # -- in sweeps ---------------------------------------------------------------------------------------------------------
 
 
@@ -198,12 +179,6 @@ def test_what_never_touches_is_told_by_the_gap_that_bumpers_leave():
     }
 
 
-def test_a_sweep_keeps_its_bumpers():
-    again = Law(**dataclasses.asdict(BUMPER))
-    assert again == BUMPER
-    assert sweep().plan().digest != sweep(laws=[ps.rubber_bumper(0.009, key="bumper")]).plan().digest
-
-
 # -- of pairs ---------------------------------------------------------------------------------------------------------
 
 
@@ -235,22 +210,6 @@ def test_bumpers_of_the_law_of_the_sweep_change_nothing(method):
 
 
 # -- what is compiled --------------------------------------------------------------------------------------------------
-
-
-def test_a_scene_without_bumpers_asks_for_the_kernel_that_it_had():
-    numerics = Numerics("rk4", 1e-3)
-    plain = kernel_shape(replace(BUMPED, bumpers=[]), LAWS["linear"], numerics, reducers_for(OUTPUTS))
-    assert (plain.bumpers, plain.bumped, plain.n_gaps) == ((), (), 3)
-    assert [gap for *_, gap in plain.contacts] == [0, 0, 1, 1, 2, 2]
-    mine = kernel_shape(BUMPED, LAWS["linear"], numerics, reducers_for(OUTPUTS))
-    assert mine.bumped == (1, 1, 0, 0, 2, 0)
-    assert from_json(json.loads(json.dumps(to_json(mine)))) == mine
-    # under no pounding bumpers do not act
-    still = kernel_shape(BUMPED, LAWS["none"], numerics, reducers_for(OUTPUTS))
-    assert still == replace(plain, law=None, contacts=(), reducers=still.reducers)
-    # two bumpers of one law are one law
-    twice = replace(BUMPED, bumpers=[replace(STOP, storeys=[1]), replace(STOP, storeys=[2], stiffness=1e5)])
-    assert kernel_shape(twice, LAWS["linear"], numerics, frozenset()).bumped == (0, 0, 0, 0, 1, 1)
 
 
 def test_contacts_of_each_law_have_a_status_of_their_own():

@@ -13,16 +13,12 @@ from against_twin import motion, simulate, twins
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FRAMED, STAGGERED
-from kinds import mirrored
 from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError
-from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
-from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import column_shares, column_softness
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.outputs.variables import reducers_for
 
 #: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.
 PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
@@ -63,42 +59,11 @@ def test_what_strikes_what():
     np.testing.assert_allclose(1.0 / (1.0 / 8e5 + np.array(twin.softness[:4])), stiffness, rtol=1e-12)
 
 
-def test_a_mirrored_row_has_mirrored_contacts():
-    there = {(c.storey, c.struck, round(c.xi, 12), round(c.mass, 9)) for c in STAGGERED.contacts}
-    back = {
-        (c.storey, -1 if c.struck < 0 else 1 - c.struck, round(c.xi, 12), round(c.mass, 9))
-        for c in mirrored(STAGGERED)[0].contacts
-    }
-    assert there == back
-
-
 def test_a_slab_strikes_at_its_middle():
     a = ps.Building("a", [1.0], [1e3], slab_depths=[0.5])
     b = ps.Building("b", [1.0], [1e3], storey_heights=[4.0])
     (contact,) = ps.Scene([a, b], [0.1], contacts="floors and columns").contacts
     assert (contact.struck, contact.xi) == (1, 2.75 / 4.0)
-
-
-def test_level_rows_have_the_same_kernels():
-    level = ps.Scene([ps.Building("a", [1.0] * 2, [1e3] * 2), ps.Building("b", [1.0], [1e3])], [0.1])
-    also = replace(level, contacts="floors and columns")
-    assert also == level
-    shape = kernel_shape(level, LAWS["hertz"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"]))
-    assert kernel_shape(also, LAWS["hertz"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"])) == shape
-    assert shape.struck == ()
-    assert also.contacts.asked == replace(also, gaps=[0.2]).contacts.asked == "floors and columns"
-
-
-def test_heights_and_stiffnesses_need_no_kernel_of_their_own():
-    other = replace(
-        STAGGERED, row=[STAGGERED.row[0], replace(STAGGERED.row[1], storey_heights=[2.5, 3.4]), STAGGERED.row[2]]
-    )
-    shapes = [
-        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"]))
-        for scene in (STAGGERED, other)
-    ]
-    assert shapes[0] == shapes[1]
-    assert shapes[0].struck == (1, 0, 0, -1)
 
 
 def test_what_the_model_does_not_cover_is_refused():
@@ -257,14 +222,20 @@ def test_the_sweep_to_copy_equals_the_twin():
     np.testing.assert_allclose(got.displacement_max, want["displacement_max"][:2], rtol=1e-6)
 
 
-def test_columns_of_a_storey_that_may_yield_are_not_struck():
-    def row(**more):
-        low, high = (
-            ps.Building("low", [50.0], [1e4], storey_heights=[4.0]),
-            ps.Building("high", [50.0] * 2, [1e4] * 2, **more),
-        )
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"yield_strengths": [100.0, 100.0]}, "strength inf"),
+        ({"p_delta": True}, "with p_delta"),
+        ({"foundation": ps.Foundation(70.0, 500.0, 2.5e5, 6e6)}, "on a foundation"),
+    ],
+)
+def test_columns_whose_shape_is_not_known_are_not_struck(options, why):
+    def row(**options):
+        low = ps.Building("low", [50.0], [1e4], storey_heights=[4.0])
+        high = ps.Building("high", [50.0] * 2, [1e4] * 2, **options)
         return ps.Scene([low, high], gaps=[0.01], contacts="floors and columns", allow_unmet=True)
 
     assert any(contact.struck >= 0 for contact in row(yield_strengths=[100.0, float("inf")]).contacts)
-    with pytest.raises(SceneError, match=r"strike columns whose shape is not known.*strength inf"):
-        row(yield_strengths=[100.0, 100.0])
+    with pytest.raises(SceneError, match=rf"strike columns whose shape is not known.*{why}"):
+        row(**options)

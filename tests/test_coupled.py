@@ -10,21 +10,13 @@ from against_twin import motion, simulate
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LEANING_YIELDS, LINKED
-from kinds import DASHED, TIED, TOWER, YIELDING_LINKED
-from scenes import EVERY, pair
-from scipy.linalg import expm
-from test_flight import view_of
+from kinds import DASHED
 from test_links import exact, matrices
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.flight import fixed_tables, flight_tables
-from pounding_sweep.engine.kernel import make_group, width
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
-from pounding_sweep.kernel.flight import HEAD, Flight, Layout
-from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
-from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
 
 A, B = LINKED.buildings
@@ -130,49 +122,6 @@ def test_variants_have_modes_of_their_own():
     assert which.tolist() == [0, 1, 0]
 
 
-# -- bounds ------------------------------------------------------------------------------------------------------------
-
-
-@given(st.integers(0, 10_000), coefficient, coefficient, st.floats(-2.0, 0.3))
-def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
-    """What is watched, forces of links too, and its excursion from a chord, of any free motion."""
-    scene = replace(LINKED, row=[replace(A, dashpots=[0.0, dashpot]), B], links=[ps.Link("a-b", [2], 2e4, damping)])
-    kernel = RowKernel(scene, LAWS["linear"], Numerics("exact", 1e-3), reducers_for(EVERY))
-    layout = Layout(make_group(kernel.shape, None, width("float64"), kernel.constants()))
-    h = 10.0**log_turn / float(coupled_modes(variants_of(scene)).w.max())
-    fixed, decays = fixed_tables(layout, variants_of(scene), np.zeros(3), h, "float64")
-    table = flight_tables(layout, 3, fixed)
-    flight = Flight(make_group(kernel.shape, None, width("float64"), kernel.constants()), table, 3)
-    flight.base.now = layout.base(0, 3)
-    flight.put_decays(None, decays, HEAD + 3)
-    n, count = scene.n_dof, len(layout.watched)
-    view = {name: view_of(layout, table, name, 3) for name in (*layout.shared, *layout.fixed)}
-    rng = np.random.default_rng(seed)
-    x = rng.standard_normal(2 * n) * 10.0 ** rng.uniform(-2, 2, 2 * n) / energy_scales(scene)
-    by = [view[name].reshape(n, -1)[:, :n] for name in ("modal", "modal_qv", "modal_pu", "modal_pv")]
-    q, p = x[:n] @ by[0] + x[n:] @ by[1], x[:n] @ by[2] + x[n:] @ by[3]
-    amplitude = np.hypot(q, p * view["slowness"][:n])
-    reach, high = (amplitude @ view[name].reshape(n, -1)[:, :count] for name in ("bound", "bulge"))
-    a, states = state_matrix(scene), [x]
-    step = expm(a * h / 50)
-    for _ in range(500):
-        states.append(step @ states[-1])
-    states = np.array(states)
-    rows = []
-    for each in layout.watched:
-        weights, rates = np.array(each.weights), np.array(each.rates or np.zeros(n))
-        rows.append(weights @ a[n:] if each.kind == 2 else np.concatenate([weights, rates]))
-    assert any(each.rates for each in layout.watched)
-    value = states @ np.array(rows).T
-    slack = 1e-7 * np.abs(value).max(axis=0) + 1e-9 * reach
-    shape, rate = (view[name].reshape(count, n) for name in ("shape", "shape_rate"))
-    assert (np.abs(shape @ q + rate @ (h * p) - value[0]) <= slack).all()
-    assert (np.abs(value) <= reach + slack).all()
-    for k in range(0, 500, 50):
-        part, share = value[k : k + 51], np.linspace(0.0, 1.0, 51)[:, None]
-        assert (np.abs(part - (part[0] + (part[-1] - part[0]) * share)) <= high + slack).all()
-
-
 # -- against exact answers and the twin --------------------------------------------------------------------------------
 
 
@@ -197,28 +146,7 @@ def test_a_falling_storey_has_fallen_in_flight_too():
         assert np.isnan(cube.drift_max).all()
 
 
-# -- sweeps ------------------------------------------------------------------------------------------------------------
-
-
-def test_rows_without_them_ask_for_the_kernel_that_they_had():
-    """Nothing of coupled modes is in its tables."""
-    numerics = Numerics("exact", 1e-3)
-    plain, tied = (kernel_shape(each, LAWS["linear"], numerics, reducers_for(EVERY)) for each in (pair(), TIED))
-    assert (plain.coupled, tied.coupled) == (False, True)
-    mine, other = (Layout(make_group(each, None, 8, None)) for each in (plain, tied))
-    more = {*other.fixed, *other.shared} - {*mine.fixed, *mine.shared}
-    assert {"shape_rate", "floors_vq", "floors_vp", "modal_qv", "modal_pu", "powers", "nodes"} < more
-    assert plain.flocks == [(0, 2), (2, 2)]
-    assert tied.flocks == [(0, 4)]
-    assert kernel_shape(TOWER, LAWS["none"], numerics, ()).flocks == [(0, 17)]
-
-
 # -- what it refuses ---------------------------------------------------------------------------------------------------
-
-
-def test_all_schemes_take_dashpots_links_and_weights_on_yielding_storeys():
-    for scene in (DASHED, TIED, YIELDING_LINKED, LEANING_YIELDS):
-        assert {name: scheme.refuses(scene) for name, scheme in SCHEMES.items()} == dict.fromkeys(SCHEMES)
 
 
 def test_modes_that_a_number_format_can_not_hold_are_refused():

@@ -262,9 +262,6 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
 def test_what_does_not_go_with_a_foundation_is_refused():
     with pytest.raises(SceneError, match="p_delta and a foundation do not go together"):
         replace(LEANING.buildings[0], foundation=SOFT)
-    low = replace(B, storey_heights=[2.0, 3.5])
-    with pytest.raises(SceneError, match=r"strike columns whose shape is not known.*on a foundation"):
-        ps.Scene([A, low], [0.01], contacts="floors and columns", storeys={"a-b": [1]})
     message = (
         "'exact' flies in modes of buildings on a fixed base, and building 'a' stands on a foundation; give one of"
     )

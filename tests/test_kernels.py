@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import check_twin, error_by_step, errors, motion, simulate, truth, twins
+from against_twin import check_twin, error_by_step, errors, motion, simulate, twins
 from kernels_used import SMOOTH, SMOOTHING
 from kinds import YIELDS
 from naive import modal_exact, run
@@ -133,19 +133,6 @@ OTHER_ROWS = [
 @pytest.mark.parametrize(("row", "law", "points", "method", "dt", "bound"), OTHER_ROWS)
 def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
     check(row, law, points, 3.0 if row == "tall" else 1.0, method, dt, bound)
-
-
-@pytest.mark.slow
-def test_rows_hold_what_they_are_meant_to():
-    assert [len(ROWS[row].buildings) for row in ("pair", "paper", "four", "uneven", "tall")] == [2, 3, 4, 2, 2]
-    assert not row_kernel("tall", "linear", "rk4", 1e-3).shape.fused
-    assert row_kernel("paper", "linear", "rk4", 1e-3).shape.fused
-    touched = truth(ROWS["uneven"], "kelvin_voigt", 101, 1.0)["impact_count"]
-    assert len(touched[0]) == 1  # the low roof and the high building's own roof
-    assert touched[0][0] > 0
-    assert len(touched[1]) == 2
-    assert max(touched[1]) > 0  # the wall is hit
-    assert max(truth(ROWS["four"], "hertz_damped", 101, 1.0)["impact_count"][0]) > 0
 
 
 # -- order of convergence ----------------------------------------------------------------------------------------------

@@ -12,9 +12,8 @@ from scenes import scene_of_case
 from scipy.linalg import eigh
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SceneError
 from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
@@ -155,20 +154,6 @@ def test_a_storey_rests_where_its_weight_and_its_spring_agree():
 # -- what is compiled, stored and told ---------------------------------------------------------------------------------
 
 
-def test_an_elastic_row_asks_for_the_kernel_that_it_had():
-    """Weights are numbers alone; shears of storeys that yield are what needs them by name."""
-    numerics = Numerics("rk4", 1e-3)
-    for law in ("none", "linear"):
-        shapes = [kernel_shape(s, LAWS[law], numerics, reducers_for(OUTPUTS)) for s in (LEANING, upright(LEANING))]
-        assert shapes[0] == shapes[1]
-    for outputs, asks in ((OUTPUTS, True), (["drift_max"], False)):
-        mine, own = (
-            kernel_shape(s, LAWS["none"], numerics, reducers_for(outputs))
-            for s in (LEANING_YIELDS, upright(LEANING_YIELDS))
-        )
-        assert mine == replace(own, p_delta=asks)
-
-
 def test_a_scenario_of_a_sweep_is_its_row():
     """The row of one scenario has the periods that the factor says, under its weights."""
     case = Case("none", period_factors={"a": 1.5}, mass_factors={"a": 2.0})
@@ -187,13 +172,3 @@ def test_a_row_in_words_tells_how_near_it_is_to_falling():
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
-
-
-def test_columns_of_a_leaning_building_are_not_struck():
-    row = [
-        ps.Building("a", [100.0], [1e5], storey_heights=[4.0]),
-        ps.Building("b", [100.0] * 2, [1e5] * 2, p_delta=True),
-    ]
-    with pytest.raises(SceneError, match=r"strike columns whose shape is not known.*with p_delta"):
-        ps.Scene(row, [0.01], contacts="floors and columns")
-    ps.Scene(row, [0.01], allow_unmet=True)

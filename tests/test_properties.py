@@ -207,34 +207,6 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
     assert varied == {"p_m", "p_im", "p_k", "p_alpha", "p_beta"} | contact
 
 
-def test_flights_suit_the_fastest_of_a_chunk():
-    scene, record = tall(), motions()[0]
-    variants = some_variants(scene, 30)
-    kernel = RowKernel(
-        scene, get_law("linear"), Numerics("exact", 0.001, refinement=2.0), frozenset({"force"}), varied=True
-    )
-    each = kernel.flight_substeps(record, variants)
-    want = [
-        RowKernel(s, get_law("linear"), Numerics("exact", 0.001, refinement=2.0), frozenset({"force"})).flight_substeps(
-            record
-        )[0]
-        for s in scenes_of(variants)
-    ]
-    assert each.tolist() == want
-    assert len(set(want)) > 2
-    sweep = Sweep(
-        scene, record, "linear", gaps=[0.001, 0.002], period_factors={"a": ps.Range(0.1, 3.0, 40)}, method="exact"
-    )
-    plan = sweep.plan()
-    kinds = set()
-    for chunk in plan.chunks(np.arange(len(plan.unique))):
-        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        steps = kernel.flight_substeps(record, plan.variants[plan.unique.variant[chunk.rows]])
-        assert len(set(steps.tolist())) == 1  # so that a result does not depend on how scenarios are cut
-        kinds |= set(steps.tolist())
-    assert len(kinds) > 1
-
-
 # -- sweeps ------------------------------------------------------------------------------------------------------------
 
 
@@ -323,15 +295,6 @@ def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios(stub_engin
 
 def plan_of(scene=None, **changes):
     return make_plan(build_spec(scene=scene or row(), **{**WHOLE, "records": motions(), **changes}))
-
-
-def test_a_scene_that_does_not_vary_holds_and_computes_nothing_more():
-    for axes in ({}, {"period_factors": {"a": 1.0}, "damping_ratios": 0.05}):
-        plan = plan_of(**axes)
-        assert len(plan.variants) == 1
-        assert not plan.unique.variant.strides[0]  # one number, repeated
-        assert not any(shape.varied for shape in plan.shapes())
-    assert all(shape.varied for shape in plan_of(damping_ratios=0.04).shapes())
 
 
 def test_runs_without_pounding_are_shared_by_what_they_have_in_common():

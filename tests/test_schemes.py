@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from hypothesis import strategies as st
 from scenes import row
 from scipy.linalg import expm
 
-import pounding_sweep
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import property_slots
@@ -112,14 +109,6 @@ def test_the_same_scheme_everywhere():
         assert scheme.ladder_in("float64") == tuple(sorted(scheme.ladder))
         assert set(scheme.ladder_in("float32")) < set(scheme.ladder) or not scheme.ladder
         assert ((name, "float64") in advice.load_measured().cost) == bool(scheme.ladder)
-
-
-def test_nobody_else_compares_the_name_of_a_scheme():
-    name = f'"({"|".join(SCHEMES)})"'
-    compared = re.compile(rf"[!=]= {name}|{name} [!=]=|\bin [(\[{{]{name}")
-    folder = Path(pounding_sweep.__file__).parent
-    found = [path for path in folder.rglob("*.py") if compared.search(path.read_text(encoding="utf-8"))]
-    assert [path for path in found if path.parent.name != "schemes"] == []
 
 
 def test_accuracy_says_which_scheme_was_not_measured(monkeypatch):

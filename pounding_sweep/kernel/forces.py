@@ -13,7 +13,6 @@ The force in any mode is that of the stiffness ``ke`` and the damping ``ce``.
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -53,27 +52,6 @@ OVER = 1.05
 BEYOND = 0.25
 #: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
 GRADED = 0.8
-
-
-@dataclass(frozen=True)
-class Onset:
-    """Onsets of a contact in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
-
-    contact: Contact
-    lanes: Any
-    fresh: Any
-    speed: Any
-    time: Any
-
-
-@dataclass(frozen=True)
-class Sample:
-    """A contact at the end of an unlocated step of length `h`: where it is closed, and its penetration."""
-
-    contact: Contact
-    closed: Any
-    d: Any
-    h: Any
 
 
 def is_capped(group: Group) -> bool:
@@ -403,10 +381,10 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
 
 
 def note_onset(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
-    """Tell reducers of an onset."""
+    """Tell reducers of onsets in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
     for reducer in contact.group.reducers:
         if reducer.touch:
-            reducer.touch(contact.group, Onset(contact, lanes, fresh, speed, time))
+            reducer.touch(contact, lanes, fresh, speed, time)
 
 
 def is_closed(group: Group) -> Any:

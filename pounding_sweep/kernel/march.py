@@ -106,7 +106,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         forces.note_onset(contact, fresh, fresh, speed, time)
         for reducer in group.reducers:
             if reducer.plain:
-                reducer.plain(group, forces.Sample(contact, closed, d, h))
+                reducer.plain(contact, closed, d, h)
         fastest = None
         if law.shape.per_speed:
             fastest = maximum(where(fresh, speed, contact.vrun), v)

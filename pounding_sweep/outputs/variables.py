@@ -16,8 +16,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel import bouc_wen, hysteresis, links
-from pounding_sweep.kernel.forces import Onset, Sample
-from pounding_sweep.kernel.group import Group, Storey
+from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
@@ -188,10 +187,12 @@ class Reducer:
     #: where that is asked for and the row is short
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
     step: Callable[[Group], None] | None = None  # what it does after each located step and sub-step
-    touch: Callable[[Group, Onset], None] | None = None  # what it does at the onset of a contact
+    #: what it does at onsets of a contact, in some lanes, of which some count as ones of their own, at a rate and a time
+    touch: Callable[[Contact, Any, Any, Any, Any], None] | None = None
     #: what it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open)
     substep: Callable[[Group], None] | None = None
-    plain: Callable[[Group, Sample], None] | None = None  # about a contact at the end of an unlocated step
+    #: about a contact at the end of an unlocated step: where it is closed, its penetration, and the step's length
+    plain: Callable[[Contact, Any, Any, Any], None] | None = None
 
 
 #: Relative error beyond which the peaks of a scenario are wrong, where no other was asked for.
@@ -329,24 +330,24 @@ def _first_time(results: KernelResults) -> np.ndarray:
     return np.where(times < 0, np.nan, times)
 
 
-def _count(group: Group, at: Onset) -> None:
-    at.contact.count += where(at.fresh, 1.0, 0.0)
+def _count(contact: Contact, lanes: Any, fresh: Any, *_: Any) -> None:
+    contact.count += where(fresh, 1.0, 0.0)
 
 
-def _first(group: Group, at: Onset) -> None:
-    at.contact.put(at.lanes & (at.contact.tfirst < 0.0), tfirst=at.time)
+def _first(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
+    contact.put(lanes & (contact.tfirst < 0.0), tfirst=time)
 
 
-def _fastest(group: Group, at: Onset) -> None:
-    at.contact.put(at.lanes, vmax=maximum(at.contact.vmax, at.speed))
+def _fastest(contact: Contact, lanes: Any, fresh: Any, speed: Any, *_: Any) -> None:
+    contact.put(lanes, vmax=maximum(contact.vmax, speed))
 
 
-def _deepest(group: Group, at: Sample) -> None:
-    at.contact.dmax = maximum(at.contact.dmax, at.d)
+def _deepest(contact: Contact, closed: Any, d: Any, *_: Any) -> None:
+    contact.dmax = maximum(contact.dmax, d)
 
 
-def _closed(group: Group, at: Sample) -> None:
-    at.contact.tclosed += where(at.closed, at.h, 0.0)
+def _closed(contact: Contact, closed: Any, d: Any, h: Any) -> None:
+    contact.tclosed += where(closed, h, 0.0)
 
 
 def _closed_substep(group: Group) -> None:
