@@ -31,9 +31,9 @@ def horner(t: Any, coefficients: Sequence[Any]) -> Any:
     return x
 
 
-def with_slope(t: Any, coefficients: Sequence[Any]) -> tuple[Any, Any]:
-    """Value and slope of a polynomial of at least two coefficients, in halves as in `horner`."""
-    if len(coefficients) > 8:
+def with_slope(t: Any, coefficients: Sequence[Any], halves: bool = True) -> tuple[Any, Any]:
+    """Value and slope of a polynomial of at least two coefficients, in `halves` as in `horner`."""
+    if halves and len(coefficients) > 8:
         square = t * t
         (even, rise), (odd, lift) = (with_slope(square, coefficients[k::2]) for k in (0, 1))
         return fma(t, odd, even), fma(t + t, fma(t, lift, rise), odd)
@@ -64,9 +64,9 @@ class Series:
         """Its value."""
         return horner(t, [self.read(n) for n in range(self.order + 1)])
 
-    def with_slope(self, t: Any) -> tuple[Any, Any]:
+    def with_slope(self, t: Any, halves: bool = True) -> tuple[Any, Any]:
         """Its value, and that of its derivative."""
-        return with_slope(t, [self.read(n) for n in range(self.order + 1)])
+        return with_slope(t, [self.read(n) for n in range(self.order + 1)], halves)
 
     @property
     def rate(self) -> Series:

@@ -467,7 +467,7 @@ def _place(group: Group) -> None:
     """Find displacements and velocities at ``fraction``, of the step."""
     s, t, per = group.state, group.state["fraction"], _per(group)
     for i in group.each(group.spec.n_dof, straight=False):
-        s["u", i], rate = _floor(group, i).with_slope(t)
+        s["u", i], rate = _floor(group, i).with_slope(t, halves=not group.spec.yielding)
         s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
 
 

@@ -187,7 +187,7 @@ class Reducer:
     #: where that is asked for and the row is short
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
     step: Callable[[Group], None] | None = None  # what it does after each located step and sub-step
-    #: what it does at onsets of a contact, in some lanes, of which some count as ones of their own, at a rate and a time
+    #: what it does at onsets of a contact in some lanes, of which some count as ones of their own, at a rate and a time
     touch: Callable[[Contact, Any, Any, Any, Any], None] | None = None
     #: what it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open)
     substep: Callable[[Group], None] | None = None
