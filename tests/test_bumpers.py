@@ -162,23 +162,6 @@ def test_a_gap_has_room_for_its_bumpers(make, given, said):
     row_sweep(gaps=None)  # the narrow gap beside is that of bare floors
 
 
-def test_what_never_touches_is_told_by_the_gap_that_bumpers_leave():
-    plan = sweep(laws=[BUMPER, "linear"], gaps=[0.010, 0.014, 0.018], stiffnesses=None, stiffness_factors=1.0).plan()
-    alone = untouched(plan, np.full((len(plan.uncoupled_runs), 2), 0.006))
-    rows = {
-        (plan.laws[law].key, float(gap)): bool(told)
-        for law, (gap,), told in zip(plan.unique.law, plan.unique.gaps, alone, strict=True)
-    }
-    assert rows == {
-        ("bumper", 0.010): False,
-        ("bumper", 0.014): False,
-        ("bumper", 0.018): True,
-        ("linear", 0.010): True,
-        ("linear", 0.014): True,
-        ("linear", 0.018): True,
-    }
-
-
 # -- of pairs ---------------------------------------------------------------------------------------------------------
 
 

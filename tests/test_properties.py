@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from scenes import EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.tradeoff import find_touching
 from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -264,19 +263,6 @@ def test_results_do_not_depend_on_how_scenarios_are_cut(stub_engine, monkeypatch
     xr.testing.assert_identical(sweep.run(scheduler="threads", workers=2).drop_attrs(), whole.drop_attrs())
 
 
-def test_who_can_touch_follows_the_buildings(stub_engine):
-    gaps = [0.02, 0.06, 0.1, 0.15, 0.2]
-    settings = {"laws": "linear", "gaps": gaps, "records": motions()[0], "outputs": OUTPUTS}
-    plan = plan_of(**settings, period_factors=PERIODS, mass_factors=MASSES)
-    touching = find_touching(plan)
-    assert 0 < touching.sum() < len(touching)
-    for f, g in itertools.product(PERIODS["a"], MASSES["b"]):
-        mine = plan.variants.period_factor[plan.unique.variant, 0] == f
-        mine &= plan.variants.mass_factor[plan.unique.variant, 1] == g
-        own = plan_of(built(row(), {"a": f}, {"b": g}), **settings)
-        assert touching[mine].tolist() == find_touching(own).tolist()
-
-
 def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios(stub_engine):
     changes = {"records": motions(), "audit": 0.2, "laws": "kelvin_voigt", "dt": 0.002}
     sweep = Sweep(pair(), **{**WHOLE, **changes}, **AXES)
@@ -308,18 +294,6 @@ def test_runs_without_pounding_are_shared_by_what_they_have_in_common():
     assert not len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03], **AXES).uncoupled_to_run)
     assert len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03, 0.04], **AXES).uncoupled_to_run) == 24
     assert len(plan_of(laws="none", gaps=0.01, **AXES).uncoupled_to_run) == 24
-
-
-def test_neighbours_in_a_lane_are_those_most_alike():
-    """The longest axis is innermost."""
-    few_gaps = plan_of(
-        laws="linear", records=motions()[0], gaps=[0.02, 0.01], period_factors={"a": [1.2, 0.9, 1.0, 1.1]}
-    )
-    factor = few_gaps.variants.period_factor[few_gaps.unique.variant, 0]
-    assert factor.tolist() == [0.9, 1.0, 1.1, 1.2] * 2
-    assert few_gaps.unique.gaps[:, 0].tolist() == [0.01] * 4 + [0.02] * 4
-    many_gaps = plan_of(laws="linear", records=motions()[0], gaps=[0.02, 0.01, 0.03], period_factors={"a": [1.2, 0.9]})
-    assert many_gaps.unique.gaps[:, 0].tolist() == [0.01, 0.02, 0.03] * 2
 
 
 @given(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from pounding_sweep.model.laws import LAWS, Law
@@ -48,10 +50,12 @@ def largest_step(
         if law.damping == "viscous":
             contact_c = law.damping_coefficient(restitution, stiffness, variants.contact_masses.max(axis=1), basis)
     w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
-    weights = _contact_weights(scene) if decides else np.zeros(scene.n_dof)
-    links = _link_weights(scene)
+    bare = [contact for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True) if bumper is None]
+    weights = _row_sums(scene, [(contact.ends, 1.0, 0.0) for contact in bare if decides])[0]
+    ties = scene.linked_floors
+    links = _row_sums(scene, [([(x.left, 1.0), (x.right, 1.0)], x.stiffness, x.damping) for x in ties])
     if law.has_contact and not scheme.flies_exactly:
-        links = links + _bumper_weights(variants, basis)
+        links = links + _row_sums(scene, _bumper_elements(variants, basis))
     for index, building in enumerate(scene.buildings):
         a, b = variants.rayleigh(index)
         floors, masses = slice(*scene.offsets[index : index + 2]), np.asarray(building.masses)
@@ -66,7 +70,10 @@ def largest_step(
         rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
         dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
         dampers = (dampers[:-1] + 2.0 * dampers[1:] + np.append(0.0, dampers[1:-1])) / masses
-        for own, damper, contact, *link in _decisive(np.vstack([rows, dampers, pulls]).T):
+        floors_of = np.unique(np.vstack([rows, dampers, pulls]).T, axis=0)
+        # of those floors that no other one reaches in all columns
+        most_of = [x for x in floors_of if (floors_of >= x).all(axis=1).sum() == 1]
+        for own, damper, contact, *link in most_of:
             stiff = own / np.square(period)
             w2 = np.maximum(w2, stiff + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, a + b * stiff + damper / period + (link[1] + contact_c * contact) / mass)
@@ -87,44 +94,24 @@ def _largest_rate(variants: Variants, index: int) -> np.ndarray:
     return np.asarray(a * mass + b * stiff / np.square(period[:, index]) + dashed / period[:, index])
 
 
-def _contact_weights(scene: Scene) -> np.ndarray:
-    """Row sums of the contacts' stiffness matrices by the stiffness of one, shape (floors,)."""
-    weights = np.zeros(scene.n_dof)
-    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
-        if bumper is not None:
-            continue
-        whole = sum(abs(share) for _, share in contact.ends)
-        for floor, share in contact.ends:  # k on the diagonal, and -k beside it unless the other end is a wall
-            weights[floor] += abs(share) * whole
-    return weights
+def _row_sums(scene: Scene, elements: Iterable[tuple[Iterable[tuple[int, float]], float, float]]) -> np.ndarray:
+    """Row sums of the stiffness and damping matrices of elements, by their ends, k and c, shape (2, floors)."""
+    sums = np.zeros((2, scene.n_dof))
+    for ends, k, c in elements:
+        shares = [(floor, abs(share)) for floor, share in ends]
+        for floor, share in shares:  # k on the diagonal, and -k beside it unless the other end is a wall
+            sums[:, floor] += share * sum(x for _, x in shares) * np.array([k, c])
+    return sums
 
 
-def _bumper_weights(variants: Variants, basis: str) -> np.ndarray:
-    """Row sums of the stiffness and damping matrices (kN/m, kN s/m) of bumpers linear in d, shape (2, floors)."""
+def _bumper_elements(variants: Variants, basis: str) -> Iterator[tuple[list[tuple[int, float]], float, float]]:
+    """Bumpers linear in d: ends, k (kN/m) and c (kN s/m)."""
     scene = variants.scene
-    weights = np.zeros((2, scene.n_dof))
     for j, (contact, bumper) in enumerate(zip(scene.contacts, scene.bumper_of, strict=True)):
         if bumper is not None and bumper.law.exponent == 1.0:
             viscous = bumper.law.damping == "viscous"
             c = bumper.damping_coefficient(variants.contact_masses[:, j].max(), basis) if viscous else 0.0
-            for floor, _ in contact.ends:
-                weights[:, floor] += len(contact.ends) * np.array([bumper.stiffness, float(c)])
-    return weights
-
-
-def _link_weights(scene: Scene) -> np.ndarray:
-    """Row sums of the links' stiffness and damping matrices (kN/m, kN s/m), shape (2, floors)."""
-    weights = np.zeros((2, scene.n_dof))
-    for link in scene.linked_floors:
-        for floor in (link.left, link.right):
-            weights[:, floor] += 2.0 * np.array([link.stiffness, link.damping])
-    return weights
-
-
-def _decisive(floors: np.ndarray) -> list[np.ndarray]:
-    """Rows of those floors that no other one reaches in all columns."""
-    floors = np.unique(floors, axis=0)
-    return [row for row in floors if (floors >= row).all(axis=1).sum() == 1]
+            yield [(floor, 1.0) for floor, _ in contact.ends], bumper.stiffness, float(c)
 
 
 def longest_substep(row: Variants, dt: float, rough: bool, reducers: frozenset[str]) -> np.ndarray:
