@@ -6,15 +6,10 @@ import re
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from scenes import AXES, motions, row
 from test_cli import bad, edited, write
 
-from pounding_sweep.outputs.variables import Status
-from pounding_sweep.run import execute
 from pounding_sweep.run.diagnosis import free_memory
-from pounding_sweep.run.sweep import Sweep
 
 GIB = 2**30
 
@@ -74,24 +69,3 @@ def test_more_than_the_limit_on_address_space_is_refused(tmp_path):
     number, unit = re.match(REFUSED.format("limit on address space, ulimit -v"), said).groups()
     assert 0.0 < float(number) * {"MB": 1e6, "GB": 1e9}[unit] < 4 * GIB
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sweep.toml"]
-
-
-@pytest.mark.usefixtures("stub_engine")
-def test_results_that_find_no_memory_cost_their_own_scenarios_only(monkeypatch):
-    """As a worker finds it when it puts them into a table."""
-    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
-    sweep = Sweep(scene=row(), records=motions(), **AXES, audit=0)
-    reference, real, calls = sweep.run(scheduler="synchronous"), execute.to_table, iter(range(1, 10**6))
-
-    def to_table(*arguments):
-        if next(calls) == 4:
-            raise MemoryError("Unable to allocate 8.00 MiB")
-        return real(*arguments)
-
-    monkeypatch.setattr(execute, "to_table", to_table)
-    with pytest.warns(RuntimeWarning, match="^1 chunks have no result .*: MemoryError: Unable to allocate 8"):
-        cube = sweep.run(scheduler="synchronous")
-    lost = cube["status"] == Status.NOT_RUN
-    assert 0 < int(lost.sum()) < lost.size / 2
-    for name in reference.data_vars:
-        np.testing.assert_array_equal(cube[name].where(~lost), reference[name].where(~lost), err_msg=name)

@@ -105,19 +105,6 @@ def test_an_output_step_is_the_time_between_instants():
             shake("linear", output_step=bad)
 
 
-@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
-@pytest.mark.slow  # by day those of rows with foundations and of yielding ones do
-def test_histories_equal_the_twin_at_the_records_points(law):
-    k = 8e5 if law == "kelvin_voigt" else 7.5e6
-    got = shake(law, k=k, dt=5e-4).isel(time=slice(None, None, 40))
-    twins = [NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio) for b in (A, B)]
-    want = run(twins, [0.006], SHAKING.acceleration, SHAKING.dt, law, k, 0.6)
-    for i, name in enumerate(("a", "b")):
-        for mine, theirs in (("displacement", want["displacement"][i]), ("velocity", want["velocity"][i])):
-            values = got[mine].sel(building=name).values
-            np.testing.assert_allclose(values, theirs, rtol=0, atol=3e-6 * np.abs(theirs).max())
-
-
 def test_arguments_in_other_words():
     """A preset by its name, its reference stiffness, a law that is an object, one gap and one velocity for all."""
     quiet = ps.Record("quiet", 0.02, np.zeros(3))
@@ -154,34 +141,11 @@ def test_bad_arguments_are_named(options, says):
 # -- the stability limit -----------------------------------------------------------------------------------------------
 
 
-def closed_poles(k):
-    """Eigenvalues of the pair with every contact closed and a linear spring in it."""
-    m = np.array([*A.masses, *B.masses])
-    stiff, damping = np.zeros((4, 4)), np.zeros((4, 4))
-    for i, b in enumerate((A, B)):
-        part = slice(2 * i, 2 * i + 2)
-        alpha, beta = b.rayleigh
-        stiff[part, part] = b.stiffness_matrix
-        damping[part, part] = alpha * np.diag(b.masses) + beta * b.stiffness_matrix
-    for i in range(2):
-        stiff[np.ix_([i, i + 2], [i, i + 2])] += k * np.array([[1, -1], [-1, 1]])
-    return np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-stiff / m[:, None], -damping / m[:, None]]]))
-
-
-def growth(k, dt):
-    """Largest factor by which RK4 multiplies a mode in a step."""
-    z = closed_poles(k) * dt
-    return np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).max()
-
-
 def test_a_step_beyond_the_stability_limit_is_refused_with_the_largest_step():
     stiff = 2e9
     with pytest.raises(StabilityError) as info:
         shake(k=stiff, dt=0.02)
     limit = float(re.search(r"dt <= ([0-9.e+-]+) s", str(info.value))[1])
-    # on the safe side of the exact limit of the row with its contacts closed, and not far from it
-    assert growth(stiff, limit) <= 1.0
-    assert growth(stiff, 1.5 * limit) > 1.0
     with pytest.raises(StabilityError):
         shake(k=stiff, dt=1.5 * limit)
     got = shake(k=stiff, dt=limit)
