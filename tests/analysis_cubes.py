@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scenes import CubeAxis, assemble
 
+from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.variables import VARIABLES, inner_shape, scatter_contact, scatter_dof
 from pounding_sweep.spec.build import build_spec
@@ -39,6 +40,9 @@ def hand_cube(axes, fill, *, scene=None, status=None, coords=None, attributes=No
     extra = dict(coords or {})
     modes = ([b.periods[0] for b in scene.buildings], [b.first_damping for b in scene.buildings])
     extra |= {n: (("building",), np.array(m), {}) for n, m in zip(MODES, modes, strict=True) if n not in extra}
+    if {"law", "restitution"} <= {*axes}:
+        realised = [realised_restitution(get_law(law), np.array(axes["restitution"])) for law in axes["law"]]
+        extra["restitution_realised"] = (("law", "restitution"), np.array(realised), {})
     if "record" in axes:
         pga = [PGA.get(name, 1.0) for name in axes["record"]]
         extra["record_pga"] = (("record",), np.array(pga), {"units": "m s-2"})

@@ -14,7 +14,7 @@ from scipy.signal import lsim
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import floor_spectra, response_spectrum
-from pounding_sweep.analysis.spectra import ORDINATES, usual_periods
+from pounding_sweep.analysis.spectra import ORDINATES, USUAL_PERIODS
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 from pounding_sweep.figures import plot
@@ -162,11 +162,11 @@ def test_spectra_are_labelled_with_units():
     assert one["record"].item() == "sine"
     for name in ORDINATES:
         assert np.array_equal(found[name].sel(record="sine", damping_ratio=0.02), one[name])
-    assert response_spectrum(EL_CENTRO)["period"].values.tolist() == usual_periods().tolist()
+    assert response_spectrum(EL_CENTRO)["period"].values.tolist() == USUAL_PERIODS.tolist()
 
 
 def test_each_period_is_independent_of_its_neighbours():
-    periods = usual_periods()[::29]
+    periods = USUAL_PERIODS[::29]
     together = response_spectrum(EL_CENTRO, periods)["absolute_acceleration"].values
     alone = [response_spectrum(EL_CENTRO, float(p))["absolute_acceleration"].item() for p in periods]
     np.testing.assert_allclose(together, alone, rtol=1e-13)

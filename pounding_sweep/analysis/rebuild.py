@@ -28,7 +28,7 @@ from pounding_sweep.analysis.scenarios import (
     uncoupled_cases,
     without_pounding,
 )
-from pounding_sweep.analysis.spectra import response_spectrum
+from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
@@ -174,10 +174,8 @@ def _run(scene: Scene, records: Iterable[Record], **axes: Any) -> tuple[Scene, x
     return scene, sweep.run()
 
 
-#: Damping ratio of spectral accelerations.
-DAMPING = 0.05
 _SPECTRAL = re.compile(r"sa(?:\((.+)\))?")
-_SPECTRAL_NAME = f"spectral acceleration, {DAMPING:.0%} damping,"
+_SPECTRAL_NAME = f"spectral acceleration, {USUAL_DAMPING:.0%} damping,"
 #: What an intensity may be called.
 NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geometric mean at those of all buildings"
 
@@ -296,6 +294,6 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
     mean = "geometric mean " * (len(periods) > 1)
     of = f" of {name[3:-1]}" * (name[3:-1] in periods)
     at = ", ".join(f"{period:{'g' if key == '' else '.3g'}}" for key, period in periods.items())
-    logs: Any = np.log(response_spectrum(motions, list(periods.values()), DAMPING)["pseudo_acceleration"])
+    logs: Any = np.log(response_spectrum(motions, list(periods.values()))["pseudo_acceleration"])
     spectral = names.copy(data=np.exp(logs.mean("period")))
     return described(spectral, "m s-2", f"{_SPECTRAL_NAME} {mean}at {at} s{of}")

@@ -10,6 +10,7 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
+from pounding_sweep.output.scenario_rows import scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, Status
 from pounding_sweep.spec.axes import DIMENSIONS
 
@@ -130,10 +131,10 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
 
 def uncoupled_cases(cube: xr.Dataset) -> list[int]:
     """Return the position of the case without pounding that belongs to each listed case, -1 where there is none."""
-    columns = [cube[name].values for name in _CASE_KEYS if name in cube.coords and "case" in cube[name].dims]
-    keys = [repr([np.asarray(column[row]).tolist() for column in columns]) for row in range(cube.sizes["case"])]
-    laws = cube["law"].values.astype(str)
-    first = {key: row for row, key in reversed(list(enumerate(keys))) if laws[row] == NO_POUNDING}
+    columns = {n: cube[n].values for n in _CASE_KEYS if n in cube.coords and "case" in cube[n].dims}
+    keys = scenario_keys(columns or {"": np.zeros(cube.sizes["case"])}).tolist()
+    still = np.flatnonzero(cube["law"].values.astype(str) == NO_POUNDING)
+    first = {keys[row]: row for row in reversed(still)}
     return [first.get(key, -1) for key in keys]
 
 
@@ -163,9 +164,9 @@ def ratio(value: xr.DataArray, base: xr.DataArray, of: xr.DataArray, share: floa
     return value / base.where(abs(base) > share * largest)
 
 
-def long_name(cube: xr.Dataset, name: str) -> str:
+def long_name(part: xr.DataArray, name: str) -> str:
     """Return what a variable is called in words."""
-    return str(cube[name].attrs.get("long_name", name.replace("_", " ")))
+    return str(part.attrs.get("long_name", name.replace("_", " ")))
 
 
 def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:

@@ -23,6 +23,8 @@ Numbers = float | Sequence[float] | Array
 
 #: Damping ratio of spectra, as in codes and in most of the literature.
 USUAL_DAMPING = 0.05
+#: Periods (s) of spectra where none are asked for.
+USUAL_PERIODS = np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
 #: Relative unevenness of a time axis that is put down to rounding.
 _UNEVEN = 1e-6
 
@@ -33,11 +35,6 @@ ORDINATES: dict[str, tuple[str, str]] = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration: peak displacement times circular frequency squared"),
     "absolute_acceleration": ("m s-2", "peak total acceleration of the oscillator"),
 }
-
-
-def usual_periods() -> Array:
-    """Return the periods (s) of spectra where none are asked for: 0, and 200 from 0.02 to 10 s in equal ratios."""
-    return np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
 
 
 def response_spectrum(
@@ -52,7 +49,7 @@ def response_spectrum(
     motion : Record, (acceleration, dt), or several Records
         Ground acceleration (m/s2) and its time step (s).
     periods : float or several, optional
-        Natural periods (s), at least 0; by default those of `usual_periods`.
+        Natural periods (s), at least 0; by default `USUAL_PERIODS`.
     damping_ratio : float or several
         Damping ratios in [0, 1).
 
@@ -171,7 +168,7 @@ def _spectra(
 ) -> xr.Dataset:
     """Return spectra of signals (m/s2) and their time steps, which are labelled as the values of an array."""
     # a damping ratio that was asked for as a number is a scalar coordinate
-    at = numbers_in("[0, inf)", usual_periods() if periods is None else periods, "periods of the spectrum (s)")
+    at = numbers_in("[0, inf)", USUAL_PERIODS if periods is None else periods, "periods of the spectrum (s)")
     ratios = numbers_in("[0, 1)", damping_ratio, "damping ratios of the spectrum")
     moving = at > 0.0
     frequency = 2.0 * math.pi / at[moving]

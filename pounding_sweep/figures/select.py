@@ -166,7 +166,7 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
         names = ", ".join(RESPONSES)
         raise InputError(f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks")
     unit, factor = drawn_unit(cube[name].attrs)
-    words = long_name(cube, name) if value else RESPONSES[name]
+    words = long_name(cube[name], name) if value else RESPONSES[name]
     per = next((dim for dim in ("pair", "building") if dim in cube[name].dims), "scenario")
     return name, f"{words} ({unit or '-'})", factor, per
 
@@ -236,7 +236,7 @@ class PlotAxis:
 def plot_axis(result: xr.Dataset, name: str) -> PlotAxis:
     """Return an axis, or a coordinate along one, to draw along."""
     unit, factor = drawn_unit(result[name].attrs)
-    words = "gap" if name == "gap" else long_name(result, name)
+    words = "gap" if name == "gap" else long_name(result[name], name)
     label = fill(f"{words}\xa0({unit or '-'})", _LABEL).replace("\xa0", " ")  # a unit stays with the last word
     return PlotAxis(str(result[name].dims[0]), name, label, factor)
 

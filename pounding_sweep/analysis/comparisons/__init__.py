@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Axes of the ground motion, whose values a table keeps apart unless told otherwise.
 MOTION_DIMS = ("record", "scale", "pga", "sa")
+#: Attributes that say of which sweep a cube is, and who made it.
+_IDENTITY = ("title", "sweep_sha256", "source", "pounding_sweep_version")
 #: One row of a table: labels by dimension, then text or numbers; None where there is no value.
 Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -206,7 +208,7 @@ def comparison(key: str) -> Callable[[Function], Function]:
             if isinstance(cube, xr.Dataset):
                 cube = bound.arguments[name] = scenarios_only(with_texts(cube))
                 check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
-                attributes |= identity(cube)
+                attributes |= {name: cube.attrs[name] for name in _IDENTITY if name in cube.attrs}
             result = function(*bound.args, **bound.kwargs).load()
             result.attrs = attributes | result.attrs
             return result
@@ -214,13 +216,6 @@ def comparison(key: str) -> Callable[[Function], Function]:
         return cast("Function", make)
 
     return register
-
-
-def identity(cube: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes that say of which sweep a cube is, and who made it."""
-    from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
-
-    return {key: cube.attrs[key] for key in ("title", "sweep_sha256", "source", VERSION_ATTRIBUTE) if key in cube.attrs}
 
 
 def check_needs(

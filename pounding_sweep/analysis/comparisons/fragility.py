@@ -130,14 +130,7 @@ def _fit_alone(x: np.ndarray, y: np.ndarray) -> LognormalFit:
     low, high = float(x[~y].max()), float(x[y].min())
     if low > high:
         return LognormalFit(FitStatus.NOT_RISING) if x[y].max() <= x[~y].min() else _likeliest([(x, y)])[0]
-    limits = 0.5 * math.log(low * high), 0.0  # what log median and dispersion tend to
-    share = float(y[x == low].mean()) if low == high else 0.5
-    if share < 0.5:  # the median is beyond an intensity at which less than half happened
-        high = float(x[x > low].min(initial=np.inf))
-    elif share > 0.5:
-        low = float(x[x < high].max(initial=-np.inf))
-    low, high = (end if np.isfinite(end) else np.nan for end in (low, high))
-    return LognormalFit(FitStatus.SEPARATED, *limits, low, high)
+    return LognormalFit(FitStatus.SEPARATED, 0.5 * math.log(low * high), 0.0, low, high)
 
 
 def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
@@ -303,21 +296,17 @@ def fragility(
     if about.per == "pair":
         check_needs(cube, what, pairs=True, laws=1)
         cube = pounding_only(cube)
+    strength = intensity_of(cube, intensity, records=records, folders=folders)
+    trials = ["record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale")]
+    cube = cube.expand_dims([dim for dim in trials if dim not in cube.dims])
+    strength = strength.expand_dims([dim for dim in trials if dim not in strength.dims]).transpose(*trials)
     if about.variable and level is not None:
         need_variables(cube, what, [about.variable])
         response = values(cube, about.variable)
         happened = (response > level).astype(np.float64).where(response.notnull())
     else:
         happened = touched(cube, what)
-    happened = happened.max("storey") if "storey" in happened.dims else happened
-    ok = trusted(cube).broadcast_like(happened.isel({about.per: 0}, drop=True, missing_dims="ignore"))
-    strength = intensity_of(cube, intensity, records=records, folders=folders)
-    trials = ("record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale"))
-    for dim in trials:
-        happened, ok, strength = (
-            part if dim in part.dims else part.expand_dims(dim) for part in (happened, ok, strength)
-        )
-    happened, strength = happened.transpose(..., *trials), strength.transpose(*trials)
+    happened = (happened.max("storey") if "storey" in happened.dims else happened).transpose(..., *trials)
     dims = happened.dims[:-2]
     for axis in one_dispersion:
         if axis not in dims:
@@ -330,18 +319,17 @@ def fragility(
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
-    known: dict[bytes, list[np.ndarray]] = {}  # many tables are the same: some laws ignore some axes
+    known: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
 
-    def fit(tables: np.ndarray) -> list[np.ndarray]:
-        key = tables.tobytes()
+    def fit(tables: np.ndarray) -> tuple[np.ndarray, ...]:
+        key, sizes = tables.tobytes(), tables.shape[: len(one_dispersion)]
         if key not in known:
-            sizes = tables.shape[: len(one_dispersion)]
             parts = zip(*_fits(tables.reshape(-1, *x.shape), x, at, confidence), strict=True)
-            known[key] = [np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts]
+            known[key] = tuple(np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts)
         return known[key]
 
     parts = xr.apply_ufunc(
-        lambda tables: tuple(fit(tables)),
+        fit,
         happened,
         input_core_dims=[[*one_dispersion, *trials]],
         output_core_dims=[[*one_dispersion, *inner] for inner, _, _ in _VARIABLES.values()],
@@ -361,7 +349,7 @@ def fragility(
         "flag_values": np.array(FitStatus, np.int8),
         "flag_meanings": " ".join(status.name.lower() for status in FitStatus),
     }
-    left_out = (~ok).sum(trials).astype(np.int64)
+    left_out = (~trusted(cube)).broadcast_like(happened.isel({about.per: 0}, missing_dims="ignore")).sum(trials)
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
     dataset["happened"] = described(happened, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
@@ -387,12 +375,7 @@ def sentence(dataset: xr.Dataset) -> str:
 
 def _words(status: int, low: float, high: float, units: str) -> str:
     """Return the meaning of a status with what is known of the median."""
-    if np.isnan(high):
-        between = f"above {low:.4g} {units}, the strongest motion tried, at which less than half have it"
-    elif np.isnan(low):
-        between = f"below {high:.4g} {units}, the weakest motion tried, at which more than half have it"
-    else:
-        between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
+    between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
     return _MEANINGS[status].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
 
 

@@ -33,7 +33,7 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.model.laws import LAWS, get_law, realised_restitution
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import STATUS, VARIABLES
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
@@ -92,10 +92,9 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         runs[PEAK] = peak_displacement(pounding), peak_displacement(uncoupled)
     ratios = {}
     for name, (response, base) in runs.items():
-        words = response.attrs.get("long_name", name.replace("_", " "))
         comment = "value with pounding over value without; missing where either scenario is not ok"
         share = ratio(response, base, runs[PEAK][1] if name in _SIGNED and PEAK in runs else base)
-        ratios[f"{name}_ratio"] = described(share, "1", f"amplification of the {words}", comment)
+        ratios[f"{name}_ratio"] = described(share, "1", f"amplification of the {long_name(response, name)}", comment)
     if any(name in pounding for name in TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
@@ -169,32 +168,25 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     if reference not in laws:
         raise InputError(unknown("reference law", reference, laws))
     names = chosen_variables(cube, "the comparison of laws", outputs, _COMPARED, "output to compare laws by")
-    strange = [law for law in laws if law not in LAWS]
-    realised: Any = None
+    several = cube.sizes.get("restitution", 1) > 1
     how = "linear between the restitutions of the sweep, each at its realised value"
-    if cube.sizes.get("restitution", 1) < 2:
+    if not several:
         how = "not possible: the cube has one restitution; run the sweep over several, or restitution_basis='realised'"
-    elif "restitution_realised" in cube.variables:
-        realised = cube["restitution_realised"].transpose("law", "restitution").values.astype(float)
-    elif strange:
-        how = f"not possible: no relation is known of {', '.join(strange)}"
-    else:
-        basis = str(cube.attrs.get("restitution_basis", "published"))
-        realised = [realised_restitution(get_law(law), cube["restitution"].values, basis) for law in laws]
     result: dict[str, xr.DataArray] = {}
     for name in names:
         parts = {"nominal": values(cube, name)}
-        if realised is not None:
+        if several:
             moved = parts["nominal"].transpose("law", ..., "restitution")
-            targets = cube["restitution"].values.astype(float)
-            rows = [interpolate(row, np.asarray(at), targets) for row, at in zip(moved.values, realised, strict=True)]
-            parts["realised"] = moved.copy(data=np.stack(rows)).transpose(*parts["nominal"].dims)
+            realised = cube["restitution_realised"].transpose("law", "restitution").values
+            pairs = zip(moved.values, realised, strict=True)
+            rows = np.stack([interpolate(row, at, cube["restitution"].values) for row, at in pairs])
+            parts["realised"] = moved.copy(data=rows).transpose(*parts["nominal"].dims)
         bases = labelled("basis", parts, "what equal restitution means")
         part = xr.concat(list(parts.values()), dim=bases, combine_attrs="override")
         base = part.sel(law=reference).reset_coords(drop=True)
         compared = ratio(part, base, abs(part).max("law"), _LEAST.get(name, ROUND_OFF))
         result[f"{name}_compared"] = part
-        result[f"{name}_ratio"] = described(compared, "1", f"{long_name(cube, name)} over that of {reference}")
+        result[f"{name}_ratio"] = described(compared, "1", f"{long_name(part, name)} over that of {reference}")
     return xr.Dataset(result, attrs={"reference_law": reference, "realised_basis": how})
 
 

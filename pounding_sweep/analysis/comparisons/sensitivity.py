@@ -99,7 +99,7 @@ def sensitivity(
             for part in zip(*parts, strict=True)
         )
         for i, kind in enumerate(_KINDS):
-            text = f"{kind} Sobol index: {long_name(cube, name)}"
+            text = f"{kind} Sobol index: {long_name(response, name)}"
             about = {"units": "1", "long_name": text}, {"units": "1", "long_name": f"confidence interval, {text}"}
             result[f"{name}_{kind}"] = (("group", "input", *inner), indices[:, i], about[0])
             result[f"{name}_{kind}_interval"] = (("group", "bound", "input", *inner), ends[:, :, i], about[1])
