@@ -87,7 +87,7 @@ def test_plan_and_run_show_what_was_read(tmp_path):
     (tmp_path / "a.csv").write_text(f"t,acc_x (g),acc_y (mm/s2)\n{rows}")
     (tmp_path / "w.txt").write_text("0 1 0 -1\n" * 50)
     for words in (["plan", path], ["run", path, "-o", tmp_path / "out.nc", "--quiet"]):
-        found = call(*words).stdout
+        found = re.sub(r"\n +", " ", call(*words).stdout)
         assert (
             "y     100 points, dt 0.01 s, PGA 0.0004077 g; column acc_y (mm/s2); unit mm/s2: 'acc_y (mm/s2)', line 1; "
         ) in found

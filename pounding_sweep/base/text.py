@@ -7,7 +7,6 @@ import json
 import math
 import re
 import shutil
-import sys
 import textwrap
 from collections.abc import Sequence
 from html import escape
@@ -60,17 +59,16 @@ def pairs_text(rows: Sequence[tuple[str, str]], indent: int = 0, columns: int | 
     for name, text in rows:
         lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
         if columns is not None:
-            space = max(len(lead) + 20, columns)
-            line = textwrap.fill(line, space, initial_indent=lead, subsequent_indent=" " * len(lead))[len(lead) :]
+            wrapped = textwrap.wrap(line, max(20, columns - len(lead)), break_long_words=False, break_on_hyphens=False)
+            line = f"\n{'':{len(lead)}}".join(wrapped)
         lines.append(lead + line)
     return "\n".join(lines)
 
 
-def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0, fold: bool | None = None) -> None:
-    """Print names with their texts, aligned; long texts are folded, by default on a terminal only."""
+def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
+    """Print names with their texts, aligned, long texts folded to the terminal's width (100 without one)."""
     if rows:
-        folds = sys.stdout.isatty() if fold is None else fold
-        print(pairs_text(rows, indent, terminal_width() if folds else None))
+        print(pairs_text(rows, indent, terminal_width()))
 
 
 def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), caption: str = "") -> str:

@@ -121,7 +121,7 @@ def _print(report: dict[str, Any]) -> None:
     table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
     print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 9))
     print()
-    print_pairs([(row["name"], f"{row['source'] or '-'}; {row['read']}") for row in report["records"]], fold=True)
+    print_pairs([(row["name"], f"{row['source'] or '-'}; {row['read']}") for row in report["records"]])
     if report["missing"]:
         print(f"\nKnown by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")
         rows = [[m["name"], m["description"], " or ".join(m["files"]), m["place"]] for m in report["missing"]]
