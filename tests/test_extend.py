@@ -22,15 +22,12 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.output.results import Outcome, Results
-from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.records import Record
 from pounding_sweep.resume import MANIFEST
 from pounding_sweep.run import audit as auditing
 from pounding_sweep.run import execute
-from pounding_sweep.run import sweep as sweeping
-from pounding_sweep.run.cube_writer import write_cube_of
 from pounding_sweep.run.reuse import EarlierCube
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -439,6 +436,11 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
+    with open_cube(tmp_path / "old.nc") as old:
+        for key in ("method", "precision"):  # by costs measured anew, another may be chosen today
+            other = write_cube(old.assign_attrs({key: "another"}), tmp_path / f"{key}.nc")
+            with pytest.raises(InputError, match=r"for the accuracy it ran by .*another.*, the new sweep takes"):
+                EarlierCube(other, job.plan())
     fewer = sweep(**few, records=motions()[1:])
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
@@ -562,30 +564,6 @@ def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_p
     run, _, taken = finished(whole, sweep(), out, extend=out, overwrite=True)  # audited like the whole
     assert run == len(sweep().plan().uncoupled_to_run)
     assert taken > run
-
-
-def test_a_cube_that_says_of_another_scheme_for_its_accuracy_is_refused(tmp_path):
-    """By costs measured anew, its sweep would be planned in another one today than it ran in."""
-    few = {"laws": "linear", "scales": 1.0, "restitutions": 0.7, "dt": None, "accuracy": 1e-2}
-    job = sweep(**few)
-    numerics = job.plan().numerics
-    for key in ("method", "precision"):
-        other = {"method": numerics.method, "precision": numerics.precision, key: "another"}
-        old = write_cube(of_accuracy(job).assign_attrs(other), tmp_path / f"{key}.nc")
-        with pytest.raises(
-            InputError,
-            match=rf"for the accuracy it ran by {other['method']} in {other['precision']}, the new sweep takes another",
-        ):
-            EarlierCube(old, job.plan())
-
-
-def of_accuracy(job):
-    """Return a cube that could be of a sweep with an accuracy, no scenario of which has run."""
-    plan = job.plan()
-    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
-    outcome = Outcome(results, np.ones(len(plan.unique), bool))
-    more = {"package_sha256": sweeping.package_digest()}
-    return write_cube_of(plan, outcome, None, execute.Progress(), more).to_dataset()
 
 
 SWEEP = """
