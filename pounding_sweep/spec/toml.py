@@ -189,7 +189,7 @@ SECTIONS: dict[str, dict[str, str]] = {
 #: Arguments that stand outside of them.
 _PLAIN = ("title", "scene", "design")
 _HOMES: dict[str, Iterable[str]] = {
-    "[scene]": (*(each.name for each in fields(Scene)), *Scene.FILE_KEYS),
+    "[scene]": (*(each.name for each in fields(Scene) if each.init), *Scene.FILE_KEYS),
     "[scene.contact]": (*(each.name for each in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
     "[design]": DesignTable.model_fields,
