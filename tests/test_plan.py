@@ -103,16 +103,11 @@ def test_product_equals_brute_force():
 @pytest.mark.slow
 def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
     """Which laws stand beside it in a sweep must not change a result, not even in the last bit."""
-    differing = []
-    record = motions()[0]
+    record, damped = motions()[0], get_law("kelvin_voigt")
     for gap, k, scale in itertools.product([0.0003, 0.001, 0.005], [1e5, 2e5], [0.5, 1.0]):
-        own, hosted = (
-            alone(row(), record, "linear", k, 1.0, [gap, gap], scale, host) for host in (None, get_law("kelvin_voigt"))
-        )
-        differing += [
-            (name, gap, k, scale) for name in own if not np.array_equal(own[name], hosted[name], equal_nan=True)
-        ]
-    assert not differing
+        own, hosted = (alone(row(), record, "linear", k, 1.0, [gap, gap], scale, host) for host in (None, damped))
+        for name, values in own.items():
+            exactly(hosted[name], values, (name, gap, k, scale))
 
 
 @pytest.mark.parametrize(
@@ -477,8 +472,6 @@ def test_scenes_and_sweeps_in_notebooks():
     table = cells_of(Sweep(row(), motions()[0], ["linear", "none"], gaps=[0.001 * i for i in range(1, 13)]))
     assert table[1] == ["law", "2", "['linear', 'none']"]
     assert table[2][2].startswith("[0.001, 0.002, ")
-    cases = Sweep(row(), motions()[0], cases=[{"law": "none", "scale": s} for s in (1.0, 2.0)])
-    assert "listed scenarios" in cases._repr_html_()
 
 
 def test_steps_follow_from_all_but_the_gaps(monkeypatch):

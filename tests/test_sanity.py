@@ -139,9 +139,9 @@ def test_the_ends_of_a_limit_are_within_it(kind):
     assert limit.doubt([("", limit.low), ("", limit.high)]) == ""
     beyond = limit.low / 2.0 if limit.low else limit.high * 1.001
     assert limit.doubt([("here", beyond)]).startswith(f"{limit.what} {beyond:.4g}")
+    low = max(limit.low, 1e-6)
     for slip, factor in limit.slips:
-        real = (max(limit.low, 1e-6) * min(limit.high, 1e3 * max(limit.low, 1e-6))) ** 0.5
-        wrong = real / factor
+        wrong = (low * min(limit.high, 1e3 * low)) ** 0.5 / factor
         assert limit.low <= wrong <= limit.high or slip in limit.doubt([("", wrong)])
 
 

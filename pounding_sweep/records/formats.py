@@ -526,12 +526,10 @@ def read_record(
 
     Raises
     ------
-    MissingRecordError
-        If there is no such file.
     RecordError
-        If the file can't be read, holds no record, velocity or displacement, fewer or more points than its header says,
-        values that are not finite, an uneven time step, times that are not in seconds, several components without
-        `column`, or if time step or units are not known.
+        If there is no such file (`MissingRecordError`), or it can't be read, holds no record, velocity or displacement,
+        fewer or more points than its header says, values that are not finite, an uneven time step, times that are not
+        in seconds, several components without `column`, or if time step or units are not known.
 
     Warns
     -----

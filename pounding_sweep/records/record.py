@@ -189,8 +189,7 @@ class RecordMeasures:
     pga
         Peak ground acceleration (m/s2).
     pgv
-        Peak ground velocity (m/s): largest absolute integral of the acceleration from rest.
-        No baseline is corrected, so a record that drifts has too large a value; see `end_velocity`.
+        Peak ground velocity (m/s): largest absolute integral of the acceleration from rest, no baseline corrected.
     arias_intensity
         Arias intensity (m/s): pi / (2 g) times the integral of the squared acceleration.
     cav
@@ -200,8 +199,7 @@ class RecordMeasures:
     duration
         Time from the first point to the last (s).
     end_velocity
-        Velocity (m/s) of the ground at the last point. A complete earthquake ends at rest:
-        what is left beside `pgv` is drift, or motion that was cut off.
+        Velocity (m/s) of the ground at the last point: of a complete earthquake 0, else drift, or motion that was cut.
     """
 
     pga: float = field(metadata={"units": "m s-2", "long_name": "peak ground acceleration"})

@@ -86,8 +86,7 @@ def synthetic_record(
 
     Notes
     -----
-    Limitations: frequency content doesn't change with time, and the motion is not
-    baseline-corrected (a small velocity remains at the end).
+    Frequency content doesn't change with time, and no baseline is corrected: a small velocity remains at the end.
 
     References
     ----------
