@@ -140,7 +140,7 @@ def test_the_ends_of_a_limit_are_within_it(kind):
     beyond = limit.low / 2.0 if limit.low else limit.high * 1.001
     assert limit.doubt([("here", beyond)]).startswith(f"{limit.what} {beyond:.4g}")
     low = max(limit.low, 1e-6)
-    for slip, factor in limit.slips:
+    for slip, factor in limit.slips.items():
         wrong = (low * min(limit.high, 1e3 * low)) ** 0.5 / factor
         assert limit.low <= wrong <= limit.high or slip in limit.doubt([("", wrong)])
 

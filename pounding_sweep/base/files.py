@@ -10,6 +10,7 @@ import shutil
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,11 @@ ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or th
 LOCK, SOFT_LOCK = "lock", "lock.soft"
 #: Names of what is being written; a random number stands for the star.
 TEMPORARY = ".pounding_sweep-*.part"
+
+
+def read_data(name: str) -> dict[str, Any]:
+    """Read a table of the package's own data."""
+    return tomllib.loads(files("pounding_sweep").joinpath("data", name).read_text(encoding="utf-8"))
 
 
 def expanded(path: str | os.PathLike[str]) -> Path:

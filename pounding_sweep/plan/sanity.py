@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.files import read_data
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures
@@ -37,7 +38,7 @@ class Limit:
     low: float  # real ones lie between these, ends included
     high: float
     #: slips of units that are common, each with the factor that mends the value
-    slips: tuple[tuple[str, float], ...] = ()
+    slips: Mapping[str, float] = field(default_factory=dict)
     real: str = "real ones"  # what lies between the limits
 
     def doubt(self, named: Iterable[tuple[str, float]]) -> str:
@@ -51,41 +52,14 @@ class Limit:
         span = f"from {self.low:g} to {self.high:.4g}{unit}" if self.low else f"up to {self.high:.4g}{unit}"
         span = span if math.isfinite(self.high) else f"from {self.low:g}{unit} on"
         worst = max((v for _, v in outside), key=lambda value: max(value / self.high, self.low / max(value, 1e-30)))
-        slips = [f"{slip} ({worst * f:.4g}{unit})" for slip, f in self.slips if self.low <= worst * f <= self.high]
+        mended = {slip: worst * factor for slip, factor in self.slips.items()}
+        slips = [f"{slip} ({value:.4g}{unit})" for slip, value in mended.items() if self.low <= value <= self.high]
         likely = f"; likely {', or '.join(slips)}" if slips else ""
         return f"{self.what} {values}{more}: {self.real} lie {span}{likely}"
 
 
-_LENGTH = (("mm given for m", 1e-3), ("cm given for m", 1e-2))
-_STIFFNESS = (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
-_HERTZ = (("N/m^1.5 given for kN/m^1.5", 1e-3), ("MN/m^1.5 given for kN/m^1.5", 1e3))
-_MASS = (("kg given for t", 1e-3), ("kt or Gg given for t", 1e3))
-_PERIOD = (
-    ("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5),
-    ("stiffnesses in N/m for kN/m", 1e3**0.5),
-)
-_GROUND = (
-    ("cm/s2 (gal) given for m/s2", 1e-2),
-    ("mm/s2 given for m/s2", 1e-3),
-    ("scales meant for a motion in g", 1 / STANDARD_GRAVITY),
-)
-_PGA, _G = "peak ground acceleration", (("g given for m/s2", STANDARD_GRAVITY),)
-_ALLOWED, _POUND = "those that Eurocode 8 (4.4.2.2) allows", "those that buildings pound under"
-#: Limits by quantity.
-LIMITS = {
-    "gap": Limit("gap", "m", 0.0, 1.0, _LENGTH),
-    "mass": Limit("floor mass", "t", 1.0, 2e4, _MASS),
-    "stiffness": Limit("storey stiffness", "kN/m", 50.0, 1e8, _STIFFNESS),
-    "height": Limit("storey height", "m", 1.5, 30.0, _LENGTH),
-    "period": Limit("first period", "s", 0.02, 10.0, _PERIOD),
-    "damping": Limit("damping ratio", "", 0.0, 0.3, (("per cent given for the ratio", 1e-2),)),
-    "pga": Limit(_PGA, "m/s2", 0.0, 2.0 * STANDARD_GRAVITY, _GROUND, "the strongest recorded ones"),
-    "strongest": Limit(f"{_PGA} of the strongest motion", "m/s2", 1.0, math.inf, _G, _POUND),
-    "linear_stiffness": Limit("contact stiffness", "kN/m", 1e3, 1e9, _STIFFNESS),
-    "hertz_stiffness": Limit("contact stiffness of Hertz", "kN/m^1.5", 1e4, 1e10, _HERTZ),
-    "stability": Limit("stability coefficient P / (k h) of a storey", "", 0.0, 0.3, real=_ALLOWED),
-    "drift": Limit("storey drift over the storey's height", "", 0.0, 0.1),
-}
+LIMITS = {kind: Limit(**entry) for kind, entry in read_data("limits.toml").items()}
+"""Limits by quantity."""
 
 
 def doubts(spec: SweepSpec) -> list[str]:

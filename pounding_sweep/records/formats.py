@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
-from pounding_sweep.base.files import expanded
+from pounding_sweep.base.files import expanded, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.reader import (
     NUMBER,
@@ -92,21 +92,29 @@ def parse_columns(source: RecordText) -> Content:
         points, where, wraps = int(match[2]), f"line {place}", match[1] == "NDATA"
     # a first line "N dt" or "dt N", perhaps with a third number
     first, following = _numbers(row) or [], next(_rows(source, line + 1), (line, ""))
-    step, count = sorted(first[:2]) if len(first) in (2, 3) else (0.0, 0.0)
+    interval, count = sorted(first[:2]) if len(first) in (2, 3) else (0.0, 0.0)
     second = _numbers(following[1]) or []
-    fits = second and count.is_integer() and count > 1 and 0.0 < step < 1.0
-    if fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= step)):
+    fits = second and count.is_integer() and count > 1 and 0.0 < interval < 1.0
+    if fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= interval)):
         points, where = int(count), f"line {line}"
-        steps.insert(0, (step, f"{row[:40]!r}, {where}"))
+        steps.insert(0, (interval, f"{row[:40]!r}, {where}"))
         line, row = following
         wraps = wraps or len(_cells(row)) != 2 or source.numbers(line).size != 2 * points
+    column: str | None = None
+    heading: list[tuple[int, str]] = []
     if wraps:
-        values = source.numbers(line, points, where)
-        return _described(header, values, choose_step(source, steps))
-    content = _read_table(source, header, line, row, steps)
-    if points is not None:
-        check_count(points, len(content.values), where)
-    return content
+        values, step = source.numbers(line, points, where), choose_step(source, steps)
+    else:
+        values, step, heading, column = _read_table(source, header, line, row, steps)
+        if points is not None:
+            check_count(points, len(values), where)
+    # the line of headings of several components states no unit for all of them
+    remarks = [item for item in header if column is None or item[0] != heading[0][0]] if heading else header
+    heading = heading or header[-1:]
+    check_quantity(remarks, *heading)
+    shown = [f"{text[:60]!r} (line {place})" for place, text in dict.fromkeys([*heading, *remarks[:2]])]
+    title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
+    return Content(values, step, stated_units(remarks, *heading), title, header=", ".join(shown), column=column)
 
 
 def _read_header(source: RecordText) -> tuple[Lines, int, str]:
@@ -122,23 +130,11 @@ def _read_header(source: RecordText) -> tuple[Lines, int, str]:
     raise RecordError("holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
 
 
-def _described(
-    header: Lines, values: Array, step: Step, heading: tuple[int, str] | None = None, column: str | None = None
-) -> Content:
-    """Put together what a file holds: its unit by the heading of the column, or by the lines before it."""
-    # the line of headings of several components states no unit for all of them
-    remarks = [item for item in header if heading is None or column is None or item[0] != heading[0]]
-    headings = [heading] if heading else header[-1:]
-    check_quantity(remarks, *headings)
-    shown = [f"{text[:60]!r} (line {line})" for line, text in dict.fromkeys([*headings, *remarks[:2]])]
-    title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
-    return Content(values, step, stated_units(remarks, *headings), title, header=", ".join(shown), column=column)
-
-
-def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: list[Step]) -> Content:
-    """Read columns from a line on; `row` is that line."""
-    columns = len(_cells(row))
-    text = "\n".join(text for _, text in header)
+def _read_table(
+    source: RecordText, header: Lines, line: int, row: str, steps: list[Step]
+) -> tuple[Array, Step, Lines, str | None]:
+    """Read columns from a row on: the acceleration, its step, its heading and its name among several components."""
+    columns, text = len(_cells(row)), "\n".join(text for _, text in header)
     where, heads = 0, list[str]()
     for place, remark in header:  # remarks may follow the line of headings
         names = _headings(remark, row, columns)
@@ -153,42 +149,36 @@ def _read_table(source: RecordText, header: Lines, line: int, row: str, steps: l
         )
     values = _values(source, line, columns)
     timed = [index for index, head in enumerate(heads) if _TIME_HEADING.match(head)]
-    steady = np.diff(values[:, 0])
-    rises = steady.size > 1 and bool((steady > 0.0).all() and steady.max() < 3.0 * steady.min())
-    time = None if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else None
+    first, passed = values[0, 0], np.diff(values[:, 0])
+    rises = len(passed) > 1 and passed.min() > 0.0 and passed.max() < 3.0 * passed.min()
+    time = -1 if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else -1
     if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
         raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
     names = heads or [str(index + 1) for index in range(columns)]
     chosen = source.choose({index + 1: name for index, name in enumerate(names) if index != time}) - 1
-    counts = time == 0 and not timed and values[0, 0] in (0.0, 1.0) and steady.size > 0 and bool((steady == 1.0).all())
+    counts = time == 0 and not timed and first in (0.0, 1.0) and len(passed) > 0 and bool((passed == 1.0).all())
     if counts and source.dt is None and not steps:
         head = f", headed {heads[0]!r}," if heads else ""
         raise RecordError(
             f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
             "or head the column 'time (s)'"
         )
-    if time is None or counts:
+    if time < 0 or counts:
         step = choose_step(source, steps)
     else:
 
-        def printed(time: int = time) -> Iterator[tuple[int, str]]:
+        def printed() -> Iterator[tuple[int, str]]:
             return ((place, _cells(text)[time]) for place, text in _rows(source, line))
 
         what = f"{heads[time]!r}, line {where}" if heads else f"times in column {time + 1}"
         step = step_of_times(source, values[:, time], printed, steps, what)
-        _check_last_line(header, line, values[0, time] - step[0])
-    heading = (where, heads[chosen]) if heads else None
-    return _described(
-        header, values[:, chosen], step, heading, names[chosen] if columns - (time is not None) > 1 else None
-    )
-
-
-def _check_last_line(header: Lines, line: int, before: float) -> None:
-    """Refuse a header whose last line has the time before the first row: a row with a value that is no number."""
-    text = header[-1][1] if header else ""
-    time = floats("".join(_cells(text)[:1]))
-    if time and len(time) == 1 and abs(before - time[0]) < 1e-6 + 1e-3 * abs(before):
-        raise RecordError(f"{text[:24]!r} before line {line} is a row of data with a value that is no number")
+        # a row before the first, of which some value is no number, looks like a line of the header
+        last = header[-1][1] if header else ""
+        before, expected = floats("".join(_cells(last)[:1])), values[0, time] - step[0]
+        if before and len(before) == 1 and abs(expected - before[0]) < 1e-6 + 1e-3 * abs(expected):
+            raise RecordError(f"{last[:24]!r} before line {line} is a row of data with a value that is no number")
+    heading = [(where, heads[chosen])] if heads else []
+    return values[:, chosen], step, heading, names[chosen] if columns - (time >= 0) > 1 else None
 
 
 def _rows(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
@@ -404,77 +394,19 @@ class Reader(NamedTuple):
     unit: str  # where its unit stands
     suffixes: str  # endings that files of it have in folders, in lower case
     pattern: str  # what the first lines of a file of it match, in any case
-    parse: Callable[[RecordText], Content]
+    parser: str  # key of `_PARSERS`
 
 
-READERS = (
-    Reader(
-        "AFAD, three components",
-        "`SAMPLING INTERVAL (sec)`",
-        "`UNITS`",
-        ".txt",
-        r"\A.*STRONG GROUND MOTION RECORDS OF TURK",
-        parse_columns,
-    ),
-    Reader(
-        "COSMOS and CSMIP (CDMG), volumes 1 and 2",
-        "the real header (numbers 62 or 34), or `equally spaced at`",
-        "`units=` or `in` above the values",
-        ".v1, .v2, .v1c, .v2c",
-        f"real-header|{_ABOVE.pattern}",
-        _parse_cosmos,
-    ),
-    Reader(
-        "CWA of Taiwan, three components",
-        "`#SampleRate(Hz)`, and its times",
-        "`#AmplitudeUnit`",
-        ".dat",
-        r"^#DataSequence",
-        parse_columns,
-    ),
-    Reader("ESM and ITACA .ASC", "`SAMPLING_INTERVAL_S`", "`UNITS`", ".asc", r"^SAMPLING_INTERVAL_S", parse_columns),
-    Reader(
-        "GeoNet V1A and V2A",
-        "`data at ... sec intervals`, `at intervals of`",
-        "`in units of`, or that of its peak",
-        ".v1a, .v2a",
-        rf"\A{_GEONET.pattern}(?s:.*){_GEONET_POINTS.pattern}",
-        _parse_geonet,
-    ),
-    Reader(
-        "K-NET and KiK-net ASCII of NIED, one component a file",
-        "`Sampling Freq(Hz)`",
-        "`Scale Factor`, in gal; the offset (mean) is taken out, as NIED does for the maximum in the header",
-        ".ns, .ew, .ud, .ns1, .ew1, .ud1, .ns2, .ew2, .ud2",
-        r"\AOrigin Time",
-        _parse_knet,
-    ),
-    Reader(
-        "PEER AT2, old and NGA headers",
-        "`DT` on the line of `NPTS`, or next to it",
-        "`IN UNITS OF`, `IN CM/S/S`; else g",
-        ".at2",
-        r"^[^#%!\n]*\bNPTS\s*(?:[=:]|,\s*DT)",
-        _parse_peer,
-    ),
-    Reader(
-        "USGS SMC",
-        "the second real number of the header, samples/s",
-        "cm/s2, by the definition of the format",
-        ".smc",
-        r"\A\s*\d\s+(?:(?:UN)?CORRECTED\s+ACCELEROGRAM|VELOCITY|DISPLACEMENT)",
-        _parse_smc,
-    ),
-    Reader(
-        "columns of time and accelerations, in CSV (`,` or `;`) or apart by blanks or tabs; acceleration alone; a "
-        "first line `N dt` as of eqsig, DEEPSOIL and RspMatch; one component in rows, with `layout`",
-        "the column of times, the line `N dt`, or a remark such as `dt = 0.01 s` or `200 samples/s`",
-        "the heading, as `acc (g)` or `acc_g`, or a remark such as `units: g` or `acceleration in g`",
-        ".csv, .txt, .dat, .acc",
-        "",
-        parse_columns,
-    ),
-)
+_PARSERS: dict[str, Callable[[RecordText], Content]] = {
+    "columns": parse_columns,
+    "cosmos": _parse_cosmos,
+    "geonet": _parse_geonet,
+    "knet": _parse_knet,
+    "peer": _parse_peer,
+    "smc": _parse_smc,
+}
+
+READERS = tuple(Reader(**entry) for entry in read_data("records.toml")["format"])
 """All formats; the first one that matches reads a file."""
 
 RECORD_SUFFIXES = tuple(dict.fromkeys(re.findall(r"\.\w+", " ".join(reader.suffixes for reader in READERS))))
@@ -563,7 +495,7 @@ def read_record(
         head, flags = "\n".join(text.lines[:_HEAD]), re.IGNORECASE | re.MULTILINE
         reader = next(reader for reader in READERS if re.search(reader.pattern, head, flags))
         source = replace(text, dt=dt, column=column, layout=layout, firm=reader is not READERS[-1])
-        content = reader.parse(source)
+        content = _PARSERS[reader.parser](source)
         unit, unit_from = choose_unit(content, wanted)
         if "in place of" in unit_from:
             warnings.warn(f"{file}: units={wanted!r} is {unit_from}", UserWarning, stacklevel=2)
@@ -572,7 +504,7 @@ def read_record(
         title = f"{content.title[:200]} ({file.name})" if content.title else file.name
         reading = Reading(unit, unit_from, content.step[1], content.column)
         if name is None:
-            name = file.name if reader.parse is _parse_knet else file.stem  # the ending tells the component
+            name = file.name if reader.parser == "knet" else file.stem  # the ending tells the component
         record = Record(name, content.step[0], motion, title, reading=reading)
         return record.scaled_to(pga) if pga is not None else record.scaled(scale)
     except MissingRecordError:
