@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Any
@@ -21,13 +21,17 @@ from pounding_sweep.kernel.lanes import (
     Rows,
     Table,
     Tracer,
+    constant,
     count_to,
     has_wide_registers,
     lane_of,
+    narrow,
+    real,
     tracing,
     when,
+    where,
 )
-from pounding_sweep.kernel.spec import GIVEN, LANES, PARAMETERS, KernelSpec, Slots, history_slots, input_slots
+from pounding_sweep.kernel.spec import GIVEN, LANES, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Course, Flights, run_scenarios
@@ -40,69 +44,40 @@ MARGIN = {"float64": 1e-12, "float32": 4e-6}
 class Ground:
     """The record as a kernel steps through it, its numbers in double precision."""
 
-    def __init__(self, trace: Tracer, arrays: dict[str, Any]) -> None:
-        self.trace, (self._pointer, (points,)), b = trace, arrays["motion"], trace.builder
-        steps = [arrays[name] for name in ("steps", "substeps")]
-        self.intervals, self.steps, self.substeps = (Count(trace, x) for x in (b.sub(points, _I64(1)), *steps))
-        self.h, self.long = (self._narrow(b.fdiv(arrays["length"], b.sitofp(n, _DOUBLE))) for n in steps)
+    def __init__(self, trace: Tracer | None, values: Mapping[str, Any], points: Any) -> None:
+        self._trace, length = trace, values["length"]
+        self._wide = None if trace is None else length.trace
+        self._motion = Table(self._wide, values["motion"], 1)
+        self.intervals, self.steps, self.substeps = points - 1, values["steps"], values["substeps"]
+        self.h, self.long = (narrow(trace, length / self._double(n)) for n in (self.steps, self.substeps))
         #: The ground at the ends of all steps, for lanes that each have their own.
-        self.track = arrays["track"][0]
+        self.track = values["track"]
 
-    def _narrow(self, x: Any) -> Real:
-        t = self.trace
-        return Real(t, x if t.size == 8 else t.builder.fptrunc(x, t.real))
-
-    def start(self) -> Real:
-        """Acceleration at the first point."""
-        return self._narrow(self._at(Count(self.trace, _I64(0))))
-
-    def _at(self, i: Any) -> Any:
-        t = self.trace
-        return t.load(t.builder.gep(self._pointer, [i.value], inbounds=True), _DOUBLE, 8, fixed=True)
-
-    def _between(self, i: Any, j: Any) -> Any:
-        b = self.trace.builder
-        share = b.fdiv(b.sitofp(j.value, _DOUBLE), b.sitofp(self.steps.value, _DOUBLE))
-        first = self._at(i)
-        return b.fadd(first, b.fmul(b.fsub(self._at(i + 1), first), share))
-
-    def ends(self, i: Any, j: Any) -> tuple[Real, Real]:
-        """Accelerations at both ends of a step."""
-        b = self.trace.builder
-        late = b.select((j == self.steps - 1).value, self._at(i + 1), self._between(i, j + 1))
-        return self._narrow(self._between(i, j)), self._narrow(late)
-
-    def time(self, number: Any) -> Real:
-        """Time (s) after so many steps."""
-        b, t = self.trace.builder, self.trace
-        h = self.h.value if t.size == 8 else b.fpext(self.h.value, _DOUBLE)
-        return self._narrow(b.fmul(b.sitofp(number.value, _DOUBLE), h))
-
-
-class TwinGround:
-    """The record as the kernel's twin steps through it."""
-
-    def __init__(self, arrays: dict[str, Any]) -> None:
-        self._motion, self.track, self.steps, self.substeps = (
-            arrays[name] for name in ("motion", "track", "steps", "substeps")
-        )
-        self.h, self.long = arrays["length"] / self.steps, arrays["length"] / self.substeps
-        self.intervals = len(self._motion) - 1
+    def _double(self, n: Any) -> Any:
+        """Return a whole number as one of double precision."""
+        return real(n if self._wide is None else Count(self._wide, n.value))
 
     def start(self) -> Any:
         """Acceleration at the first point."""
-        return self._motion[0]
+        return narrow(self._trace, self._motion.number(0, fixed=True))
 
-    def _between(self, i: int, j: int) -> Any:
-        return self._motion[i] + (self._motion[i + 1] - self._motion[i]) * (j / self.steps)
+    def _between(self, i: Any, j: Any) -> Any:
+        share = self._double(j) / self._double(self.steps)
+        first, second = (self._motion.number(at, fixed=True) for at in (i, i + 1))
+        return first + (second - first) * share
 
-    def ends(self, i: int, j: int) -> tuple[Any, Any]:
+    def ends(self, i: Any, j: Any) -> tuple[Any, Any]:
         """Accelerations at both ends of a step."""
-        return self._between(i, j), self._motion[i + 1] if j == self.steps - 1 else self._between(i, j + 1)
+        last = self._motion.number(i + 1, fixed=True)
+        late = where(j == self.steps - 1, last, self._between(i, j + 1))
+        return narrow(self._trace, self._between(i, j)), narrow(self._trace, late)
 
-    def time(self, number: int) -> float:
+    def time(self, number: Any) -> Any:
         """Time (s) after so many steps."""
-        return number * self.h
+        h = self.h
+        if self._wide is not None and h.trace.size < 8:
+            h = Real(self._wide, self._wide.builder.fpext(h.value, _DOUBLE))
+        return narrow(self._trace, self._double(number) * h)
 
 
 def width(precision: str) -> int:
@@ -128,127 +103,117 @@ def _own_size(group: Group) -> int:
     return sum(layout.scratch.values()) * layout.lanes
 
 
-def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
-    """Take a lane group whose inputs are there over the record."""
-    march.begin(group, ground.start())
-    if note is not None:
-        note(Count(group.trace, _I64(0)) if group.trace else 0)
-    group.scheme.march(group, ground, note)
-    march.finish(group)
-
-
 @np.errstate(all="ignore")
 def run_twin(spec: KernelSpec, *numbers: Any) -> None:
     """Do what the compiled kernel of `spec` does, by the same source on NumPy arrays in double precision."""
     arrays = dict(zip(PARAMETERS, numbers, strict=False))
-    ground, constants, history = TwinGround(arrays), arrays["constants"], arrays["history"]
-
-    def put(row: int, column: int, value: np.ndarray) -> None:
-        history[row, column] = value[0]
-
-    def rows_of(slots: Slots, values: np.ndarray) -> Iterator[tuple[tuple[str, int], np.ndarray]]:
-        places = [(name, i) for name, n in slots.count.items() for i in range(n)]
-        return zip(places, values.reshape(-1, LANES), strict=True)
-
-    if spec.flies_exactly:
-        group = make_group(spec, None, width(spec.precision), constants)
-        note = noter(group, put, True) if spec.history else None
-        given = {**arrays, "memory": None} | {name: arrays[name].reshape(-1, LANES) for name in ("inputs", "results")}
-        counts = arrays["rows"], arrays["scenarios"], group.passing
-        flights = make_flights(group, ground, given, counts, note, Ledger())
-        run_scenarios(group, ground, flights.serve, flights.course, note)
-        return
-    for inputs, results in zip(arrays["inputs"], arrays["results"], strict=True):
-        group = make_group(spec, None, LANES, constants)
-        for place, row in rows_of(input_slots(spec), inputs):
-            group.state[place] = row
-        run_group(group, ground, noter(group, put, True) if spec.history else None)
-        for place, row in rows_of(output_slots(spec), results):
-            row[:] = group.state[place]
+    values = {name: x.reshape(-1) if isinstance(x, np.ndarray) else x for name, x in arrays.items()}
+    _run(spec, None, values, {name: np.shape(x) for name, x in arrays.items()}, Ledger())
 
 
 def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
     """Write the kernel of `spec`, or its flight, where `builder` stands; `place` is the address of its frame."""
     with tracing(trace := Tracer(builder, spec.precision, width(spec.precision))):
-        _emit(spec, trace, place)
+        frame = builder.inttoptr(place, _I64.as_pointer())
+        values, shapes = _read_frame(trace, frame)
+        ledger = Ledger(builder.gep(frame, [_I64(GIVEN)], inbounds=True), begins=not spec.only_flight)
+        kind = ir.FunctionType(ir.VoidType(), [_I64]).as_pointer()
+        fly = partial(builder.call, builder.inttoptr(values["flight"].value, kind), [place])
+        _run(spec, trace, values, shapes, ledger, fly)
 
 
-def _emit(spec: KernelSpec, trace: Tracer, place: Any) -> None:
-    builder = trace.builder
-    frame = builder.inttoptr(place, _I64.as_pointer())
-    arrays = _read_frame(trace, frame)
-    state, ground = arrays["state"][0], Ground(trace, arrays)
-    group = make_group(spec, trace, trace.lanes, arrays["constants"][0], state)
-    put = _putter(trace, arrays["history"])
-    if not spec.flies_exactly:
-        _emit_groups(group, ground, arrays, put)
-        return
-    # flight's own rows come before those of the state
-    group.state.table.pointer = builder.gep(state, [_I64(_own_size(group))], inbounds=True)
-    note = noter(group, put, True) if spec.history else None
-    ledger = Ledger(builder.gep(frame, [_I64(GIVEN)], inbounds=True), begins=not spec.only_flight)
-    if spec.only_flight:
-        given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": state}
-        counts = [Count(trace, arrays[name]) for name in ("rows", "scenarios", "passing")]
-        make_flights(group, ground, given, counts, note, ledger).serve()
-        return
-    kind = ir.FunctionType(ir.VoidType(), [_I64])
-    flight = builder.inttoptr(arrays["flight"], kind.as_pointer())
-    run_scenarios(group, ground, lambda: builder.call(flight, [place]), Course(group, ledger.cell), note)
-
-
-def _read_frame(trace: Tracer, frame: Any) -> dict[str, Any]:
-    """Return what a kernel is given, by name: of arrays a pointer and the shape."""
-    b, places = trace.builder, count()
+def _read_frame(trace: Tracer, frame: Any) -> tuple[dict[str, Any], dict[str, list[Count]]]:
+    """Return what a kernel is given, by name: of arrays where they begin, and their shapes."""
+    b, places, wide = trace.builder, count(), Tracer(trace.builder, "float64", trace.lanes)
 
     def take() -> Any:
         return b.load(b.gep(frame, [_I64(next(places))], inbounds=True))
 
-    arrays: dict[str, Any] = {}
+    values, shapes = dict[str, Any](), dict[str, list[Count]]()
     for name, kind in PARAMETERS.items():
         if "[" in kind:
-            real = trace.real if "real" in kind else _DOUBLE
-            arrays[name] = b.inttoptr(take(), real.as_pointer()), [take() for _ in range(1 + kind.count(","))]
+            values[name] = b.inttoptr(take(), (trace.real if "real" in kind else _DOUBLE).as_pointer())
+            shapes[name] = [Count(trace, take()) for _ in range(1 + kind.count(","))]
         else:
-            arrays[name] = take() if kind == "int64" else b.bitcast(take(), _DOUBLE)
-    return arrays
+            values[name] = Count(trace, take()) if kind == "int64" else Real(wide, b.bitcast(take(), _DOUBLE))
+    return values, shapes
 
 
-def _emit_groups(group: Group, ground: Ground, arrays: dict[str, Any], put: Callable[[Any, int, Any], None]) -> None:
-    """Write a kernel that takes one lane group after another over the record."""
-    spec, trace, builder = group.spec, ground.trace, ground.trace.builder
-    parts = LANES // trace.lanes
-    for each in count_to(Count(trace, arrays["inputs"][1][0]) * parts):
+def _run(
+    spec: KernelSpec,
+    trace: Tracer | None,
+    values: dict[str, Any],
+    shapes: Mapping[str, Sequence[Any]],
+    ledger: Ledger,
+    fly: Callable[[], None] | None = None,
+) -> None:
+    """Take all scenarios of a call over the record, or write what does; `fly` calls the flight of a kernel."""
+    lanes = LANES if trace is None and not spec.flies_exactly else width(spec.precision)
+    group = make_group(spec, trace, lanes, values["constants"], values.get("state"))
+    ground, columns = Ground(trace, values, shapes["motion"][0]), shapes["history"][1]
+    history = Table(trace, values["history"], 1, double=True)
+
+    def put(row: Any, column: int, value: Any) -> None:
+        history.put_number(row * columns + column, lane_of(value, 0))
+
+    if not spec.flies_exactly:
+        _run_groups(group, ground, values, shapes["inputs"][0], put)
+        return
+    note = noter(group, put, True) if spec.history else None
+    if trace is not None:  # flight's own rows come before those of the state
+        group.state.table.pointer = trace.builder.gep(values["state"], [_I64(_own_size(group))], inbounds=True)
+    if fly is not None and not spec.only_flight:
+        run_scenarios(group, ground, fly, Course(group, ledger.cell), note)
+        return
+    counts = values["rows"], values["scenarios"], values.get("passing", group.passing)
+    flights = make_flights(group, ground, values, counts, note, ledger)
+    if spec.only_flight:
+        flights.serve()
+    else:
+        run_scenarios(group, ground, flights.serve, flights.course, note)
+
+
+def _run_groups(group: Group, ground: Ground, values: dict[str, Any], groups: Any, put: Callable[..., None]) -> None:
+    """Take one lane group after another over the record."""
+    spec, trace, lanes, state = group.spec, group.trace, group.lanes, group.state
+    parts = LANES // lanes
+    for each in count_to(groups * parts):
         row = each // parts
         part = each - row * parts
-        for i in count_to(group.state.size * trace.lanes):
-            group.state.table.put_number(i, 0.0)
-
-        def rows_of(name: str, slots: Slots, row: Any = row, part: Any = part) -> Rows:
-            data, (_, columns) = arrays[name]
-            first = builder.gep(data, [builder.add(builder.mul(row.value, columns), (part * trace.lanes).value)])
-            return Rows(trace, slots.count, trace.lanes, first, LANES, double=True)
-
-        inputs = rows_of("inputs", input_slots(spec))
+        for i in count_to(state.size * lanes):
+            state.table.put_number(i, 0.0)
+        inputs, results = (
+            Rows(trace, slots.count, lanes, _from(trace, values[name], at), LANES, double=True)
+            for name, slots in (("inputs", input_slots(spec)), ("results", output_slots(spec)))
+            for at in [row * (slots.size * LANES) + part * lanes]
+        )
         for name, n in inputs.count.items():
             for i in count_to(n):
-                group.state[name, i] = inputs[name, i]
-        run_group(group, ground, noter(group, put, part == 0) if spec.history else None)
-        results = rows_of("results", output_slots(spec))
+                state[name, i] = inputs[name, i]
+        note = noter(group, put, part == 0) if spec.history else None
+        march.begin(group, ground.start())
+        if note is not None:
+            note(constant(0))
+        group.scheme.march(group, ground, note)
+        march.finish(group)
         for name, n in results.count.items():
             for i in count_to(n):
-                results[name, i] = group.state[name, i]
+                results[name, i] = state[name, i]
+
+
+def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:
+    """Return numbers from one on."""
+    return numbers[at:] if trace is None else trace.builder.gep(numbers, [at.value])
 
 
 def make_flights(
     group: Group, ground: Any, arrays: dict[str, Any], counts: Sequence[Any], note: Any, ledger: Ledger
 ) -> Flights:
     """Return the flight of all scenarios of a call."""
-    # `arrays` are inputs, results, tables, decays and flight's own memory, by name; `counts` are those of rows of
-    # buildings, of scenarios, and of rows of the state that a step leaves to the next
+    # `counts` are those of rows of buildings, of scenarios, and of rows of the state that a step leaves to the next
     trace, spec, (rows, scenarios, kept) = group.trace, group.spec, counts
     points = ground.intervals * ground.substeps + 1
-    flight = Flight(group, arrays["tables"], points, arrays["memory"])
+    flight = Flight(group, arrays["tables"], points, arrays.get("state"))
     wide = None if trace is None else Tracer(trace.builder, "float64", flight.lanes)
     own = flight, Table(wide, arrays["decays"], flight.lanes), MARGIN[spec.precision]
     course = Course(group, ledger.cell)
@@ -283,19 +248,6 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 put(row, place.first[name] + q, value)
 
     return note
-
-
-def _putter(trace: Tracer, array: Any) -> Callable[[Any, int, Any], None]:
-    """Return what stores lane 0 in an array of two dimensions."""
-    data, (_, columns) = array
-    b = trace.builder
-
-    def put(row: Any, column: int, value: Any) -> None:
-        x = lane_of(value, 0).value
-        at = b.add(b.mul(row.value, columns), _I64(column))
-        b.store(x if trace.size == 8 else b.fpext(x, _DOUBLE), b.gep(data, [at])).align = 8
-
-    return put
 
 
 def _optimise_once(library: Any) -> None:
