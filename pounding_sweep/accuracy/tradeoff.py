@@ -12,9 +12,9 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,14 +22,14 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.compile import prepare
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
-from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
@@ -97,54 +97,45 @@ _ABOUT = {
 Values = dict[str, np.ndarray]
 
 
+def run_rows(
+    plan: Plan,
+    table: Scenarios,
+    numerics: Numerics,
+    outputs: Sequence[str],
+    refused: np.ndarray | None = None,
+    closing: bool = False,
+) -> Values:
+    """Run scenarios of a plan as a sweep does, but for the `refused` ones; variables of shape (rows, *inner)."""
+    able = np.ones(len(table), bool) if refused is None else ~refused
+    values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
+    values["status"] = np.full(len(table), int(Status.BEYOND_STABILITY_LIMIT))
+    for law, record in {*zip(table.law[able].tolist(), table.record[able].tolist(), strict=True)}:
+        places = np.flatnonzero((table.law == law) & (table.record == record) & able)
+        kernel, part = replace(plan.kernel(law, closing), numerics=numerics), table[places]
+        result = run_once(kernel, plan.spec.records[record], part, plan.variants[part.variant], outputs)
+        for name in values.keys() & result.keys():
+            values[name][places] = result[name]
+    return values
+
+
 def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
-    last, contacts, runs = len(plan.laws) - 1, plan.spec.scene.contacts, plan.uncoupled_runs
-    if not contacts:
+    if not plan.spec.scene.contacts:
         return np.zeros(len(plan.unique), bool)
     one = np.ones(len(plan.variants))
-    limit = largest_step(plan.variants, plan.laws[last], 0.0 * one, one, method="rk4")
+    limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
     numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())))
-    kernel = replace(plan.kernel(last, closing=True), numerics=numerics)
-    pairs, storeys = np.array([(contact.place, contact.storey - 1) for contact in contacts]).T
-    closing = np.full((len(runs), len(contacts)), np.inf)
-    for i in np.unique(runs.record):
-        rows = np.flatnonzero(runs.record == i)
-        variants = plan.variants[runs.variant[rows]]
-        values = run_once(kernel, plan.spec.records[i], runs[rows], variants, ("closing_max",))
-        closing[rows] = values["closing_max"][:, pairs, storeys]
-    return ~untouched(plan, closing)
+    closing = run_rows(plan, plan.uncoupled_runs, numerics, ("closing_max",), closing=True)["closing_max"]
+    pairs, storeys = np.array([(contact.place, contact.storey - 1) for contact in plan.spec.scene.contacts]).T
+    return ~untouched(plan, closing[:, pairs, storeys])
 
 
-@dataclass(frozen=True)
-class TradeSample:
+class TradeSample(NamedTuple):
     """Scenarios of a sweep that are run to measure a trade, as rows of its plan's table."""
 
-    plan: Plan
     rows: np.ndarray  # for errors: random scenarios
     timed: tuple[np.ndarray, ...]  # for costs: whole lane groups of each law, side by side in the sweep
     touching: np.ndarray  # which rows can touch, shape (unique,)
-
-    def kernel(self, law: int, numerics: Numerics) -> RowKernel:
-        """Return the kernel of the sweep for a law."""
-        return replace(self.plan.kernel(law), numerics=numerics)
-
-    def run(
-        self, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], refused: np.ndarray, change: bool = False
-    ) -> Values:
-        """Run rows as a sweep does, but for the `refused` ones, shape (unique,); variables of shape (rows, *inner)."""
-        plan, table = self.plan, self.plan.unique[rows]
-        values = {name: np.full((len(rows), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
-        values["status"] = np.full(len(rows), int(Status.BEYOND_STABILITY_LIMIT))
-        for law, record in {*zip(table.law.tolist(), table.record.tolist(), strict=True)}:
-            places = np.flatnonzero((table.law == law) & (table.record == record) & ~refused[rows])
-            if len(places):
-                part, variants = table[places], plan.variants[table.variant[places]]
-                part = changed(part) if change else part
-                result = run_once(self.kernel(law, numerics), plan.spec.records[record], part, variants, outputs)
-                for name in values.keys() & result.keys():
-                    values[name][places] = result[name]
-        return values
 
 
 def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
@@ -170,7 +161,7 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
                 rows = free[table.record[free] == table.record[rng.choice(free)]]
                 groups.append(np.sort(rng.choice(rows, min(size, len(rows)), replace=False)))
                 free = np.setdiff1d(free, groups[-1])
-    return TradeSample(plan, np.concatenate(groups), tuple(timed), touching)
+    return TradeSample(np.concatenate(groups), tuple(timed), touching)
 
 
 def measure(
@@ -191,8 +182,9 @@ def measure(
         )
     finest = axes["step"][-1]
     base = replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None)
-    sample = draw(Sweep.from_spec(base).plan(), scenarios, seed)
-    plan, n = sample.plan, len(sample.rows)
+    plan = Sweep.from_spec(base).plan()
+    sample = draw(plan, scenarios, seed)
+    table, n = plan.unique[sample.rows], len(sample.rows)
     stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
     reference = Numerics("rk4", min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
     grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
@@ -200,22 +192,23 @@ def measure(
     refused = [_refused(plan, numerics, limits[numerics.method]) for numerics in grid]
     timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
-    shapes = list(dict.fromkeys(sample.kernel(law, numerics).shape for numerics in able for law in timed_laws))
+    kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
     progress.stage("kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
-    def run(numerics: Numerics, refused: np.ndarray, change: bool = False) -> Values:
-        values = sample.run(sample.rows, numerics, outputs, refused, change)
+    def run(numerics: Numerics, scenarios: Scenarios, refused: np.ndarray | None = None) -> Values:
+        values = run_rows(plan, scenarios, numerics, outputs, refused)
         progress.advance(n)
         return values
 
     progress.stage("converged solution", 3 * n)
-    none, double = np.zeros(len(plan.unique), bool), replace(reference, dt=2.0 * reference.dt)
-    converged, checked, moved = run(reference, none), run(double, none), run(double, none, change=True)
+    double = replace(reference, dt=2.0 * reference.dt)
+    converged, checked, moved = run(reference, table), run(double, table), run(double, changed(table))
     reference_error = _errors(outputs, checked, converged)
 
     progress.stage("comparisons", len(grid) * n)
-    ran = [run(numerics, rows) for numerics, rows in zip(grid, refused, strict=True)]
+    ran = [run(numerics, table, rows[sample.rows]) for numerics, rows in zip(grid, refused, strict=True)]
     errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
     errors[np.isnan(reference_error)] = np.nan
 
@@ -225,8 +218,10 @@ def measure(
     for repeat, i in product(range(repeats), range(len(grid))):
         for j, rows in enumerate(sample.timed):
             if not refused[i][of_laws[j]].any():
+                kernel, part = replace(plan.kernel(timed_laws[j]), numerics=grid[i]), plan.unique[rows]
+                record, variants = spec.records[part.record[0]], plan.variants[part.variant]
                 started = time.thread_time()
-                sample.run(rows, grid[i], plan.spec.outputs, refused[i])
+                run_once(kernel, record, part, variants, plan.spec.outputs)
                 seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
     # of the sweep's mix of laws, by the mean length of their records
@@ -247,7 +242,6 @@ def measure(
         "cost_median": (CONFIGURATION, (median @ shares).reshape(shape)),
     }
     laws, records = np.array([law.key for law in plan.laws]), np.array([record.name for record in spec.records])
-    table = plan.unique[sample.rows]
     coordinates = {
         **{name: list(values) for name, values in axes.items()},
         "located": np.array(axes["located"], np.int8),
@@ -265,7 +259,9 @@ def measure(
         "scenario_stiffness": ("scenario", table.stiffness),
         "scenario_restitution": ("scenario", table.restitution),
     }
-    return xr.Dataset(data, coordinates, _provenance(spec, sample, reference) | {"seed": seed, "repeats": repeats})
+    return xr.Dataset(
+        data, coordinates, _provenance(spec, plan, sample, reference) | {"seed": seed, "repeats": repeats}
+    )
 
 
 def _step(record: Record, step: float) -> float:
@@ -290,7 +286,7 @@ def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.nda
     return table
 
 
-def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
+def _provenance(spec: SweepSpec, plan: Plan, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
     """Return attributes: settings, machine and sweep."""
     state = diagnose()
     machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
@@ -299,7 +295,7 @@ def _provenance(spec: SweepSpec, sample: TradeSample, reference: Numerics) -> di
         KIND_ATTRIBUTE: KIND,
         "sample_scenarios": len(sample.rows),
         "touching_scenarios": int(sample.touching.sum()),
-        "unique_scenarios": len(sample.plan.unique),
+        "unique_scenarios": len(plan.unique),
         "reference": f"{reference.method}, located, {reference.precision}",
         "reference_step": reference.dt,
         "resolution_factor": RESOLUTION,
