@@ -174,16 +174,16 @@ def test_a_fresh_machine_gets_the_report_of_el_centro(tmp_path):
     assert all(source.startswith("data:image/png;base64,") for source in page.loaded)
     assert page.words.count("ngawest2.berkeley.edu") == 3
 
-    sweep = Path(__file__).parents[1] / "sweeps" / "mate2015.toml"
-    cli("run", sweep, "-o", tmp_path / "mate2015.nc", "--skip-missing-records", "--quiet")
-    one = cli("paper", tmp_path / "mate2015.nc", "-o", tmp_path / "one")
+    sweep, cube = Path(__file__).parents[1] / "sweeps" / "mate2015.toml", tmp_path / "mate2015.nc"
+    cli("run", sweep, "-o", cube, "--skip-missing-records", "--quiet")
+    one = cli("paper", cube, "-o", tmp_path / "one")
     assert "as printed" in one.stdout
     assert "as probably run" not in one.stdout
     assert {part["word"] for part in both["verdict"]} >= {"Reproduced", "Not reproduced", "Can't be"}
     printed = [verdict for verdict in both["verdicts"] if verdict["reading"] == "as_printed"]
-    with ps.open_cube(tmp_path / "mate2015.nc") as cube:
-        assert float(cube.energy_residual.max()) < 1e-5
-        assert not cube.status.values.any()
+    with ps.open_cube(cube) as dataset:
+        assert float(dataset.energy_residual.max()) < 1e-5
+        assert not dataset.status.values.any()
     assert len(printed) == 5
     assert all(claim["numbers"] in one.stdout for verdict in printed for claim in verdict["claims"])
 

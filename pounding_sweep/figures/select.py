@@ -171,14 +171,6 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
     return name, f"{words} ({unit or '-'})", factor, per
 
 
-def over_storeys(part: xr.DataArray) -> xr.DataArray:
-    """Return the largest value over storeys, of minima and first times the smallest; a single value as it is."""
-    if "storey" not in part.dims:
-        return part
-    least = str(part.name).endswith("_min") or part.name == "first_impact_time"
-    return part.min("storey") if least else part.max("storey")
-
-
 def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
     """Return the unit in which figures show a variable, and the factor that brings it there: mm for m, else its own."""
     return ("mm", 1e3) if attributes.get("units") == "m" else (unit_text(attributes), 1.0)

@@ -24,8 +24,7 @@ from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.records import Record, find_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import AUDIT_SHARE, to_json
+from pounding_sweep.spec.spec import AUDIT_SHARE, json_data
 
 _FOLDER = files("pounding_sweep") / "data" / "mate2015"
 #: Ground motions, tables, readings, limits, conclusions and findings; see the file.
@@ -164,8 +163,7 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
         raise InputError(f"{name} lacks {', '.join(lacking)}; {remedy}")
     scene = json.loads(cube.attrs.get("sweep", "{}")).get("scene")
     for reading in READINGS.values():
-        spec = build_spec(scene=reading.preset, records="el_centro", laws="none")
-        if json.loads(to_json(spec))["scene"] == scene:
+        if json_data(PRESETS[reading.preset].scene) == scene:
             return reading
     presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
     raise InputError(

@@ -32,7 +32,6 @@ from pounding_sweep.figures.select import (
     is_log,
     law_name,
     over_records,
-    over_storeys,
     panels,
     plot_axes,
     plot_axis,
@@ -169,7 +168,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     result = result_of(cube, "laws", outputs=drawn and [drawn])
     name = next(name for name in _COMPARED if f"{name}_compared" in result)
     reference = result.attrs["reference_law"]
-    peak = over_storeys(with_dims(result, "pair")[f"{name}_compared"])
+    peak = with_dims(result, "pair", "storey", absent="")[f"{name}_compared"].max("storey")
     base = peak.sel(law=reference, drop=True).reset_coords(drop=True)
     ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
     axis = choose_axis(ratio, x or ("restitution" if ratio.sizes.get("restitution", 1) > 1 else None), but=["basis"])
@@ -240,8 +239,11 @@ def response_map(
     check_value(value, [str(key) for key, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"], ratios)
     name, label, factor, per = choose_response(cube, "map", value)
     cube = with_dims(cube, "law", per, absent="")
-    over = "largest of the storeys" if "storey" in cube[name].dims else ""
-    cube = cube.assign({name: over_storeys(cube[name])})
+    over = ""
+    if "storey" in cube[name].dims:
+        over, storeys = "largest of the storeys", cube[name]
+        least = name.endswith("_min") or name == "first_impact_time"
+        cube = cube.assign({name: storeys.min("storey") if least else storeys.max("storey")})
     records = ["record"] if cube.sizes.get("record", 1) > 1 else []
     cube, shown = select_default(cube, ("law", per, upward.dim, across.dim, *records), [name])
     ratio = name.endswith("_ratio") and "touches" in cube

@@ -122,12 +122,10 @@ def _draw_spectra(ax: Any, values: xr.DataArray) -> None:
     dims = [str(dim) for dim in values.dims if dim != "period"]
     named = [dim for dim in dims if values.sizes[dim] > 1 or len(dims) == 1]
     lines: dict[str, np.ndarray] = {}
-    for place in np.ndindex(*(values.sizes[dim] for dim in dims)):
-        line = values.isel(dict(zip(dims, place, strict=True)))
+    for line in values.expand_dims("line").stack(lines=["line", *dims]).transpose("lines", "period").dropna("lines"):
         labels = {dim.replace("_", " "): line[dim].item() for dim in named}  # a text alone, a number with its name
         words = [record_name(text) if isinstance(text, str) else f"{dim} {text:g}" for dim, text in labels.items()]
-        if np.isfinite(line).all():
-            lines[", ".join(words)] = line.values
+        lines[", ".join(words)] = line.values
     if not lines:
         raise InputError("there is no spectrum to draw: none holds finite numbers")
     periods = values["period"].values
