@@ -196,7 +196,7 @@ def key_tables() -> str:
         lines.append("")
     lines += ["### `[[sweep.cases]]`", "", "| key | meaning |", "|---|---|"]
     for key, meaning in _meanings(Case).items():
-        if key not in ("period_factors", "mass_factors"):
+        if key not in FACTOR_KINDS:
             lines.append(_line(f"`{key}`", meaning))
     lines += ["| `building.NAME` | Factors on a building's properties, one number each. |", ""]
     return "\n".join(lines)

@@ -124,11 +124,6 @@ def test_numpy_numbers_are_numbers(number):
 # --- floors and contacts --------------------------------------------------------------------------------------------
 
 
-def test_default_heights_and_elevations():
-    assert building(n=3).elevations.tolist() == [3.0, 6.0, 9.0]
-    assert building(n=2, storey_heights=[4.0, 3.5]).elevations.tolist() == [4.0, 7.5]
-
-
 def test_unequal_heights_meet_where_elevations_agree():
     tall = building("tall", 5, storey_heights=[4.5, 3.0, 3.0, 3.0, 3.0])  # 4.5 7.5 10.5 13.5 16.5
     low = building("low", 3, storey_heights=[3.0, 4.5, 6.0])  # 3.0 7.5 13.5
@@ -216,11 +211,6 @@ def test_walls_meet_every_floor():
 def test_two_walls_of_the_same_name_are_told_apart():
     scene = Scene([Wall(), building(), Wall()], gaps=[0.1, 0.2])
     assert scene.pair_names == ("left wall-b", "b-right wall")
-
-
-def test_single_building_has_no_pairs():
-    scene = Scene([building()])
-    assert (scene.pair_names, scene.gaps, scene.contacts, scene.n_dof) == ((), (), (), 2)
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=4), st.booleans(), st.booleans())

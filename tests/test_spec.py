@@ -139,13 +139,6 @@ def test_restitution_defaults_to_the_scene():
     assert build(laws=["linear", "none", "hertz"]).restitutions == (1.0,)
 
 
-def test_absolute_stiffnesses():
-    spec = build(laws=["linear", "kelvin_voigt", "none"], stiffnesses=[1e6, 2e6], restitutions=[0.5])
-    assert (spec.stiffnesses, spec.stiffness_factors) == ((1e6, 2e6), None)
-    assert spec.axes["stiffness"] == (1e6, 2e6)
-    assert build(scene=bare_scene(), laws="hertz", stiffnesses=1e7).stiffnesses == (1e7,)
-
-
 def test_outputs():
     assert build(outputs="default").outputs == build(outputs=None).outputs == DEFAULT_OUTPUTS
     assert build(outputs="all").outputs == tuple(VARIABLES)

@@ -419,16 +419,13 @@ class Case:
         Name of one of the sweep's records; needed where it has more than one.
     scale : float
         Factor on the record.
-    period_factors, mass_factors : mapping of str to float
-        Factors on all periods and on all masses of buildings, by name; 1 for those not named.
+    period_factors, mass_factors, strength_factors, hardenings : mapping of str to float
+        Factors on periods, masses and yield strengths of buildings, and hardening, by name; their own for others.
     damping_ratio : float, optional
         Damping ratio of all buildings; their own where not given.
-    pga : float, optional
-        Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
-    strength_factors, hardenings : mapping of str to float
-        Factors on all yield strengths and hardening of buildings, by name; their own for those not named.
-    sa : float, optional
-        Spectral acceleration (m/s2) at the sweep's `sa_period` that the record is scaled to, instead of `scale`.
+    pga, sa : float, optional
+        Peak ground acceleration, or spectral acceleration at the sweep's `sa_period` (m/s2), that the record is scaled
+        to, instead of `scale`.
     ductility : float, optional
         Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
     """
