@@ -31,7 +31,7 @@ from pounding_sweep.output.dataset import (
     unfilled,
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
-from pounding_sweep.output.scenario_rows import scenario_keys
+from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 
@@ -42,10 +42,7 @@ Sweeps = Sequence[Mapping[str, Any]]
 #: Dimension of listed scenarios.
 CASE = "case"
 #: What tells listed cases apart, what their law ignores too: a case is selected by it.
-CASE_COORDINATES = (
-    *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap"),
-    *("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"),
-)
+CASE_COORDINATES = ("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap", *BUILDING_DEFAULTS)
 #: Global attributes that say how a part came to be, or are made anew, and how others of them begin.
 OWN_ATTRIBUTES = frozenset(
     {

@@ -27,13 +27,8 @@ _MIXING = [
     (np.uint64(29), np.array([0xC4CEB9FE1A85EC53, 0x94D049BB133111EB], np.uint64)),
 ]
 #: Building properties that vary -> the value that stands for the building's own.
-_BUILDING_DEFAULTS = {
-    "period_factor": 1.0,
-    "mass_factor": 1.0,
-    "damping_ratio": math.nan,
-    "strength_factor": 1.0,
-    "hardening": math.nan,
-}
+BUILDING_DEFAULTS = {"period_factor": 1.0, "mass_factor": 1.0, "damping_ratio": math.nan}
+BUILDING_DEFAULTS |= {"strength_factor": 1.0, "hardening": math.nan}
 
 
 def scenario_keys(columns: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -78,7 +73,7 @@ def planned_columns(plan: Plan, rows: np.ndarray) -> dict[str, np.ndarray]:
         "stiffness": table.stiffness,
         "restitution": table.restitution,
         "gap": table.gaps[:, plan.spec.scene.pair_of_label],
-        **{name: getattr(plan.variants, name)[table.variant] for name in _BUILDING_DEFAULTS},
+        **{name: getattr(plan.variants, name)[table.variant] for name in BUILDING_DEFAULTS},
     }
 
 
@@ -119,12 +114,12 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
 
 
 def _building_columns(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, xr.DataArray]:
-    """Return the building properties of scenarios; what is the building's own as in `_BUILDING_DEFAULTS`."""
+    """Return the building properties of scenarios; what is the building's own as in `BUILDING_DEFAULTS`."""
     import xarray as xr
 
     buildings, building = scene_of(sweep["scene"]).buildings, part["building"]
     columns: dict[str, xr.DataArray] = {}
-    for kind, default in _BUILDING_DEFAULTS.items():
+    for kind, default in BUILDING_DEFAULTS.items():
         own = xr.DataArray(default) if kind == "damping_ratio" else xr.full_like(building, default, dtype=float)
         columns[kind] = part.get(kind, own)
     for axis in axes_of(sweep).property_axes if sweep["cases"] is None else ():
@@ -141,7 +136,7 @@ def _building_columns(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, x
 def varies_buildings(cube: xr.Dataset, sweep: Mapping[str, Any]) -> bool:
     """Whether building properties vary in a cube: such scenarios run in kernels of their own."""
     return any(
-        bool(((column != _BUILDING_DEFAULTS[kind]) & column.notnull()).any())
+        bool(((column != BUILDING_DEFAULTS[kind]) & column.notnull()).any())
         for kind, column in _building_columns(cube, sweep).items()
     )
 

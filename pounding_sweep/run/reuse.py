@@ -120,13 +120,9 @@ class EarlierCube:
     def _steps_differ(self, then: dict[str, Any]) -> bool:
         """Whether scenarios of both sweeps have other steps: these follow from what their laws need."""
         now: Any = self._plan.choice_numbers
-        if self._plan.numerics.scheme.flies_exactly:
-            old, new = ([max(numbers["refinement"].values())] for numbers in (then, now))
-        else:
-            old, new = (numbers["steps_in_shortest_time"] for numbers in (then, now))
-            old, new = ([need[law] for law in sorted(old.keys() & new)] for need in (old, new))
+        exact = self._plan.numerics.scheme.flies_exactly
+        old, new = (numbers["refinement" if exact else "steps_in_shortest_time"] for numbers in (then, now))
+        differ = any(old[law] != new[law] for law in old.keys() & new)
         laws = {**LAWS, **{law.key: law for law in self._plan.laws}}
-        jumps = {
-            any(key in laws and laws[key].impulsive for key in sweep["laws"]) for sweep in (self._sweep, self._new)
-        }
-        return old != new or len(jumps) > 1
+        jumps = {any(laws[key].impulsive for key in laws.keys() & sweep["laws"]) for sweep in (self._sweep, self._new)}
+        return len(jumps) > 1 or (max(old.values()) != max(new.values()) if exact else differ)
