@@ -58,10 +58,9 @@ _UNIT = (
     r"hours?|days?)"
 )
 #: A heading of time in another unit than seconds: "time (ms)", "Time_ms", "t/ms", "time in ms"; or the unit alone.
-_NOT_SECONDS = re.compile(
-    rf"(?<![^\W_]){_TIME}(?:[^,;\n]{{0,12}}[(\[]\s*|\s*[_/]\s*|[\s_]+in[\s_]+|[ \t]+)({_UNIT})(?![^\W_])"
-    rf"|^\W*({_UNIT})\s*[,;\t]",
-    re.IGNORECASE | re.MULTILINE,
+_NOT_SECONDS = (
+    rf"(?im)(?<![^\W_]){_TIME}(?:[^,;\n]{{0,12}}[(\[]\s*|\s*[_/]\s*|[\s_]+in[\s_]+|[ \t]+)({_UNIT})(?![^\W_])"
+    rf"|^\W*({_UNIT})\s*[,;\t]"
 )
 _TIME_HEADING = re.compile(rf"\W*(?:{_TIME}|elapsed|s|secs?|seconds?)(?![^\W_])", re.IGNORECASE)
 _INDEX_HEADING = re.compile(
@@ -69,7 +68,7 @@ _INDEX_HEADING = re.compile(
     re.IGNORECASE,
 )
 #: A heading where blanks separate columns: words, each with what stands in brackets behind it.
-_HEADING = re.compile(r"[^\s(\[]+(?:\s*(?:\([^)]*\)|\[[^\]]*\]))?")
+_HEADING = r"[^\s(\[]+(?:\s*(?:\([^)]*\)|\[[^\]]*\]))?"
 _COMMA = r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?"
 #: What a row has that is split at a sign, in order, and whether its comma is the decimal sign.
 _SEPARATORS = (
@@ -78,9 +77,9 @@ _SEPARATORS = (
     (re.compile(r"\d\s*,|^[^\t]*,[^\t]*$"), ",", False),
     (re.compile(rf"^(?!{NUMBER.pattern}).*\t"), "\t", False),
 )
-_EMPTY_CELL = re.compile(r"(?:^|,)[ \t]*,", re.MULTILINE)
+_EMPTY_CELL = r"(?m)(?:^|,)[ \t]*,"
 #: The number of points in the headers of ESM and AFAD.
-_COUNT = re.compile(r"^(NDATA|NUMBER OF DATA)\s*:\s*(\d{1,9})\s*$")
+_COUNT = r"^(NDATA|NUMBER OF DATA)\s*:\s*(\d{1,9})\s*$"
 
 
 def parse_columns(source: RecordText) -> Content:
@@ -140,7 +139,7 @@ def _read_table(
         names = _headings(remark, row, columns)
         if names and (place == header[-1][0] or any(map(_TIME_HEADING.match, names))):
             where, heads = place, names
-    if columns > 1 and _NOT_SECONDS.search(text):
+    if columns > 1 and re.search(_NOT_SECONDS, text):
         raise RecordError(f"its times are not in seconds ({text[:24]!r}); convert them")
     if columns > 2 and not heads and source.column is None:
         raise RecordError(
@@ -191,7 +190,7 @@ def _values(source: RecordText, start: int, columns: int) -> Array:
     """Read the rows from a line on. Shape (rows, columns)."""
     lines = source.lines[start - 1 :]
     block = "\n".join(lines)
-    values = None if _EMPTY_CELL.search(block) else plain_words(block)
+    values = None if re.search(_EMPTY_CELL, block) else plain_words(block)
     if values is None or {len(text.replace(",", " ").split()) for text in lines} - {0} != {columns}:
         rows: list[float] = []
         for line, row in _rows(source, start):
@@ -213,7 +212,7 @@ def _headings(line: str, row: str, columns: int) -> list[str]:
     separators = [next((sign for sign in ";,\t" if sign in text), " ") for text in (plain, row)]
     same = separators[0] == separators[1]
     if same:
-        splits = [_HEADING.findall(plain) if separators[0] == " " else _cells(plain)]
+        splits = [re.findall(_HEADING, plain) if separators[0] == " " else _cells(plain)]
     else:
         splits = [re.split(sign, plain) for sign in (r"\s*[;,]\s*", r"\s*\t\s*|\s{2,}")]
         if plain.startswith("DataSequence:"):  # of CWA: "DataSequence: Time U(+); N(+); E(+)"
@@ -249,31 +248,26 @@ def _numbers(row: str) -> list[float] | None:
 
 # --- COSMOS: a line of points, step and unit above the values --------------------------------------------------------
 
-_ABOVE = re.compile(
-    r"^\s*(?P<points>\d{1,9})\s+(?:points of )?(?P<quantity>\w+)\s+(?:pts,\s*approx|data equally spaced at)",
-    re.IGNORECASE,
-)
-_CHANNEL = re.compile(r"\bChan(?:nel)?\s*\d+")
-_REAL_HEADER = re.compile("real-header", re.IGNORECASE)
+_ABOVE = r"^\s*(\d{1,9})\s+(?:points of )?(\w+)\s+(?:pts,\s*approx|data equally spaced at)"
 
 
 def _parse_cosmos(source: RecordText) -> Content:
     above = source.find(_ABOVE)
-    blocks = [(match, line) for match, line in above if match["quantity"].lower().startswith("acc")]
+    blocks = [(match, line) for match, line in above if match[2].lower().startswith("acc")]
     if not blocks:
-        raise not_acceleration(above[0][0]["quantity"].lower(), f"line {above[0][1]}")
-    channels = [source.find(_CHANNEL, last=line)[-1:] for _, line in blocks]
+        raise not_acceleration(above[0][0][2].lower(), f"line {above[0][1]}")
+    channels = [source.find(r"\bChan(?:nel)?\s*\d+", last=line)[-1:] for _, line in blocks]
     names = {i: channel[0][0][0] if channel else f"channel {i}" for i, channel in enumerate(channels, 1)}
     chosen = source.choose(names)
     match, line = blocks[chosen - 1]
     stated = [(line, " ".join(source.lines[line - 1].split()))]
     steps = stated_steps(source, stated)
-    for _, start in source.find(_REAL_HEADER, last=line)[-1:]:
+    for _, start in source.find("real-header", last=line)[-1:]:
         real = floats(" ".join(source.lines[start : start + 17]))
         if real and len(real) > 61 and not steps:
             places = (1e-3 * real[61], 62), (real[33], 34)
             steps = [(step, f"real header, number {place}") for step, place in places if step > 0.0][:1]
-    values = source.numbers(line + 1, int(match["points"]), f"line {line}")
+    values = source.numbers(line + 1, int(match[1]), f"line {line}")
     title, column = " ".join(source.lines[0].split()), names[chosen] if len(names) > 1 else None
     return Content(values, choose_step(source, steps), stated_units(stated), title, column=column)
 
@@ -281,23 +275,20 @@ def _parse_cosmos(source: RecordText) -> Content:
 # --- GeoNet: for each component lines of text, perhaps 100 numbers, then values ten a row ----------------------------
 # https://www.geonet.org.nz/data/supplementary/strong_motion_file_formats
 
-_GEONET = re.compile(r"^\s*(?:un)?corrected accelerogram", re.IGNORECASE)
-_GEONET_COMPONENT = re.compile(r"^Component (\S+)")
-_GEONET_POINTS = re.compile(r"Number of points +(\d{1,9})", re.IGNORECASE)
-_GEONET_STEP = re.compile(r"\bat (?:intervals of )?([\d.]+) s(?:ec intervals)?\s*$", re.IGNORECASE)
-_GEONET_UNIT = re.compile(r"in units of +([\d.]+) +(\S+)|Acceleration: +peak +[-\d.]+ +(\S+)", re.IGNORECASE)
+_GEONET_POINTS = r"Number of points +(\d{1,9})"
+_GEONET_UNIT = r"in units of +([\d.]+) +(\S+)|Acceleration: +peak +[-\d.]+ +(\S+)"
 
 
 def _parse_geonet(source: RecordText) -> Content:
-    starts = [line for _, line in source.find(_GEONET)]
+    starts = [line for _, line in source.find(r"^\s*(?:un)?corrected accelerogram")]
     ends = [*starts[1:], len(source.lines) + 1]
-    components = [source.find(_GEONET_COMPONENT, *lines) for lines in zip(starts, ends, strict=True)]
+    components = [source.find(r"^Component (\S+)", *lines) for lines in zip(starts, ends, strict=True)]
     names = {i: component[0][0][1] if component else "unnamed" for i, component in enumerate(components, 1)}
     chosen = source.choose(names)
     start, end = starts[chosen - 1], ends[chosen - 1]
     first = next((line for line in range(start, end) if floats(source.lines[line - 1]) is not None), end)
+    steps = stated_steps(source, enumerate(source.lines[start - 1 : first - 1], start))
     points, (unit, line) = source.find(_GEONET_POINTS, start, first)[0][0], source.find(_GEONET_UNIT, start, first)[0]
-    steps = [(float(match[1]), f"{match[0]!r}, line {line}") for match, line in source.find(_GEONET_STEP, start, first)]
     count, values = int(points[1]), replace(source, lines=source.lines[: end - 1]).numbers(first)
     if len(values) >= count + 100 and count in (values[30], values[33]):
         steps.append((float(values[65]), "number 66 of the header"))
@@ -312,16 +303,15 @@ def _parse_geonet(source: RecordText) -> Content:
 # --- K-NET and KiK-net: 17 lines of header, then counts of the recorder in rows of eight -----------------------------
 # https://www.kyoshin.bosai.go.jp/kyoshin/man/knetform_en.html
 
-_SCALE = re.compile(rf"^Scale Factor\s+({NUMBER.pattern})\s*\(gal\)\s*/\s*(?=\S*[1-9])({NUMBER.pattern})")
-_DURATION = re.compile(rf"^Duration Time\(s\)\s+({NUMBER.pattern})")
+_SCALE = rf"^Scale Factor\s+({NUMBER.pattern})\s*\(gal\)\s*/\s*(?=\S*[1-9])({NUMBER.pattern})"
 
 
 def _parse_knet(source: RecordText) -> Content:
-    end = [line for _, line in source.find(re.compile("^Memo"), last=18)]
+    end = [line for _, line in source.find("^Memo", last=18)]
     if not end:
         raise RecordError("has no line 'Memo.' at the end of its header; get the file again")
     step = choose_step(source, stated_steps(source, enumerate(source.lines[: end[0]], 1)))
-    scales, durations = source.find(_SCALE), source.find(_DURATION)
+    scales, durations = source.find(_SCALE), source.find(rf"^Duration Time\(s\)\s+({NUMBER.pattern})")
     if not scales or not durations:
         raise RecordError("has no line 'Scale Factor' or 'Duration Time(s)' with numbers; get the file again")
     (scale, _), (duration, line) = scales[0], durations[0]
@@ -340,17 +330,13 @@ def _parse_knet(source: RecordText) -> Content:
 
 # --- PEER: a header with the number of points and the time step, then accelerations row by row -----------------------
 
-_NPTS = re.compile(r"\bNPTS\b", re.IGNORECASE)
-_POINTS = re.compile(
-    rf"\bNPTS\s*[=:]\s*(\d{{1,12}})(?!\d)|^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,", re.I
-)
-_PEER = re.compile(r"\bPEER\b|STRONG[ -]MOTION DATA", re.IGNORECASE)
+_POINTS = rf"\bNPTS\s*[=:]\s*(\d{{1,12}})(?!\d)|^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,"
 
 
 def _parse_peer(source: RecordText) -> Content:
-    place = source.find(_NPTS, last=_HEAD + 1)[-1][1]  # the last of several headers is that of the values
+    place = source.find(r"\bNPTS\b", last=_HEAD + 1)[-1][1]  # the last of several headers is that of the values
     text = source.lines[place - 1].strip()
-    points = _POINTS.search(text)
+    points = re.search(_POINTS, text, re.IGNORECASE)
     if points is None:
         raise RecordError(
             f"line {place}: no readable number of points in {text[:24]!r}; write e.g. NPTS= 2000, DT= .02 SEC"
@@ -363,7 +349,7 @@ def _parse_peer(source: RecordText) -> Content:
     check_quantity(header)
     values = source.numbers(len(header) + 1, int(points[1] or points[2]), "NPTS")
     titles = [line.strip() for _, line in header[: place - 1] if line.strip()]
-    peer = source.file.suffix.lower() == ".at2" or any(_PEER.search(line) for _, line in header)
+    peer = source.file.suffix.lower() == ".at2" or bool(source.find(r"\bPEER\b|STRONG[ -]MOTION DATA", last=place))
     default = ("g", "AT2 files are in g unless they say otherwise") if peer else None
     return Content(values, step, stated_units(header), "".join(titles[:2][-1:]), default)
 

@@ -86,12 +86,10 @@ class RecordText:
     layout: str | None = None
     firm: bool = True  # whether a `dt` of the caller must agree with the steps that the header states
 
-    def find(
-        self, pattern: re.Pattern[str], first: int = 1, last: int | None = None
-    ) -> list[tuple[re.Match[str], int]]:
-        """Return where lines from `first` on, to before `last`, hold a pattern."""
+    def find(self, pattern: str, first: int = 1, last: int | None = None) -> list[tuple[re.Match[str], int]]:
+        """Return where lines from `first` on, to before `last`, hold a pattern, in any case."""
         lines = enumerate(self.lines[first - 1 : None if last is None else last - 1], first)
-        return [(match, line) for line, text in lines if (match := pattern.search(text))]
+        return [(match, line) for line, text in lines if (match := re.search(pattern, text, re.IGNORECASE))]
 
     def numbers(self, first: int, points: int | None = None, where: str = "") -> Array:
         """Read all numbers from a line on: as many `points` as the header states at `where`, then perhaps a footer."""
@@ -266,21 +264,19 @@ _REMARK_UNITS = (
     ),
 )
 #: Lines that speak of other numbers than the values as they are: peaks, and units that were or will be.
-_ASIDE = re.compile(
-    r"convert|conversion|umgerechnet|multipl|divide|\bfrom\b.*\bto\b|\bwas\b|original|->|=>|→"
+_ASIDE = (
+    r"(?i)convert|conversion|umgerechnet|multipl|divide|\bfrom\b.*\bto\b|\bwas\b|original|->|=>|→"
     r"|(?:[x×*/]|\btimes|\bby)\s*(?:9[.,]8|98[01]|386|32[.,][12])"
-    r"|\b(?:peak|max|min|pga|pgv|amax|rms|range|sensitiv|full.?scale|sensor|gain|resol|trigger)",
-    re.IGNORECASE,
+    r"|\b(?:peak|max|min|pga|pgv|amax|rms|range|sensitiv|full.?scale|sensor|gain|resol|trigger)"
 )
-_NAMED = re.compile(
-    r"(?<![^\W_])(?:(v_?g(?![^\W_])|vel(?![^\W_])|veloc|geschw|vitesse|velocidad)"
-    r"|[ud]_?g(?![^\W_])|displ?(?![^\W_])|displac|verschieb|d[ée]plac|desplaz)",
-    re.IGNORECASE,
+_NAMED = (
+    r"(?i)(?<![^\W_])(?:(v_?g(?![^\W_])|vel(?![^\W_])|veloc|geschw|vitesse|velocidad)"
+    r"|[ud]_?g(?![^\W_])|displ?(?![^\W_])|displac|verschieb|d[ée]plac|desplaz)"
 )
-_SERIES = re.compile(
+_SERIES = (
+    r"(?i)"
     r"(?:^\W*(?:(?:data[ _]type\s*:|ground|base|input|corrected|filtered|relative|absolute|horizontal|vertical)\s+)*"
-    r"(veloc|displac)\w*\s*(?:$|[,;([]|at\b|of\b|record))|(veloc|displac)\w*\s+(?:time|data|histor|in\b)",
-    re.IGNORECASE,
+    r"(veloc|displac)\w*\s*(?:$|[,;([]|at\b|of\b|record))|(veloc|displac)\w*\s+(?:time|data|histor|in\b)"
 )
 
 
@@ -299,7 +295,7 @@ def match_unit(text: str) -> str | None:
 def _units_of(patterns: Iterable[str], text: str) -> list[tuple[str, str]]:
     """Return the units that a text states in any of some ways, each with the words that do so."""
     matches = (match for pattern in patterns for match in re.finditer(pattern, text, re.IGNORECASE))
-    return [] if _ASIDE.search(text) else [(match["unit"].strip(), match[0]) for match in matches]
+    return [] if re.search(_ASIDE, text) else [(match["unit"].strip(), match[0]) for match in matches]
 
 
 def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> list[Stated]:
@@ -316,11 +312,11 @@ def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | No
 
 def check_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> None:
     """Refuse velocity or displacement by the column's heading, or else by a title."""
-    if heading and not re.search(_ACC, heading[1], re.IGNORECASE) and (match := _NAMED.search(heading[1])):
+    if heading and not re.search(_ACC, heading[1], re.IGNORECASE) and (match := re.search(_NAMED, heading[1])):
         raise not_acceleration("velocity" if match[1] else "displacement", f"{heading[1]!r}, line {heading[0]}")
     for line, text in lines:
-        match = _SERIES.search(text)
-        if match and not re.search(r"acc", text, re.IGNORECASE):
+        match = re.search(_SERIES, text)
+        if match and not re.search("(?i)acc", text):
             quantity = "velocity" if (match[1] or match[2]).lower() == "veloc" else "displacement"
             raise not_acceleration(quantity, f"{text.strip(' #%!/')[:60]!r}, line {line}")
 
@@ -357,37 +353,36 @@ _SECONDS = {
     **dict.fromkeys(("us", "µs", "usec", "microseconds"), 1e-6),
     "min": 60.0,
 }
-_STEP = re.compile(
-    r"(?<![^\W_])(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
-    r"intervalo de muestreo|zeitschritt|pas de temps|equally spaced at)(?:[ _]s)?\s*(?:[(\[]\s*(\w+)\s*[)\]])?"
-    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*({NUMBER.pattern})[ \t]*([^\W\d_]*)",
-    re.IGNORECASE,
+_STEP = (
+    r"(?i)(?<![^\W_])"
+    r"(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
+    r"intervalo de muestreo|zeitschritt|pas de temps|equally spaced at|at intervals of|"
+    r"at(?=\s+[\d.]+ sec intervals))(?:[ _]s)?\s*(?:[(\[]\s*(\w+)\s*[)\]])?"
+    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*({NUMBER.pattern})[ \t]*([^\W\d_]*)"
 )
-_RATE = re.compile(
-    r"(?<![^\W_])(?:(?:sampl\w*|data)[ _-]?(?:rate|freq\w*)|fs(?=\s*[=:])|sampled at|(?:frecuencia|tasa|vel\w*\.?) de "
+_RATE = (
+    r"(?i)(?<![^\W_])"
+    r"(?:(?:sampl\w*|data)[ _-]?(?:rate|freq\w*)|fs(?=\s*[=:])|sampled at|(?:frecuencia|tasa|vel\w*\.?) de "
     r"muestreo|abtast\w*)\s*(?:[(\[]\s*(?:hz|sps|samples/s\w*|muestras/s\w*)\s*[)\]])?\s*(?:[=:]|\bof\b|\bis\b)?\s*"
     rf"({NUMBER.pattern})(?:\s*(?:hz|sps))?"
-    rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|puntos)\s*(?:/|por|per)\s*s|sps\b)",
-    re.IGNORECASE,
+    rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|puntos)\s*(?:/|por|per)\s*s|sps\b)"
 )
 #: Lines that tell how a motion came about, in which a step may be that of another motion.
-_STORY = re.compile(
-    r"\bfrom\b|resampl|interpol|decimat|original|\bwas\b|\bwere\b|\bold\b|\bnow\b|before|after|->|→", re.IGNORECASE
-)
+_STORY = r"(?i)\bfrom\b|resampl|interpol|decimat|original|\bwas\b|\bwere\b|\bold\b|\bnow\b|before|after|->|→"
 
 
 def stated_steps(source: RecordText, lines: Iterable[tuple[int, str]]) -> list[Step]:
     """Collect the steps (s), and the inverse of sampling rates, that lines of a header state."""
     steps: list[Step] = []
     for line, text in lines:
-        if not source.firm and _STORY.search(text):
+        if not source.firm and re.search(_STORY, text):
             continue
-        for match in _STEP.finditer(text):
+        for match in re.finditer(_STEP, text):
             unit = (match[1] or match[3]).lower()
             if match[1] is None or unit in _SECONDS:
                 size = to_float(match[2]) * _SECONDS.get(unit, 1.0)
                 steps.append((size, f"{match[0].strip()!r}, line {line}"))
-        for match in _RATE.finditer(text):
+        for match in re.finditer(_RATE, text):
             rate = to_float(match[1] or match[2])
             steps.append((1.0 / (rate or float("nan")), f"{match[0].strip()!r}, line {line}"))
     return steps
