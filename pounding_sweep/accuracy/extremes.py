@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 import os
 import time
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -21,6 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.files import data_tables
 from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -271,8 +270,7 @@ Case = tuple[str, Scene, dict[str, Any]]
 def all_families() -> dict[str, list[Case]]:
     """Return the cases of every family, from ``data/extremes.toml``."""
     families: dict[str, list[Case]] = {}
-    text = files("pounding_sweep").joinpath("data", "extremes.toml").read_text("utf-8")
-    for family, cases in tomllib.loads(text).items():
+    for family, cases in data_tables("extremes").items():
         families[family] = []
         for case in cases:
             name, scene, of = case.pop("name"), SCENES[case.pop("scene")], case.pop("of", [])
