@@ -19,7 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.files import data_tables
+from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -270,7 +270,7 @@ Case = tuple[str, Scene, dict[str, Any]]
 def all_families() -> dict[str, list[Case]]:
     """Return the cases of every family, from ``data/extremes.toml``."""
     families: dict[str, list[Case]] = {}
-    for family, cases in data_tables("extremes").items():
+    for family, cases in read_data("extremes.toml").items():
         families[family] = []
         for case in cases:
             name, scene, of = case.pop("name"), SCENES[case.pop("scene")], case.pop("of", [])

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.files import data_tables
+from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics
@@ -54,7 +54,7 @@ RESOLUTION = 3.0
 DOUBTFUL = 1e-5
 #: Shares of the scenarios whose error is at most the statistic.
 STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
-_DATA = data_tables("tradeoff")
+_DATA = read_data("tradeoff.toml")
 #: Sets of scenarios that statistics are made of.
 POPULATIONS: dict[str, str] = _DATA["populations"]
 #: Dimensions of a configuration.

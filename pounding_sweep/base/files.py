@@ -46,11 +46,6 @@ def absolute(path: str | os.PathLike[str]) -> Path:
     return Path(os.path.realpath(expanded(path)))
 
 
-def data_tables(name: str) -> dict[str, Any]:
-    """Return the tables of a file of the package's data."""
-    return tomllib.loads((Path(__file__).parents[1] / "data" / f"{name}.toml").read_text("utf-8"))
-
-
 def near_file(path: Path) -> str:
     """Ask whether a file of nearly that name was meant, such as one in another case; "" if there is none."""
     try:

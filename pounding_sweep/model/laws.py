@@ -37,7 +37,7 @@ import numpy as np
 from pydantic import Field
 
 from pounding_sweep.base.errors import LawError, shown, unknown
-from pounding_sweep.base.files import data_tables, expanded
+from pounding_sweep.base.files import expanded, read_data
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.faults import (
     Flag,
@@ -380,7 +380,9 @@ def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[str, f
 
 
 #: All laws by key, in the order in which they are listed.
-LAWS: dict[str, Law] = {key: Law(**{"key": key, "exponent": None, **law}) for key, law in data_tables("laws").items()}
+LAWS: dict[str, Law] = {
+    key: Law(**{"key": key, "exponent": None, **law}) for key, law in read_data("laws.toml").items()
+}
 #: The paper's Models I to VII in its order.
 MATE2015_MODELS = (
     *("linear", "kelvin_voigt", "modified_kelvin_voigt", "hertz"),

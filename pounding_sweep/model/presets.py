@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, unknown
-from pounding_sweep.base.files import data_tables
+from pounding_sweep.base.files import read_data
 from pounding_sweep.model.faults import NotNegative, Positive, checked_call
 from pounding_sweep.model.scene import Building, Scene
 
@@ -26,7 +26,7 @@ class Preset:
 #: All presets by key.
 PRESETS: dict[str, Preset] = {
     key: Preset(key, table["title"], table["reference"], Scene(**table["scene"]))
-    for key, table in data_tables("presets").items()
+    for key, table in read_data("presets.toml").items()
 }
 
 
