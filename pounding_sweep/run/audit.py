@@ -23,7 +23,7 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import row_coordinates
-from pounding_sweep.outputs.variables import CHANGE, STATUS, Status, comparable, relative_errors
+from pounding_sweep.outputs.variables import CHANGE, STATUS, VARIABLES, Status, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined
 from pounding_sweep.run.execute import Dispatcher
@@ -123,25 +123,23 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
-    outputs, rows, accuracy = comparable(plan.spec.outputs), candidates(plan, outcome), plan.spec.accuracy
+    outputs = tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
+    rows, accuracy = candidates(plan, outcome), plan.spec.accuracy
     sample, share = draw(plan, rows) if outputs else (rows[:0], 0.0)
     if not len(sample):
         return None
     tolerance = TOLERANCE if accuracy is None else accuracy
     swept, undecided = outcome.results.gather(sample), np.zeros(len(sample), bool)
-
-    def errors(values: Values, reference: Values) -> np.ndarray:
-        """Relative errors, shape (scenarios, outputs)."""
-        return np.stack(list(relative_errors(outputs, values, reference).values()), axis=1)
-
     try:
         fine, moved = _run(plan, dispatcher, outputs, sample, swept)
-        error, sensitivity = errors(swept, fine), errors(moved, fine)
+        error, sensitivity = (
+            np.stack([*relative_errors(outputs, values, fine).values()], axis=1) for values in (swept, moved)
+        )
         again = np.flatnonzero((swept["status"] == Status.OK) & (error.max(axis=1) > tolerance))
         if len(again):
             part = {name: values[again] for name, values in swept.items()}
             (settled,) = _run(plan, dispatcher, outputs, sample[again], part, accuracy=CONVERGED * tolerance)
-            error[again] = errors(part, settled)
+            error[again] = np.stack([*relative_errors(outputs, part, settled).values()], axis=1)
             undecided[again] = settled["status"] != Status.OK
     except RunError as failure:
         warnings.warn(
@@ -156,7 +154,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
     measured = error, sensitivity, swept["status"], sensitive, undecided
     result = Audit(sample, outputs, *measured, len(rows), share, tolerance, accuracy is not None)
-    if result.exceeding.any():
+    if len(again) and result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 

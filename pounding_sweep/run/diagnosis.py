@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 
 import psutil
 
+from pounding_sweep.base.errors import SweepError
 from pounding_sweep.base.files import expanded
+from pounding_sweep.base.text import bytes_text
 
 #: Name of the distribution.
 NAME = "pounding-sweep"
@@ -118,6 +120,7 @@ def _required() -> dict[str, str]:
     return found
 
 
+@cache
 def processor() -> dict[str, Any]:
     """Return name, features, vector width (bits) and cores of the processor."""
     from llvmlite import binding
@@ -171,3 +174,14 @@ def free_memory(root: Path = Path("/")) -> FreeMemory:
                 free = max(0, free + int(stat.get(cached, 0)))
                 limits.append(FreeMemory(free, f"limit of the control group {folder}"))
     return min(limits)
+
+
+def check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
+    """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
+    free = free_memory()
+    if scenarios * each > free.bytes:
+        raise SweepError(
+            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
+            f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
+            "or go where more is free"
+        )

@@ -181,9 +181,9 @@ def execute(
         # scenarios that never touch are answered by their run without pounding
         outcome.left_out = untouched(plan, closing) & ~plan.refused
         outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
-        rows = np.flatnonzero(outcome.left_out)
-        run = plan.uncoupled_of[rows]
-        outcome.results.answer(rows, slot[run], status[run], touched=False)
+        if len(rows := np.flatnonzero(outcome.left_out)):
+            run = plan.uncoupled_of[rows]
+            outcome.results.answer(rows, slot[run], status[run], touched=False)
         rest = np.flatnonzero(~outcome.left_out & ~plan.refused).astype(np.int32)
         for rows, table, slots in stages.run("scenarios", rest):
             outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import RunError, SweepError, UnlikelyWarning, WriteError, shown
+from pounding_sweep.base.errors import RunError, UnlikelyWarning, WriteError, shown
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.spec.build import build_spec
@@ -118,10 +118,11 @@ class Sweep:
         """
         from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
         from pounding_sweep.plan.sanity import doubts
+        from pounding_sweep.run.diagnosis import check_memory
 
         for text in doubts(self.spec):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
-        _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
+        check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
     def run(
@@ -210,6 +211,7 @@ class Sweep:
         from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import write_cube_of
+        from pounding_sweep.run.diagnosis import check_memory
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
         from pounding_sweep.run.log import run_log
         from pounding_sweep.run.reuse import EarlierCube
@@ -221,7 +223,7 @@ class Sweep:
         attributes: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
         with ExitStack() as contexts:
             if target is None:
-                _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
+                check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
                 store = ChunkStore(parts_folder(target), identity_of(plan), at_once=earlier is not None)
                 contexts.enter_context(store.lock())
@@ -277,20 +279,6 @@ class Sweep:
         for text in doubts_of(plan.spec.scene, results.largest_drift):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
-
-
-def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
-    """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
-    from pounding_sweep.base.text import bytes_text
-    from pounding_sweep.run.diagnosis import free_memory
-
-    free = free_memory()
-    if scenarios * each > free.bytes:
-        raise SweepError(
-            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
-            f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
-            "or go where more is free"
-        )
 
 
 def load_sweep(
