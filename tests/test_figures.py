@@ -53,8 +53,6 @@ def masked(cube, there):
     return part.assign(status=cube["status"].where(there, int(Status.NOT_RUN)).astype("i1"))
 
 
-# -- the registry ------------------------------------------------------------------------------------------------------
-
 CASES = made.cases(FIGURES)
 
 
@@ -180,9 +178,6 @@ def test_a_figure_without_a_value_is_an_error(key, tmp_path):
     assert not (tmp_path / "x.png").exists()
 
 
-# -- what is selected --------------------------------------------------------------------------------------------------
-
-
 def test_the_middle_of_the_other_axes():
     cube = made.cube(restitution=3, record=3, scale=2)
     part, words = select_default(cube, ("law", "gap"), [FORCE])
@@ -270,9 +265,6 @@ def test_a_title_tells_the_scenario():
         assert title(key, one).startswith("pulse: Linear spring; gap 10 mm; restitution 0.6; damping ratio 0.02")
 
 
-# -- axes that are chosen ----------------------------------------------------------------------------------------------
-
-
 @some(("force-gap", "amplification", "law-comparison"), "force-gap")
 @pytest.mark.parametrize(
     ("x", "label", "scale", "size"),
@@ -306,9 +298,6 @@ def test_axes_of_a_figure_of_ones_own():
         assert words in ax.get_title() + ax.get_ylabel() + ax.get_xlabel()
     with pytest.raises(InputError, match="2 x 1 panels, and axes for one are given"):
         draw("force-gap", cube, ax=ax)
-
-
-# -- what is drawn -----------------------------------------------------------------------------------------------------
 
 
 @some(CUBE_FIGURES, "force-gap", "profiles", "fragility")
@@ -374,9 +363,6 @@ def test_loops_of_a_contact_hold_what_it_took():
     assert np.trapezoid(force, 1e-3 * depth) == pytest.approx(0.5 * put_in, rel=0.05)
 
 
-# -- suites of records -------------------------------------------------------------------------------------------------
-
-
 def test_fragility_shows_its_trials_and_bands():
     cube = made.cube(right_wall=True, record=4, scale=5)
     weak = (cube["pair"] != "a-b") | (cube["scale"] < 1.0)
@@ -423,9 +409,6 @@ def test_legends_stand_inside_their_figures(key):
     inside, whole = figure.legends[0].get_window_extent(), figure.bbox
     assert whole.x0 <= inside.x0 <= inside.x1 <= whole.x1
     assert whole.y0 <= inside.y0 <= inside.y1 <= whole.y1
-
-
-# -- the row and its animation -----------------------------------------------------------------------------------------
 
 
 def test_a_row_that_is_not_told_is_asked_for():
@@ -504,8 +487,6 @@ def test_what_cannot_be_animated_is_said(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="pounding-sweep simulate"):
         animate(made.cube(), tmp_path / "row.gif")
 
-
-# -- the commands ------------------------------------------------------------------------------------------------------
 
 SWEEP = """\
 [scene]
