@@ -276,11 +276,21 @@ def over_text(sizes: Mapping[Any, int]) -> str:
 
 
 def plain_rows(table: xr.Dataset) -> list[Row]:
-    """Return a row for each combination of labels: these, then the variables; None for numbers that are none."""
+    """Return a row for each combination of labels: these, then the variables; None for numbers that are none.
+
+    An interval, a variable along ``bound``, is two columns.
+    """
+    import xarray as xr
+
     from pounding_sweep.base.text import finite
 
-    order = dict.fromkeys(["_row", *(dim for part in table.data_vars.values() for dim in part.dims)])
-    table = table.expand_dims("_row")  # one that has no dimensions makes a row, too
+    columns: dict[str, xr.DataArray] = {}
+    for name, part in table.items():
+        stem = str(name).removesuffix("_interval")
+        ends = table["bound"].values if "bound" in part.dims else ()
+        columns |= {f"{stem}_{end}": part.sel(bound=end, drop=True) for end in ends} if len(ends) else {stem: part}
+    order = dict.fromkeys(["_row", *(dim for part in columns.values() for dim in part.dims)])
+    table = xr.Dataset(columns).expand_dims("_row")  # one that has no dimensions makes a row, too
     rows = table.to_dataframe(dim_order=list(order)).reset_index().drop(columns="_row").to_dict("records")
     return [{str(name): finite(value) for name, value in row.items()} for row in rows]
 

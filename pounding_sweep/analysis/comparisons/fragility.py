@@ -198,21 +198,19 @@ def jackknife(
 
 def fit_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per fit of a fragility."""
-    status, units = result["fit_status"], str(result["median"].attrs["units"])
-    dims = [dim for dim in (*scenario_dims(status), "pair", "building") if dim in status.dims]
-    columns = {"trials": result["trials"], "happened": result["happened_count"]}
-    columns |= {name: result[name] for name in ("median", "dispersion")}
+    names = ["trials", "happened_count", "median", "dispersion"]
     if result["median_interval"].notnull().any():
-        for name in ("median", "dispersion"):
-            columns |= {f"{name}_{bound}": result[f"{name}_interval"].sel(bound=bound) for bound in BOUNDS}
+        names += ["median_interval", "dispersion_interval"]
+    table = result[names].rename(happened_count="happened")
     for q in result["quantile"].values.tolist() if "fractile" in result else []:
-        columns[f"at {q:g}"] = result["fractile"].sel(quantile=q)
-    columns |= {"fit": status, **{bound: result["median_between"].sel(bound=bound) for bound in BOUNDS}}
+        table[f"at {q:g}"] = result["fractile"].sel(quantile=q, drop=True)
+    table = table.assign(fit=result["fit_status"], between=result["median_between"]).reset_coords(drop=True)
+    units, dims = str(result["median"].attrs["units"]), result["median"].dims
     rows = plain_rows(
-        xr.Dataset({name: part.reset_coords(drop=True) for name, part in columns.items()}).transpose(*dims)
+        table.transpose(*scenario_dims(result["median"]), *(dim for dim in ("pair", "building") if dim in dims), ...)
     )
     for row in rows:
-        low, high = (np.nan if end is None else end for end in map(row.pop, BOUNDS))
+        low, high = (np.nan if end is None else end for end in (row.pop("between_lower"), row.pop("between_upper")))
         words = _words(row.pop("fit"), low, high, units)
         row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": words}
     return rows

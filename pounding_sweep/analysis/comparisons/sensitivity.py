@@ -35,11 +35,9 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     numbers = [f"{kind}{end}" for kind in _KINDS for end in ("", *(f"_{bound}" for bound in _BOUNDS))]
     keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
     for name in (str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")):
-        columns = {"samples": result[f"{name}_samples"]}
-        for kind in _KINDS:
-            columns[kind], ends = result[f"{name}_{kind}"], result[f"{name}_{kind}_interval"]
-            columns |= {f"{kind}_{bound}": ends.sel(bound=bound, drop=True) for bound in _BOUNDS}
-        table = plain_rows(xr.Dataset(columns).transpose("group", *dims, "input", missing_dims="ignore"))
+        parts = {f"{name}_{part}": part for part in ("samples", *_KINDS, *(f"{kind}_interval" for kind in _KINDS))}
+        columns = result[[*parts]].rename(parts)
+        table = plain_rows(columns.transpose("group", *dims, "input", ..., missing_dims="ignore"))
         for part in (table[first : first + count] for first in range(0, len(table), count)):
             if all(row["total"] is not None for row in part):
                 ordered = sorted(part, key=lambda row: -row["total"])
