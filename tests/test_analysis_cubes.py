@@ -7,18 +7,15 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import LAWS, PGA, hand_cube, low_and_high, random_fill, sweep_attribute
+from analysis_cubes import LAWS, PGA, hand_cube, random_fill, sweep_attribute
 
 import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures
-from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import interpolate
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.spec.spec import scene_of
 
 AXES = {"law": LAWS, "gap": [0.01, 0.02], "restitution": [0.2, 0.6, 1.0], "record": list(PGA), "scale": [0.5, 1.0]}
 ENERGIES = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain", "contact_work")
@@ -46,13 +43,6 @@ def over_base(cube, name, base):
         if ok[here] and ok[there]:
             expected[law, *rest] = values[here] / values[there]
     return expected
-
-
-def test_interpolation_is_between_neighbours_that_are_there():
-    """Rounding is no range, a place itself needs no neighbour, and of equal places the first counts."""
-    at, values = np.array([3.0, 1.0, 2.0, 2.0, 4.0]), np.array([[30.0, 10.0, 20.0, 99.0, np.nan]])
-    result = interpolate(values, at, np.array([1.0 - 1e-10, 1.25, 2.0, 3.0, 3.5, 4.1, 0.9]))
-    np.testing.assert_allclose(result, [[10.0, 12.5, 20.0, 30.0, np.nan, np.nan, np.nan]])
 
 
 # -- amplification -----------------------------------------------------------------------------------------------------
@@ -139,13 +129,6 @@ def test_what_is_left_of_a_cube_after_a_selection_is_a_cube():
     whole = analysis.fragility(cube.sel(storey=[1]), confidence=None).sel(law="linear", gap=0.02, restitution=0.6)
     assert (curve.pair, curve.law) == ("a-b", "linear")
     assert (curve.fit_status, curve.trials) == (whole.sel(pair="a-b").fit_status, whole.sel(pair="a-b").trials)
-
-
-def test_figures_of_selections():
-    cube = hand_cube(AXES, random_fill(12, "drift_max", "impact_count", "impact_force_max"))
-    part = cube.sel(gap=0.02, pair="a-b", building="a", storey=1, record="one")
-    for key in ("amplification", "law-comparison", "incremental", "fragility"):
-        assert all(ax.has_data() for ax in figures.FIGURES[key].draw(part).axes), key
 
 
 # -- laws --------------------------------------------------------------------------------------------------------------
@@ -381,11 +364,3 @@ def listed():
 def test_what_a_comparison_needs_is_told(compare, cube, arguments, message):
     with pytest.raises(InputError, match=message):
         getattr(analysis, compare)(cube, **arguments)
-
-
-def test_the_row_of_a_cube_is_the_row():
-    """Whatever it is made of."""
-    for scene in (low_and_high(), Scene([Building("x", [1.0, 2.0], [3.0, 4.0], (0.02, 0.03), [4.0, 3.0])])):
-        about = sweep_attribute(scene, "el_centro", laws="none")
-        cube = hand_cube({"law": ["none"]}, random_fill(1, "drift_max"), scene=scene, attributes=about)
-        assert scene_of(stored_sweep(cube)["scene"]) == scene

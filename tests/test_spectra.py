@@ -17,9 +17,6 @@ from pounding_sweep.analysis import floor_spectra, response_spectrum
 from pounding_sweep.analysis.spectra import ORDINATES, USUAL_PERIODS
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD
-from pounding_sweep.figures import plot
-from pounding_sweep.figures.gallery.spectra import ground_motion, response_spectra
-from pounding_sweep.records import records_dataset
 
 EL_CENTRO = ps.find_record("el_centro")
 
@@ -265,39 +262,3 @@ def test_a_storey_that_does_not_exist_has_no_spectrum(histories):
 def test_floor_spectra_need_even_histories(histories, times, names, message):
     with pytest.raises(InputError, match=message):
         floor_spectra(histories[names].isel(time=times))
-
-
-# -- figures -----------------------------------------------------------------------------------------------------------
-
-
-def suite(count):
-    return [EL_CENTRO.scaled(1.0 + 0.1 * i).renamed(f"scaled {i}") for i in range(count)]
-
-
-def test_a_suite_is_drawn_with_its_fractiles():
-    spectra = response_spectrum(suite(11), [0.1, 0.5, 1.0])
-    ax = response_spectra(spectra).axes[0]
-    named = {line.get_label(): line.get_ydata() for line in ax.lines if not line.get_label().startswith("_")}
-    assert list(named) == ["84% fractile", "median", "16% fractile"]
-    np.testing.assert_allclose(named["median"], spectra["pseudo_acceleration"].sel(record="scaled 5"))
-    with pytest.raises(InputError, match="no spectrum to draw"):
-        response_spectra(spectra * np.nan)
-
-
-@pytest.mark.parametrize(
-    "count", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(14, marks=pytest.mark.slow)]
-)
-@pytest.mark.usefixtures("not_rendered")
-def test_motions_are_drawn_with_their_peaks(count, tmp_path):
-    records = [*suite(count - 1), ps.pulse_record("sine", amplitude=-2.0, period=0.5, dt=0.125, duration=60.0)]
-    motions = records_dataset(records).merge(response_spectrum(records, [0.1, 0.5, 1.0]))
-    figure = ground_motion(motions)
-    titles = [ax.get_title(loc="left") for ax in figure.axes if ax.get_title(loc="left")]
-    assert titles == [f"{r.name}: {r.pga:.3g} m/s²" for r in records] or count == 14
-    assert len(titles) == count
-    last = next(ax for ax in figure.axes if ax.get_title(loc="left").startswith("sine"))
-    assert (last.lines[1].get_xdata().item(), last.lines[1].get_ydata().item()) == (0.125, -2.0)
-    assert last.get_xlim() == (0.0, 60.0)
-    assert len(figure.axes[-1].lines) == (count if count < 9 else count + 3)
-    if count == 3:
-        assert plot(motions, "ground-motion", tmp_path / "motions.svg").stat().st_size > 0

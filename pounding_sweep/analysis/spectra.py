@@ -56,15 +56,14 @@ def response_spectrum(
     Returns
     -------
     xarray.Dataset
-        ``spectral_displacement`` (m), ``pseudo_velocity`` (m/s), ``pseudo_acceleration`` and
-        ``absolute_acceleration`` (m/s2) on ``period`` (s); in front of it ``record``, where
-        Records are given as a sequence, and ``damping_ratio``, where several are.
+        ``spectral_displacement`` (m), ``pseudo_velocity`` (m/s), ``pseudo_acceleration`` and ``absolute_acceleration``
+        (m/s2) on ``period`` (s); in front of it ``record`` of a sequence of Records, ``damping_ratio`` of several.
 
     Raises
     ------
     InputError
-        A period or damping ratio is out of range, a period is shorter than 1/64 of the
-        time step (but 0 is allowed), or there is no motion.
+        A period or damping ratio is out of range, a period is shorter than 1/64 of the time step (but 0 is allowed), or
+        there is no motion.
 
     Notes
     -----
@@ -72,10 +71,9 @@ def response_spectrum(
     recurrence of Nigam & Jennings (1969, BSSA 59(2), 909-922); at period 0 the ordinates are 0, 0, PGA and PGA. Peaks
     are those until the last point: append zeros to a motion that is cut off before the oscillators are done.
 
-    Peaks are those of cubics over steps, at least 32 in each period, between the points of the record too; a
-    cubic through values and slopes at both ends errs by 1/384 of the fourth power of the step times the fourth
-    derivative at most. Of the sum of pseudo-acceleration, absolute acceleration and PGA, errors of the two are
-    at most 0.002 % at 5 % damping, 0.004 % at 20 % and 0.04 % at any.
+    Peaks are those of cubics over steps, at least 32 in each period, between the points of the record too. Of the sum
+    of pseudo-acceleration, absolute acceleration and PGA, errors of the two are at most 0.002 % at 5 % damping, 0.004 %
+    at 20 % and 0.04 % at any.
 
     Examples
     --------
@@ -128,11 +126,10 @@ def floor_spectra(
 
     Notes
     -----
-    The acceleration is taken as linear between the times of the history. An impact lasts a few milliseconds, and its
-    force may start and end with a jump: a coarse time axis smears it over a step, which changes the spectrum where
-    periods are not long beside the step and the contact. Simulate at 1 ms or less, and at half the step to see what is
-    left: the peak that a floor itself reaches (period 0) is read at the times of the history only, ``acceleration_max``
-    of the same dataset is located inside the steps.
+    The acceleration is taken as linear between the times of the history. An impact lasts a few milliseconds: a coarse
+    time axis smears it over a step, which changes the spectrum where periods are not long beside it. Simulate at 1 ms
+    or less, and at half the step to see what is left; the peak of the floor itself (period 0) is read at the times of
+    the history only, ``acceleration_max`` of the same dataset is located inside the steps.
 
     Examples
     --------
@@ -239,7 +236,7 @@ def constant_ductility(
     --------
     >>> import pounding_sweep as ps
     >>> tower = ps.Building("tower", [100.0], [4.0e3], yield_strengths=[50.0])
-    >>> found = constant_ductility(ps.Scene([tower]), "el_centro", [1.0, 2.0, 4.0])  # doctest: +SKIP
+    >>> factors = constant_ductility(ps.Scene([tower]), "el_centro", [1.0, 2.0, 4.0])  # doctest: +SKIP
     """
     targets = numbers_in("[1, inf)", ductilities, "ductilities")
     if not any(scene.yields):

@@ -235,8 +235,8 @@ def fragility(
     Parameters
     ----------
     cube : xarray.Dataset
-        A cube with the axes ``record`` or ``scale``, or both: each record at each scale
-        is one trial. Everything else is fitted apart.
+        A cube with the axes ``record`` or ``scale``, or both: each record at each scale is one trial. Everything else
+        is fitted apart.
     event : str
         A key of `pounding_sweep.analysis.comparisons.EVENTS`.
     level : float, optional
@@ -250,8 +250,7 @@ def fragility(
     quantiles : sequence of float
         Probabilities, in (0, 1), at which the intensity is given.
     one_dispersion : sequence of str
-        Axes, such as "gap", along which all curves have one dispersion, so that they never cross; by default each
-        curve has its own.
+        Axes, such as "gap", along which all curves have one dispersion, so that they never cross.
 
     Returns
     -------
@@ -265,7 +264,7 @@ def fragility(
     Raises
     ------
     InputError
-        The event, level or confidence is not valid, or the cube lacks what they need.
+        An argument is not valid, or the cube lacks what it needs.
 
     Notes
     -----

@@ -44,19 +44,10 @@ FROM_MEMORY = "stated from memory of the standard; the standard was not consulte
 class BehaviourFactors:
     """Factors by which standards turn reduced displacements into real ones, and what they divide by.
 
-    Each is one number for all buildings, or a mapping of building name to number. All are 1 by default, because the
-    displacements that the rules take come from linear runs under the record itself and were reduced by nothing.
-
-    Attributes
-    ----------
-    cd : float or mapping
-        Deflection amplification Cd of ASCE 7.
-    importance : float or mapping
-        Importance factor Ie of ASCE 7, a divisor.
-    q : float or mapping
-        Displacement behaviour factor q of Eurocode 8.
-    r : float or mapping
-        Response reduction factor R of IS 1893.
+    Each is one number for all buildings, or a mapping of building name to number: ``cd``, the deflection amplification
+    Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour factor of Eurocode 8, and
+    ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the displacements that the rules
+    take come from linear runs under the record itself and were reduced by nothing.
     """
 
     cd: float | Mapping[str, float] = 1.0
@@ -208,18 +199,15 @@ def required_gap(
 
     Notes
     -----
-    The exact gap of a pair holds only where every pair of the row has at least its own: once
-    another pair pounds, the buildings move otherwise, and this pair may touch at a larger gap.
-
-    Something can strike where floors are level, and where a floor stands before columns ("a-b columns of b"), which is
-    looked at whatever the row's ``contacts``; the gap of a pair must be that of all its labels. The point of the
-    columns that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.scene.column_shares`); the rules
-    take its largest displacement from those of its floors in the same shares, which is never less than its own.
+    The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, the
+    buildings move otherwise, and this pair may touch at a larger gap. The gap of a pair must be that of all its labels:
+    where a floor stands before columns ("a-b columns of b"), it is looked at whatever the row's ``contacts``. The point
+    that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.scene.column_shares`); the rules take its
+    largest displacement from those of its floors in the same shares, which is never less than its own.
 
     Examples
     --------
-    >>> gaps = required_gap("mate2015", "el_centro")  # doctest: +SKIP
-    >>> gaps.exact.sel(record="el_centro", pair="left-middle").item()  # doctest: +SKIP
+    >>> required_gap("mate2015", "el_centro").exact.sel(pair="left-middle").item()  # doctest: +SKIP
     """
     factors = behaviour or BehaviourFactors()
     scene, runs = uncoupled_runs(source, records, folders)
@@ -372,7 +360,7 @@ def gap_for_probability(
     levels : sequence of float, optional
         Those intensities; by default the suite's median at each scale of the cube, of equal ones their own.
     hazard : Hazard, str or path, optional
-        How often intensities are exceeded at the site, see `pounding_sweep.analysis.hazard.hazard_of`; the intensity is
+        How often intensities are exceeded at the site: a curve, its CSV file, or "k0=1e-3,kappa=2.5"; the intensity is
         "pga" then where none is given.
     years : float
         Years in which the pair may touch with those probabilities, under that hazard.
@@ -389,14 +377,14 @@ def gap_for_probability(
         On ``probability``, ``pair``, ``intensity`` where there is one (else ``scale``), and building properties where
         the cube has them, all in m: ``gap`` by a lognormal distribution of the records' exact required gaps;
         ``gap_lower`` and ``gap_upper``, its confidence interval; ``gap_observed``, the fractile of the required gaps
-        themselves, missing where there are too few records for that probability. Beside them ``median`` (m) and
-        ``dispersion`` of the lognormal, ``records``, how many count, and ``never``, under how many of these the pair
-        never touches. With a hazard ``gap_in_years`` (and ``_lower``, ``_upper``, ``_observed``), the
-        risk-targeted gaps; ``rate`` (and so on), how often a year the pair touches with the gap ``row_gap`` of the
-        row; ``beyond``, the share of that rate from intensities that the hazard does not tell. ``trial_gap`` are the
-        required gaps, ``curve_...`` the same numbers along ``curve``, probabilities of a figure. Directions of the
-        ground motion are apart where the cube has scales of both signs. Missing with fewer than two records that
-        count, and, but for what is observed, where a pair never touches under one of them.
+        themselves, missing where there are too few records for it. Beside them ``median`` (m) and ``dispersion`` of the
+        lognormal, ``records``, how many count, and ``never``, under how many of these the pair never touches. With a
+        hazard ``gap_in_years`` (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so
+        on), how often a year the pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate
+        from intensities that the hazard does not tell. ``trial_gap`` are the required gaps, ``curve_...`` the same
+        numbers along ``curve``. Directions of the ground motion are apart where the cube has scales of both signs.
+        Missing with fewer than two records that count, and, but for what is observed, where a pair never touches under
+        one of them.
 
     Raises
     ------
@@ -406,17 +394,15 @@ def gap_for_probability(
 
     Notes
     -----
-    With m and s the mean and standard deviation of ln g over n records, and z the normal quantile of 1 - p, the gap
-    is exp(m + z s), and the interval of the quantile is exact for a lognormal: exp(m + t s / sqrt(n)), t of
-    Student's noncentral distribution with n - 1 degrees of freedom and noncentrality z sqrt(n). As for every required
-    gap, all pairs of the row must have theirs.
+    With m and s the mean and standard deviation of ln g over n records, and z the normal quantile of 1 - p, the gap is
+    exp(m + z s), and its interval exp(m + t s / sqrt(n)), exact for a lognormal, t of Student's noncentral distribution
+    with n - 1 degrees of freedom and noncentrality z sqrt(n). As for every required gap, all pairs must have theirs.
 
     A gap g touches from intensity x = g / r on, r the required gap per intensity of a record. The annual rate of a
-    touch is the mean of the hazard at these x: of the records' own for what is observed, of their lognormal else (see
-    `pounding_sweep.analysis.hazard`). Intervals of what the hazard makes of m and s are generalised confidence
-    intervals (Krishnamoorthy & Mathew 2003, J. Stat. Plan. Inference 115, 103-121): fractiles over m + Z s' / sqrt(n)
-    and s' = s sqrt((n - 1) / C), Z normal and C chi-square distributed with n - 1 degrees of freedom. They are of the
-    records alone: the hazard is taken as it is.
+    touch is the mean of the hazard at these x: of the records' own for what is observed, of their lognormal else. Its
+    intervals are generalised ones (Krishnamoorthy & Mathew 2003, J. Stat. Plan. Inference 115, 103-121): fractiles over
+    m + Z s' / sqrt(n) and s' = s sqrt((n - 1) / C), Z normal and C chi-square distributed with n - 1 degrees of
+    freedom. They are of the records alone: the hazard is taken as it is.
 
     Examples
     --------
