@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 SHOWN = 12
 #: Options whose flag is not the name of the argument of comparisons that they give.
 _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"}
+#: Options that are for every comparison, or part of another one.
+_COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units")
 #: Options that are numbers, and where they must lie.
 _INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
 #: Event whose fragility is found where none is named.
@@ -106,8 +108,8 @@ class CompareOptions:
             for name in given:
                 if name not in valid:
                     raise InputError(unknown(kind, name, valid))
-        names = dict.fromkeys(name for c in COMPARISONS.values() for name in c.arguments if name != "over")
-        arguments = {name: value for name in names if (value := vars(self)[name]) not in (None, [])}
+        options = {name: value for name, value in vars(self).items() if value not in (None, [])}
+        arguments = {name: value for name, value in options.items() if name not in _COMMON}
         for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)

@@ -44,8 +44,6 @@ class Comparison:
     variables: tuple[str, ...] = ("",)  # endings of the variables in that table
     lead: tuple[str, ...] = ()  # variables that a summary shows; the first two where it has none of them
     figure: str = ""  # key of the figure that draws it; "" where none does
-    #: arguments of the function that the command line passes: "reference", "folders", "event", "level" ...
-    arguments: tuple[str, ...] = ()
     #: arguments in a summary of all comparisons, which does without what takes long
     summary: Mapping[str, Any] = field(default_factory=dict)
     rows: str = ""  # function that makes its table, where `table_rows` is not to
@@ -59,6 +57,11 @@ class Comparison:
     def make(self) -> Callable[..., xr.Dataset]:
         """The comparison itself."""
         return cast("Callable[..., xr.Dataset]", self.load(self.function))
+
+    @property
+    def arguments(self) -> Collection[str]:
+        """What it takes, beside a cube; options of the command line of these names are for it."""
+        return signature(self.make).parameters
 
 
 #: Every comparison by key, in alphabetical order.
@@ -96,7 +99,6 @@ COMPARISONS: dict[str, Comparison] = {
             needs="an axis of several records",
             columns=("law", "building", "pair", "quantile"),
             lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
-            arguments=("quantiles",),
         ),
         Comparison(
             "fragility",
@@ -106,7 +108,6 @@ COMPARISONS: dict[str, Comparison] = {
             needs="pairs, a law with contact, and records or scales of several intensities",
             requires={"several": MOTION_DIMS},
             figure="fragility",
-            arguments=("event", "level", "intensity", "quantiles", "one_dispersion", "folders"),
             summary={"confidence": None},
             rows="fit_rows",
         ),
@@ -117,7 +118,6 @@ COMPARISONS: dict[str, Comparison] = {
             "the gap that a pair needs so that it touches with no more than a given probability",
             needs="several records; else what 'required-gap' needs",
             figure="gap-for-probability",
-            arguments=("probabilities", "intensity", "levels", "hazard", "years", "folders"),
             rows="gap_rows",
             whole=True,
         ),
@@ -130,7 +130,6 @@ COMPARISONS: dict[str, Comparison] = {
             requires={"pairs": True, "laws": 1},
             columns=("law", "pair", "quantile"),
             lead=("pair_touching_share", "impact_force_max_fractiles"),
-            arguments=("quantiles", "over"),
         ),
         Comparison(
             "incremental",
@@ -143,7 +142,6 @@ COMPARISONS: dict[str, Comparison] = {
             variables=("_fractiles",),
             lead=("drift_max_fractiles", "impact_force_max_fractiles"),
             figure="incremental",
-            arguments=("intensity", "quantiles", "levels", "folders"),
         ),
         Comparison(
             "laws",
@@ -156,7 +154,6 @@ COMPARISONS: dict[str, Comparison] = {
             variables=("_ratio",),
             lead=("impact_force_max_ratio", "drift_max_ratio"),
             figure="law-comparison",
-            arguments=("reference",),
         ),
         Comparison(
             "required-gap",
@@ -168,7 +165,6 @@ COMPARISONS: dict[str, Comparison] = {
             variables=("exact", "rule_gap", "ratio"),
             lead=("exact", "ratio"),
             figure="required-gap",
-            arguments=("folders",),
             whole=True,
         ),
         Comparison(

@@ -292,8 +292,13 @@ CURVE = tuple(np.geomspace(1e-3, 0.9, 30).tolist())
 PROPORTIONAL = 1e-3
 #: Parts of equal probability into which each of the two distributions behind an interval is cut.
 _PARTS = 50
-#: Endings of the names of a gap's, and of a rate's, numbers.
-_ENDS = ("", "_lower", "_upper", "_observed")
+#: Endings of the names of a gap's, and of a rate's, numbers, and how they are had.
+_ENDS = {
+    "": "by a lognormal",
+    "_lower": "lower end of its confidence interval",
+    "_upper": "upper end of its confidence interval",
+    "_observed": "of the records themselves",
+}
 #: What these numbers are.
 _MEANINGS = {
     "gap": "gap at which the pair touches with that probability",
@@ -467,9 +472,7 @@ def gap_for_probability(
     n = len(probabilities)
     for stem, parts in numbers.items():
         for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=True):
-            text = f"{_MEANINGS[stem]}, {'of the records themselves' if end else 'by a lognormal'}"
-            if end in ("_lower", "_upper"):
-                text = f"{end[1:]} end of the {confidence:.0%} confidence interval of {stem}"
+            text = f"{_MEANINGS[stem]}, {_ENDS[end]}"
             name, whole = f"{stem}{end}", described(part, "year-1" if stem == "rate" else "m", text)
             if stem != "rate" and name != "gap_observed":
                 variables[f"curve_{name}"] = whole.isel(probability=slice(n, None)).rename(probability="curve")

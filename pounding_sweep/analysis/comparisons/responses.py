@@ -232,7 +232,7 @@ def impact_statistics(
     numbers_in("[0, 1]", quantiles, "quantiles")
     cube = pounding_only(cube)
     dims = scenario_dims(cube)
-    together = [dim for dim in dims if dim != "law"] if over is None else [over] if isinstance(over, str) else [*over]
+    together = [dim for dim in dims if dim != "law"] if over is None else list(over)
     for name in together:
         if name not in dims:
             raise InputError(f"this cube has no axis {name!r} to take together; valid: {', '.join(dims) or 'none'}")
