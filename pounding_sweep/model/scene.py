@@ -250,23 +250,38 @@ class Building:
     yields: tuple[bool, ...] = derived()
     hardenings: tuple[float, ...] = derived()
     dashed: tuple[bool, ...] = derived()
-    #: floor elevations above the common base (m), shape (n_storeys,)
-    elevations: np.ndarray = derived()
+    uniform_hardening: float = derived()  # of all storeys, NaN if they differ
+    elevations: np.ndarray = derived()  # of floors above the common base (m), shape (n_storeys,)
+    #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
+    #: leave of it (kN/m); and P / (k h)
+    geometric_stiffnesses: tuple[float, ...] = derived()
+    lateral_stiffnesses: tuple[float, ...] = derived()
+    stability_coefficients: tuple[float, ...] = derived()
 
     def __post_init__(self) -> None:
         n, hardening = len(self.masses), self.hardening
+        hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
         set_fields(
             self,
             n_storeys=n,
             storey_heights=self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n,
             yields=tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * n)),
-            hardenings=hardening if isinstance(hardening, tuple) else (hardening,) * n,
+            hardenings=hardenings,
+            uniform_hardening=hardenings[0] if len(set(hardenings)) == 1 else math.nan,
             dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
         )
         set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
         with Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
+                weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
+                geometric = weights / self.storey_heights
+                set_fields(
+                    self,
+                    geometric_stiffnesses=tuple(geometric.tolist()),
+                    lateral_stiffnesses=tuple(np.subtract(self.stiffnesses, geometric).tolist()),
+                    stability_coefficients=tuple(np.divide(geometric, self.stiffnesses).tolist()),
+                )
                 self._check_whole(faults.add)
 
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
@@ -311,27 +326,6 @@ class Building:
                 f"{shown(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
                 "which would feed energy in; bring the ratios of the first two modes closer together",
             )
-
-    @property
-    def uniform_hardening(self) -> float:
-        """Hardening of all storeys, NaN if they differ."""
-        return self.hardenings[0] if len(set(self.hardenings)) == 1 else math.nan
-
-    @cached_property
-    def geometric_stiffnesses(self) -> tuple[float, ...]:
-        """What the weights above take of each storey's lateral stiffness (kN/m), P / h; zeros without `p_delta`."""
-        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
-        return tuple((weights / self.storey_heights).tolist())
-
-    @cached_property
-    def lateral_stiffnesses(self) -> tuple[float, ...]:
-        """Storey stiffnesses less what the weights above take of them (kN/m)."""
-        return tuple(np.subtract(self.stiffnesses, self.geometric_stiffnesses).tolist())
-
-    @property
-    def stability_coefficients(self) -> tuple[float, ...]:
-        """P / (k h) of each storey; zeros without `p_delta`."""
-        return tuple(np.divide(self.geometric_stiffnesses, self.stiffnesses).tolist())
 
     @property
     def inertias(self) -> np.ndarray:
