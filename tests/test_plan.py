@@ -439,16 +439,6 @@ def test_a_gap_that_is_just_closed_is_run():
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
 
 
-def test_what_is_one_for_all_takes_the_memory_of_one():
-    """So that ten million scenarios are planned in less than a gigabyte."""
-    plan = make_plan(
-        build_spec(scene="mate2015", records="el_centro", laws="linear", gaps=ps.Range(0.001, 0.02, 50), accuracy=1e-3)
-    )
-    one = [getattr(plan.unique, name) for name in ("law", "record", "scale", "variant")]
-    assert all(column.strides[0] == 0 for column in (*one, plan.limit, plan.steps, plan.uncoupled_of))
-    assert plan.unique.gaps.strides == (8, 0)
-
-
 def cells_of(item):
     return [[cell.text for cell in line] for line in ElementTree.fromstring(item._repr_html_()).iter("tr")]
 
@@ -472,16 +462,3 @@ def test_scenes_and_sweeps_in_notebooks():
     table = cells_of(Sweep(row(), motions()[0], ["linear", "none"], gaps=[0.001 * i for i in range(1, 13)]))
     assert table[1] == ["law", "2", "['linear', 'none']"]
     assert table[2][2].startswith("[0.001, 0.002, ")
-
-
-def test_steps_follow_from_all_but_the_gaps(monkeypatch):
-    axes = {"stiffness_factors": [0.25, 1.0, 4.0], "restitutions": [0.4, 0.8], "period_factors": {"left": [0.8, 1.2]}}
-    axes |= {"gaps": [0.004, 0.01, 0.02, 0.03], "laws": ["hertz_damped", "linear", "none"]}
-    spec = build_spec(scene="mate2015", records="el_centro", **axes, accuracy=1e-4, method="rk4")
-    found = make_plan(spec)
-    monkeypatch.setattr("pounding_sweep.plan.plan.but_for_gaps", lambda table: (table, np.ones(len(table), int)))
-    each = make_plan(spec)
-    assert len(np.unique(found.steps)) > 1
-    assert found.steps.tolist() == each.steps.tolist()
-    assert found.limit.tolist() == each.limit.tolist()
-    assert found.choice == each.choice

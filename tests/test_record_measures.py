@@ -74,7 +74,7 @@ def first_time(integral, level, end):
 
 def test_measures_of_a_motion_that_stands_still():
     found = record_measures(Record("still", 0.01, [0.0, 0.0, 0.0]))
-    assert (found.pga, found.pgv, found.arias_intensity, found.significant_duration) == (0.0, 0.0, 0.0, 0.0)
+    assert found.pga == found.pgv == found.arias_intensity == found.significant_duration == 0.0
     assert record_measures(Record("point", 0.01, [3.0])).duration == 0.0
 
 

@@ -323,15 +323,13 @@ def test_synthetic_envelope():
 @pytest.mark.parametrize("shape", PULSES)
 @pytest.mark.parametrize("amplitude", [2.5, -1.5])
 def test_pulses(shape, amplitude):
-    record = pulse_record(shape, amplitude=amplitude, period=0.8, dt=0.01)
-    assert record.name == shape
+    given = {"amplitude": amplitude, "period": 0.8, "dt": 0.01}
+    record, longer = pulse_record(shape, **given), pulse_record(shape, **given, duration=5.0, name="p")
     assert record.duration == pytest.approx(PULSES[shape][0] * 0.8)
     assert record.pga == pytest.approx(abs(amplitude), rel=1e-12)
     assert record.acceleration[np.abs(record.acceleration).argmax()] * amplitude > 0
-    longer = pulse_record(shape, amplitude=amplitude, period=0.8, dt=0.01, duration=5.0, name="p")
-    assert (longer.name, longer.n_points) == ("p", 501)
-    np.testing.assert_array_equal(longer.acceleration[: record.n_points], record.acceleration)
-    assert not longer.acceleration[record.n_points :].any()
+    assert (record.name, longer.name, longer.n_points) == (shape, "p", 501)
+    np.testing.assert_array_equal(longer.acceleration, np.append(record.acceleration, np.zeros(501 - record.n_points)))
 
 
 def test_pulse_shapes():

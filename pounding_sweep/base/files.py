@@ -10,6 +10,7 @@ import shutil
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ LOCK, SOFT_LOCK = "lock", "lock.soft"
 TEMPORARY = ".pounding_sweep-*.part"
 
 
+@cache
 def read_data(name: str) -> dict[str, Any]:
     """Read a table of the package's own data."""
     return tomllib.loads(files("pounding_sweep").joinpath("data", name).read_text(encoding="utf-8"))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import MissingRecordError, RecordError
-from pounding_sweep.base.files import near_file
+from pounding_sweep.base.files import near_file, read_data
 
 MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""
@@ -219,15 +219,9 @@ UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 1e-3}
 UNITS |= {"mg": 1e-3 * STANDARD_GRAVITY, "%g": 0.01 * STANDARD_GRAVITY}
 """Acceleration units of files, each with its size in m/s2."""
 
-_QUANTITIES = {
-    **dict.fromkeys(UNITS, "acceleration"),
-    **dict.fromkeys(("m/s", "cm/s", "mm/s", "in/s", "ft/s", "ms-1", "cms-1", "mms-1", "mps"), "velocity"),
-    **dict.fromkeys(("m", "cm", "mm", "in", "inch", "ft"), "displacement"),
-}
-_ALIASES = {
-    **{"gal": "cm/s2", "gals": "cm/s2", "g's": "g", "ms-2": "m/s2", "cms-2": "cm/s2", "mms-2": "mm/s2"},
-    **{"ms2": "m/s2", "cms2": "cm/s2", "mms2": "mm/s2", "mps2": "m/s2", "milli-g": "mg", "percentg": "%g"},
-}
+_SPELLINGS = read_data("records.toml")["spellings"]
+_QUANTITIES = {unit: quantity for quantity in _SPELLINGS["units"] for unit in _SPELLINGS["units"][quantity]}
+_ALIASES = {spelling: unit for unit in _SPELLINGS["aliases"] for spelling in _SPELLINGS["aliases"][unit]}
 _SIGNS = str.maketrans({"²": "2", "⁻": "-", "_": "/", **dict.fromkeys("^*·")})
 
 _ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
@@ -347,12 +341,7 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
     raise RecordError(f"{fault}; give units= one of {', '.join(map(repr, UNITS))}")
 
 
-_SECONDS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "segundos", ""), 1.0),
-    **dict.fromkeys(("ms", "msec", "msecs", "millisec", "milliseconds", "millisecond"), 1e-3),
-    **dict.fromkeys(("us", "µs", "usec", "microseconds"), 1e-6),
-    "min": 60.0,
-}
+_SECONDS = {name: float(size) for size in _SPELLINGS["seconds"] for name in _SPELLINGS["seconds"][size]}
 _STEP = (
     r"(?i)(?<![^\W_])"
     r"(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
