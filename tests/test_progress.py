@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import sys
 import threading
@@ -109,14 +108,3 @@ def test_lines_have_no_control_characters(monkeypatch):
     said = stream.getvalue()
     assert re.search(r"^cube 180 of 180 \(100%\)$", said, re.MULTILINE)
     assert said.replace("\n", "").isprintable()
-
-
-def test_a_reader_that_has_gone_does_not_end_the_run():
-    theirs, ours = os.pipe()
-    os.close(theirs)
-    with os.fdopen(ours, "w") as stream:
-        progress = ProgressDisplay(Console(file=stream), iter(range(0, 10000, 100)).__next__)
-        progress.stage("scenarios", 2)
-        progress.advance(1)
-        progress.advance(1)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

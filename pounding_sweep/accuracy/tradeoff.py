@@ -171,8 +171,8 @@ def measure(
     progress.stage("kernels", len(shapes))
     prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
-    def run(numerics: Numerics, scenarios: Scenarios, refused: np.ndarray | None = None) -> Values:
-        values = run_rows(plan, scenarios, numerics, outputs, refused)
+    def run(numerics: Numerics, part: Scenarios, is_refused: np.ndarray | None = None) -> Values:
+        values = run_rows(plan, part, numerics, outputs, is_refused)
         progress.advance(n)
         return values
 
