@@ -23,13 +23,12 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel import forces, march
-from pounding_sweep.kernel.lanes import where
 from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
-from pounding_sweep.output.describe import describe
+from pounding_sweep.output.describe import about, describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
@@ -167,8 +166,8 @@ class TestRegistry:
     def test_one_entry_makes_a_reducer(self, law, monkeypatch):
         """First value, onsets and sub-steps: here, seven and the last approach speed, and the time beside contacts."""
 
-        def touch(group, at):
-            group.state["made", at.j] = where(at.lanes, at.speed, group.state["made", at.j])
+        def touch(contact, lanes, fresh, speed, time):
+            contact.put(lanes, made=speed)
 
         def substep(group):
             group.state["passed"] = group.state["passed"] + group.state["h"]
@@ -181,7 +180,8 @@ class TestRegistry:
         group = make_group(shape, None, 2, np.zeros(property_slots(shape).size))
         march.begin(group, 0.0)
         assert (group.state["made"] == 7.0).all()
-        forces.note_onset(group, 0, np.array([True, False]), None, np.array([0.3, 0.4]), 0.01)
+        lanes, contact = np.array([True, False]), next(group.each_contact())
+        forces.note_onset(contact, lanes, lanes, np.array([0.3, 0.4]), 0.01)
         assert group.state["made"].tolist() == [0.3, 7.0]
         group.state["h"] = 0.5
         for reducer in group.reducers:
@@ -572,9 +572,9 @@ class TestDescribe:
         ],
     )
     def test_any_dataset(self, given):
-        text = describe(xr.Dataset(**given))
-        assert text
-        assert not text.endswith("\n")
+        dataset = xr.Dataset(**given, attrs={"sweep": '{"a": NaN}', "title": "3"})
+        assert describe(dataset).startswith("3\n")
+        json.dumps(about(dataset), allow_nan=False)
 
 
 def test_files_written_side_by_side_take_nothing_from_one_another(tmp_path):

@@ -156,8 +156,12 @@ CHANGES = {
     ),
     "a kernel": (
         lambda folder: edit(
-            folder / "package/pounding_sweep/model/laws.py", '"elastic": "k*d"}', '"elastic": "2.0*k*d"}'
+            folder / "package/pounding_sweep/kernel/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 0.5"
         ),
+        r"source \(\w{60} there, \w{60} here\);",
+    ),
+    "a law": (
+        lambda folder: edit(folder / "package/pounding_sweep/data/laws.toml", "0.75*(1 - e*e)", "0.7*(1 - e*e)"),
         r"source \(\w{60} there, \w{60} here\);",
     ),
     "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\);"),

@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pytest
 import xarray as xr
 from analysis_cubes import hand_cube, random_fill
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.output.describe import about
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.resume import MANIFEST
@@ -64,13 +62,6 @@ def test_a_cube(tmp_path):
     assert told["attributes"]["extended_from"]["scenarios_taken"] == 3
     assert told["attributes"]["scenarios_asked"] == 12
     assert told["attributes"]["rates"] == [1.0, None]
-
-
-@pytest.mark.parametrize("text", ['{"a": NaN}', "3"])
-def test_attributes_of_any_kind(text):
-    found = about(xr.Dataset(attrs={"sweep": text, "title": text}))
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert found["dims"] == {}
 
 
 def test_a_cube_that_was_cut_or_joined_tells_its_own_scenarios(tmp_path):

@@ -162,9 +162,10 @@ def describe(dataset: xr.Dataset) -> str:
     axes: dict[bool, list[tuple[str, ...]]] = {False: [], True: []}
     for dim, axis in cube["dims"].items():
         values = dataset[dim].values  # of a dimension without coordinate it counts from 0
-        text = _short(", ".join(map(_number, values.tolist())))
         if values.dtype.kind in "iuf" and axis["size"] > 8:
             text = f"{_number(values.min().item())} to {_number(values.max().item())}"
+        else:
+            text = _short(", ".join(map(_number, values.tolist())))
         name = f"  ({axis['long_name']})" if axis["long_name"] else ""
         axes[dim in INNER_DIMS].append((dim, str(axis["size"]), f"{text} {axis['units']}".rstrip() + name))
     coordinates, variables = list[tuple[str, ...]](), list[tuple[str, ...]]()

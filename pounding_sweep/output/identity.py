@@ -99,8 +99,8 @@ def package_digest() -> str:
     digest, root = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(root.rglob("*")):
         name = f"/{path.relative_to(root)}"
-        # the second: measured costs, by which methods are chosen; what is hidden is of editors
-        if name.endswith((".py", ".json")) and "/." not in name:
+        # data too: laws and measured costs, by which methods are chosen; what is hidden is of editors
+        if name.endswith((".py", ".json", ".toml")) and "/." not in name:
             digest.update(name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
