@@ -431,12 +431,12 @@ class _Reader:
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
             for _, two, text in _exclusions(chosen)
         ]
-        for column in dict.fromkeys(axis.column for axis in AXES.values() if not axis.by_building):
-            names = [name for name, axis in AXES.items() if axis.column == column]
-            default = [name for name in names if AXES[name].default is not None and not chosen & {*names}]
-            for name in [name for name in names if name in chosen] or default:
-                faults.entries += AXES[name].requires(scene, laws, records) if scene is not None else ()
-            values |= {name: AXES[name].default for name in default}
+        columns = {AXES[name].column for name in chosen if name in AXES}
+        for name, axis in AXES.items():
+            by_default = axis.default is not None and axis.column not in columns
+            if scene is not None and not axis.by_building and (name in chosen or by_default):
+                faults.entries += axis.requires(scene, laws, records)
+            values |= {name: axis.default} if by_default else {}
         if "restitutions" not in chosen and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             missing = scene.contact.restitution is None
