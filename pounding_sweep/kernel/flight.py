@@ -16,6 +16,7 @@ side. See docs/theory.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
 from itertools import accumulate, groupby
@@ -31,6 +32,7 @@ from pounding_sweep.kernel.lanes import (
     Lookup,
     Rows,
     Table,
+    Tracer,
     any_lane,
     constant,
     count_to,
@@ -188,7 +190,12 @@ class Layout:
 
         self.wide_modes, self.wide_watched = padded(n), padded(max(1, len(self.watched)))
         #: Modes that each watched quantity has a part in: first and number.
-        self.ranges = [self._part_in(quantity, spec.flocks) for quantity in self.watched]
+        self.ranges = []
+        for quantity in self.watched:
+            moved = np.array(quantity.weights) != 0.0
+            moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
+            parts = [(first, many) for first, many in spec.flocks if moved[first : first + many].any()]
+            self.ranges.append((parts[0][0], sum(parts[-1]) - parts[0][0]))
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
         #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
@@ -255,13 +262,6 @@ class Layout:
             self.places[name], each_point, others = (each_point, others), each_point + count, others + lanes * count
         self._numbers = each_point, others
 
-    def _part_in(self, quantity: Watched, flocks: Sequence[tuple[int, int]]) -> tuple[int, int]:
-        """First mode that a watched quantity has a part in, and their number."""
-        moved = np.array(quantity.weights) != 0.0
-        moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
-        parts = [(first, many) for first, many in flocks if moved[first : first + many].any()]
-        return parts[0][0], sum(parts[-1]) - parts[0][0]
-
     @property
     def scratch(self) -> dict[str, int]:
         """Rows of flight's own."""
@@ -308,7 +308,10 @@ class Flight:
     def __init__(self, group: Group, tables: Any, points: Any, memory: Any = None) -> None:
         self.group, self.layout = group, (layout := Layout(group))
         #: Instants of the scenario that flies, side by side.
-        self.times = group.in_lanes(layout.lanes)
+        self.times = copy(group)
+        self.times.lanes = layout.lanes
+        if group.trace is not None:
+            self.times.trace = Tracer(group.trace.builder, group.spec.precision, layout.lanes)
         self.trace, self.lanes, self.coupled, self.yields = (
             self.times.trace,
             layout.lanes,
@@ -604,7 +607,9 @@ class Flight:
         leaps = note is None and windows and not self.layout.powers
         for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
             self._bounds()
-            for _ in when(self._undisturbed()):
+            amplitudes = [self.rows["amplitude", part] for part in self.mode_parts]
+            moves = any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0)
+            for _ in when(not_(moves)):  # nothing but the record moves the row
                 self._begin() if leaps else self._survey()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last)):
             t = self.at.now
@@ -614,8 +619,16 @@ class Flight:
                 block = blocks.of(t)
                 room = lesser(room, (block + 1) * blocks.length - t)
                 far = not_(self._near(block, "most", "least"))
-                for _ in when(far):
-                    self._pass_block(room)
+                for _ in when(far):  # pass what is left of the block
+                    left = Cell(room)
+                    for _ in when(room == blocks.length):
+                        self._advance(self.lanes)
+                        left.now = 0
+                    for _ in while_any(lambda: left.now > 0):  # noqa: B023
+                        steps = lesser(left.now, self.lanes - 1)
+                        self._advance(steps)
+                        left.now -= steps
+                    self.at.now += room
             elif leaps:
                 # by the bounds that modes have now
                 for _ in while_any(
@@ -729,11 +742,6 @@ class Flight:
             first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
-    def _undisturbed(self) -> Any:
-        """Whether nothing but the record moves the row."""
-        amplitudes = [self.rows["amplitude", part] for part in self.mode_parts]
-        return not_(any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0))
-
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
         low, high = Cell(0), Cell(self.last)
@@ -794,18 +802,6 @@ class Flight:
                 w["asks", part] = where(asks, 1.0, 0.0)
             near.now |= asks
         return any_lane(near.now)
-
-    def _pass_block(self, room: Any) -> None:
-        """Pass what is left of a block."""
-        left = Cell(room)
-        for _ in when(room == self.blocks.length):
-            self._advance(self.lanes)
-            left.now = 0
-        for _ in while_any(lambda: left.now > 0):
-            steps = lesser(left.now, self.lanes - 1)
-            self._advance(steps)
-            left.now -= steps
-        self.at.now += room
 
     def _advance(self, steps: Any) -> None:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""

@@ -134,7 +134,9 @@ def measure(group: Group) -> Any:
                 p = law.pressing(contact.kl, contact.cl, d1, v1)
                 may = may | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
             if law.shape.yields:
-                may = may | _may_slip(contact, mode, d1, early, late, v1)
+                low, top, slips = contact.plastic, contact.plastic + contact.yield_depth, c > 0.0
+                leaves = (maximum(d1, minimum(early, late)) > top) | (minimum(d1, maximum(early, late)) < low)
+                may = may | ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
             if is_capped(group):
                 cap, mass, deep = group.prop("cap"), contact.reduced, maximum(d0, d1)
                 may = may | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
@@ -410,14 +412,6 @@ def is_near(group: Group, h: Any) -> Any:
 # it slips (mode 2) the yielding part holds its force: its yield force as d grows, or, once it
 # has given back all, none as d falls; it sticks again where v turns. In either mode the force
 # is KE d + CE.
-
-
-def _may_slip(contact: Contact, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
-    """Lanes in which a closed contact may slip, or stick again."""
-    low = contact.plastic
-    top, slips = low + contact.yield_depth, contact.ce > 0.0
-    leaves = (maximum(d1, minimum(early, late)) > top) | (minimum(d1, maximum(early, late)) < low)
-    return ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
 
 
 def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> None:

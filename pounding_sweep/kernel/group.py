@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterator, Sequence
-from copy import copy
 from functools import cached_property
 from itertools import groupby
 from types import SimpleNamespace
@@ -230,14 +229,6 @@ class Group:
             rows |= {"ruled_out": 2 * (nc + n)}
             rows |= {"swing": nb} if "transfer" in self.asked and self.touching else {}
         return rows
-
-    def in_lanes(self, lanes: int) -> Group:
-        """Return the same for so many lanes, of whatever they are; its state is that of the scenarios."""
-        found = copy(self)
-        found.lanes = lanes
-        if self.trace is not None:
-            found.trace = Tracer(self.trace.builder, self.spec.precision, lanes)
-        return found
 
     @property
     def presses(self) -> bool:

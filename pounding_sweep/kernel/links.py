@@ -83,8 +83,20 @@ def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
     """Force of a link at an end of the step (``u``, ``u0``), its rate (``v``, ``v0``), or what its polynomial has."""
     if name.startswith("u"):
         return force(group, j, ends, name, name.replace("u", "v"))
-    if group.spec.staged:  # d is a quintic
-        return _staged(group, j, ends, name)
+    if group.spec.staged:  # d is a quintic, in whose own polynomial the force has what lies in the row of that of d
+        per = 1.0 / maximum(group.full(group.state["h"]), _LEAST_STEP)
+        factors = {
+            "v": dict(zip(("a0", *BENDS), (1.0, 6.0, 12.0, 20.0), strict=True)),
+            "v0": {"a0": 1.0},
+            "a0": {"c3": 6.0 * per},
+            "c3": {"c4": 4.0 * per},
+            "c4": {"c5": 5.0 * per},
+            "c5": {},
+        }[name]
+        pull = group.prop("link_k", j) * _across(group, ends, name)
+        for row, factor in factors.items():
+            pull = fma(group.prop("link_c", j) * factor, _across(group, ends, row), pull)
+        return pull
     d0, d1, v0, v1 = (_across(group, ends, row) for row in ("u0", "u", "v0", "v"))
     h = group.full(group.state["h"])
     per = 1.0 / maximum(h, _LEAST_STEP)
@@ -95,23 +107,6 @@ def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
     moves = h * (size(v0) + size(v1)) > group.limit.moved * far
     bend = where(moves, bend, v1 - v0)
     return fma(group.prop("link_c", j), bend * per, group.prop("link_k", j) * (v0 if name == "v0" else v1))
-
-
-def _staged(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
-    """Rate of the force, d being the quintic of the stages, or what its own polynomial has in a row of that of d."""
-    per = 1.0 / maximum(group.full(group.state["h"]), _LEAST_STEP)
-    factors = {
-        "v": dict(zip(("a0", *BENDS), (1.0, 6.0, 12.0, 20.0), strict=True)),
-        "v0": {"a0": 1.0},
-        "a0": {"c3": 6.0 * per},
-        "c3": {"c4": 4.0 * per},
-        "c4": {"c5": 5.0 * per},
-        "c5": {},
-    }[name]
-    force = group.prop("link_k", j) * _across(group, ends, name)
-    for row, factor in factors.items():
-        force = fma(group.prop("link_c", j) * factor, _across(group, ends, row), force)
-    return force
 
 
 def sample(group: Group) -> None:

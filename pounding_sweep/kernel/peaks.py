@@ -258,7 +258,16 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     at = Cell(_acceleration_turn(group, curve, s1)[0])
     for _ in count_to(2):  # once where the cubic turns, once nearer
         t = at.now
-        _accelerate(group, t)
+        if group.spec.smooth:
+            bouc_wen.part(group, t)
+        put_accelerations(group, "there", moved(group, t), moved(group, t, velocities=True))
+        if group.spec.smooth:
+            bouc_wen.settle(group)
+        for contact in group.each_contact():
+            contact.press = 0.0
+            with when_any(contact.mode > forces.OPEN):
+                contact.press = forces.force_at(contact, t)
+        add_forces(group, "there", "press")
         found, rest = s["there", i], t * (1.0 - t)
         s["acc", i] = maximum(s["acc", i], where(lanes, size(found), 0.0))
         miss = found - curve.value(t)  # it grows as the square of `rest`
@@ -267,20 +276,6 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
         bend = bend + 2.0 * miss * (1.0 - 6.0 * rest) / (rest * rest)
         nearer = t - slope / bend
         at.now = where((nearer > 0.0) & (nearer < 1.0), nearer, t)
-
-
-def _accelerate(group: Group, t: Any) -> None:
-    """Find the total accelerations of all floors at a part t of the sub-step just tried, in rows ``there``."""
-    if group.spec.smooth:
-        bouc_wen.part(group, t)
-    put_accelerations(group, "there", moved(group, t), moved(group, t, velocities=True))
-    if group.spec.smooth:
-        bouc_wen.settle(group)
-    for contact in group.each_contact():
-        contact.press = 0.0
-        with when_any(contact.mode > forces.OPEN):
-            contact.press = forces.force_at(contact, t)
-    add_forces(group, "there", "press")
 
 
 def moved(group: Group, t: Any, velocities: bool = False) -> Callable[[Any], Any]:

@@ -88,25 +88,20 @@ def accelerations(
             alpha, moves = group.prop("alpha", b), group.deformation(i, y, p)
             drag = alpha * moves if ground is None else fma(alpha, moves, ground)
             found.append(fma(-group.prop("m", i), drag, net) if loads else fma(group.prop("im", i), net, -drag))
-    bases = _base_accelerations(group, f, x, y)
-    relative = [(i, a if ground is None or group.rocks(i) else a - ground) for i, a in bases]
-    return found + [group.prop("m", i) * a if loads else a for i, a in relative]
-
-
-def _base_accelerations(group: Group, shears: Any, x: Any, y: Any) -> Iterator[tuple[int, Any]]:
-    """Give total accelerations of the sway and the rocking of each base, from the state of the whole row."""
-    for b in group.spec.foundations:
-        floors, base = group.building_floors[b], group.spec.base(b)
-        assert base is not None
-        drags = [group.prop("m", i) * (group.prop("alpha", b) * group.deformation(i, y, i)) for i in floors]
-        sway, moment = shears[floors[0]], None
-        for i, drag in zip(floors, drags, strict=True):
+    for b in group.spec.foundations:  # sway and rocking of each base, from the state of the whole row
+        base: Any = group.spec.base(b)
+        sway, moment = f[group.spec.home(b)], None
+        for i in group.building_floors[b]:
+            drag = group.prop("m", i) * (group.prop("alpha", b) * group.deformation(i, y, i))
             sway = sway + drag
-            part = fma(group.prop("elevation", i), drag, group.prop("height", i) * shears[i])
-            moment = part if moment is None else moment + part
+            lever = fma(group.prop("elevation", i), drag, group.prop("height", i) * f[i])
+            moment = lever if moment is None else moment + lever
         for i, load in zip(base, (sway, moment), strict=True):
             held = fma(group.prop("dashpot", i), y[i], group.prop("k", i) * x[i])
-            yield i, group.prop("im", i) * (load - held)
+            a = group.prop("im", i) * (load - held)
+            a = a if ground is None or group.rocks(i) else a - ground
+            found.append(group.prop("m", i) * a if loads else a)
+    return found
 
 
 class Pushes:

@@ -367,23 +367,17 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = contact.kl, contact.cl * per
-        press = Series(_pressing(depth, k, c, contact.law.shape.is_product, group.limit.at_release), depth.order - 1)
+
+        def press(n: int) -> Any:  # what the sign of a force follows: k d + c d', or k d + c d d' without d
+            damped, product = c * depth.rate.read(n), law.shape.is_product
+            if n:
+                return damped if product else fma(k, depth.read(n), damped)
+            elastic = k if product else k * depth.read(0)
+            # at its own event the sign of a force is one of rounding
+            return where(size(elastic + damped) > group.limit.at_release * size(elastic), elastic + damped, 0.0)
+
         toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, group.full(PRESSING))
-        offer(1, asks & closed & (c > 0.0), toward, press, target)
-
-
-def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
-    """Coefficients of what the sign of a force follows, of a contact that may be slack: of k d + c d d' without d."""
-
-    def read(n: int) -> Any:
-        damped = c * depth.rate.read(n)
-        if n:
-            return damped if product else fma(k, depth.read(n), damped)
-        elastic = k if product else k * depth.read(0)
-        # at its own event the sign of a force is one of rounding
-        return where(size(elastic + damped) > least * size(elastic), elastic + damped, 0.0)
-
-    return read
+        offer(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
 
 
 def _drift(storey: Storey, first: Any, sign: Any) -> Series:

@@ -50,10 +50,6 @@ class Scheme(ABC):
         """Return the steps that the fastest part of the shortest contact needs."""
         return self.min_steps_located if located else self.min_steps_sampled
 
-    def ladder_in(self, precision: str) -> tuple[float, ...]:
-        """Return the steps at which errors are measured in a number format."""
-        return tuple(n for n in self.ladder if precision == "float64" or n <= self.finest_float32)
-
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Say why it can't take a row in a number format; None where it can."""
         del precision
