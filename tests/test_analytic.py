@@ -327,16 +327,6 @@ def test_energy_balance(method, law):
     assert taken > 0.01 * reach if LAWS[law].takes_restitution else abs(taken) < 1e-3 * reach
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-def test_without_contact_nothing_is_transferred(method):
-    got = shake("none", method=method, dt=5e-4)
-    assert float(got.input.max()) > 1.0
-    for name in ("energy_transfer_max", "energy_transfer_min", "contact_work", "work", "impulse", "contact_force"):
-        assert not got[name].fillna(0.0).values.any(), name
-    assert np.abs(got.transfer).max() < (1e-6 if method == "rk4" else 1e-3) * got.input.max()
-
-
 def test_histories_obey_the_equation_of_motion():
     """Independent of the kernel's own sums: forces, input and damping from u, v and F of the history."""
     record = shaking()

@@ -16,11 +16,9 @@ import pounding_sweep as ps
 from pounding_sweep.accuracy.law_check import solved_restitution
 from pounding_sweep.analysis import gap_for_probability, required_gap
 from pounding_sweep.base.errors import InputError, LawError, SweepError
-from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
-from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.plan.advice import shortest_contact
 from pounding_sweep.plan.plan import untouched
 from pounding_sweep.schemes.stability import largest_step
@@ -190,27 +188,6 @@ def test_bumpers_of_the_law_of_the_sweep_change_nothing(method):
     one, other = (simulate(scene, "kelvin_voigt", method=method, dt=1e-3) for scene in (bare, same))
     for name in ("impact_force_max", "displacement_max", "energy_damping", "steps_per_contact"):
         np.testing.assert_allclose(other[name], one[name], rtol=1e-9)
-
-
-# -- what is compiled --------------------------------------------------------------------------------------------------
-
-
-def test_contacts_of_each_law_have_a_status_of_their_own():
-    """A contact is too short by the damping of its own law, not by that of another one."""
-    kernel = RowKernel(BUMPED, LAWS["kelvin_voigt"], Numerics("rk4", 1e-3), reducers_for(["impact_count"]))
-    given = {"scale": np.ones(2), "gaps": np.ones((2, len(BUMPED.pair_names))), "stiffness": np.full(2, 8e5)}
-    still = ps.Record("still", 0.01, np.zeros(3))
-    quick = kernel.run(still, **given, restitution=np.array([0.02, 0.6]), twin=True)["quickening"]
-    assert quick[:, 0] == pytest.approx(LAWS["kelvin_voigt"].quickening([0.02, 0.6]))
-    assert quick[:, 1:].tolist() == [[PAD.quickening("published"), STOP.quickening("published")]] * 2
-    need = kernel.numerics.scheme.min_steps_per_contact(True)
-    raw = {"flags": np.zeros((3, 1)), "quickening": np.ones((3, 3)) * [1.0, 3.0, 1.0], "scale": np.ones((3, 1))}
-    lasts = np.array([[10.0, 10.0, 10.0], [10.0, 2.0, 1e30], [1e30, 1e30, 2.0]]) * need * 1e-3
-    found = variables_of(
-        kernel, {**raw, "shortest": lasts}, ["steps_per_contact", "status"], ps.find_record("el_centro")
-    )
-    np.testing.assert_allclose(found["steps_per_contact"], [10.0 * need, 2.0 * need, 2.0 * need], rtol=1e-9)
-    assert found["status"].tolist() == [Status.OK, Status.UNDER_RESOLVED_CONTACT, Status.OK]
 
 
 # -- in sweeps ---------------------------------------------------------------------------------------------------------

@@ -196,36 +196,3 @@ def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, var
     for name, values in straight.items():
         size = max(np.nanmax(np.abs(values)), 1e-9)
         np.testing.assert_allclose(looped[name], values, rtol=0, atol=1e-7 * size, err_msg=name)
-
-
-#: A wall; three buildings alike, two pairs that meet alike; a lower building, whose pair is another kind.
-ROW = ps.Scene(
-    [
-        ps.Wall(),
-        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
-        ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
-        ps.Building("c", [100.0, 100.0], [1.1e5, 1.3e5]),
-        ps.Building("low", [140.0], [9.0e4]),
-    ],
-    gaps=[0.003, 0.004, 0.005, 0.004],
-    contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
-)
-
-
-@pytest.mark.release
-def test_unlocated_forces_are_those_of_the_motion():
-    """Behind a wall, the first floor belongs to two contacts."""
-    record = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[60:160])
-    one = ps.simulate(ROW, record, law="kelvin_voigt", method="rk4", dt=1e-3, locate=False)
-    u, v = (one[name].isel(storey=0) for name in ("displacement", "velocity"))
-    log_e = np.log(0.6)
-    share = -log_e / np.hypot(np.pi, log_e)
-    for i, (left, right) in enumerate((("a", "b"), ("b", "c")), start=1):
-        masses = [building.masses[0] for building in ROW.buildings if building.name in (left, right)]
-        damper = 2.0 * share * np.sqrt(8e5 / sum(1.0 / m for m in masses))
-        d = u.sel(building=left) - u.sel(building=right) - ROW.gaps[i]
-        rate = v.sel(building=left) - v.sel(building=right)
-        force = np.maximum(8e5 * d + damper * rate, 0.0).where(d > 0.0, 0.0)
-        assert float(force.max()) > 0.0
-        found = one.contact_force.isel(storey=0).sel(pair=f"{left}-{right}")
-        np.testing.assert_allclose(found, force, rtol=0, atol=1e-9 * float(force.max()))

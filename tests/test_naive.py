@@ -10,7 +10,6 @@ from naive import (
     LAWS,
     WALL,
     NaiveBuilding,
-    contact_floors,
     damping_coefficient,
     modal_exact,
     run,
@@ -180,13 +179,6 @@ def test_stereomechanical_collision():
     assert out["energy_transfer_final"].sum() == pytest.approx(out["contact_work"][0][0], abs=1e-9)
 
 
-def test_force_jump_at_touch_is_a_peak():
-    out = free_pair("kelvin_voigt", 0.02)  # heavy damping: the largest force is the one at touch
-    jump = 2 * damping_coefficient("kelvin_voigt", 0.02) * np.sqrt(2e6 * MEFF) * V0
-    assert out["impact_force_max"][0][0] == pytest.approx(jump, rel=1e-9)
-    assert out["acceleration_max"][0][0] == pytest.approx(jump / M1, rel=1e-9)
-
-
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"])
 def test_wall_is_an_infinite_mass(law):
     k = stiffness_of(law)
@@ -348,16 +340,6 @@ def test_converged_in_the_tolerance(law):
     np.testing.assert_array_equal(flat(out["impact_count"]), flat(finer["impact_count"]))
     for name in ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "penetration_max", "impulse"]:
         np.testing.assert_allclose(flat(out[name]), flat(finer[name]), rtol=1e-6, atol=1e-8 * flat(finer[name]).max())
-
-
-def test_floors_meet_where_elevations_agree():
-    low = shear([1.0, 1.0], 1.0, storey_heights=[3.0, 3.0])
-    tall = shear([1.0, 1.0, 1.0], 1.0, storey_heights=[3.0009, 1.5, 1.5])
-    assert contact_floors(low, tall) == [(1, 1), (2, 3)]
-    assert contact_floors(low, shear([1.0, 1.0], 1.0, storey_heights=[3.002, 2.998])) == [(2, 2)]
-    assert contact_floors(WALL, tall) == [(None, 1), (None, 2), (None, 3)]
-    with pytest.raises(ValueError, match="gaps"):
-        run([low, tall], [], np.zeros(3), 0.01, "linear", 1.0)
 
 
 # -- storeys that yield ------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from kernels_used import LEANING_YIELDS, YIELDING, YIELDING_SWEEP
 from kinds import STEPPED, YIELDS
 from naive import run
 from scenes import EVERY, motions, pair
+from test_flight import some_scenarios
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.rebuild import stored_sweep
@@ -82,16 +83,6 @@ def test_half_the_motion_at_half_the_strength_and_gap_is_half_the_answer(method)
 def flying(scene=YIELDS, **numerics):
     """The kernel that leaves out windows of the record."""
     return RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-4, **numerics), reducers_for(EVERY))
-
-
-def some_scenarios(n=70):
-    rng = np.random.default_rng(3)
-    return {
-        "scale": rng.choice([-1.5, -1.0, 0.0, 0.3, 0.7, 1.0, 1.3], n),
-        "gaps": rng.choice([0.0005, 0.001, 0.002, 0.004, 0.02], (n, 1)),
-        "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
-        "restitution": rng.uniform(0.2, 1.0, n),
-    }
 
 
 @pytest.mark.parametrize("law", [pytest.param("kelvin_voigt_tension", marks=pytest.mark.slow), "modified_kelvin_voigt"])
