@@ -244,7 +244,7 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 else:
                     contact = group.known_contacts()[q]
                     d, v = contact.penetration(), contact.between(group.floors("v"))
-                    value = contact.law.pressing(contact.ke, contact.ce, d, v)
+                    value = contact.law.pressing(contact.k_active, contact.c_active, d, v)
                 put(row, place.first[name] + q, value)
 
     return note

@@ -7,7 +7,7 @@ flight the quintic of its stages); its roots are touch and release. A contact is
     2  rebound: E(d) alone        3  slack: closed, the clipped force is zero
        of a law that yields: its yielding part slips; of one damped on rebound only: approach
 
-The force in any mode is that of the stiffness ``ke`` and the damping ``ce``.
+The force in any mode is that of the stiffness ``k_active`` and the damping ``c_active``.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ def longest_substep(group: Group, h: Any) -> Any:
         law = contact.law
         with when_any(closed := (contact.mode > OPEN) & (s["time_left"] > 0.0)):
             now, v = contact.penetration(), contact.between("v")
-            lasts, k, mass = contact.lasts, contact.ke, contact.reduced
+            lasts, k, mass = contact.duration, contact.k_active, contact.reduced
             if capped:
                 d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
                 fastest_here = law.elastic_slope(k, d) / mass
                 if law.shape.damper:
-                    b = law.damper(contact.ce, d) / mass
+                    b = law.damper(contact.c_active, d) / mass
                     if group.spec.series:  # the size of the roots of x**2 + b x + w**2
                         b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                     fastest_here = maximum(fastest_here, b * b)
@@ -119,10 +119,10 @@ def measure(group: Group) -> Any:
     h, look = s["h"], group.cell(False)
     for contact in group.each_contact():
         law = contact.law
-        mode, k, c = contact.mode, contact.ke, contact.ce
+        mode, k, c = contact.mode, contact.k_active, contact.c_active
         v0, v1 = contact.between("v0"), contact.between("v")
         d0, d1 = contact.penetration("u0"), contact.penetration()
-        contact.d0, contact.d1, contact.w0, contact.w1 = d0, d1, v0, v1
+        contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
         parts, closed = group.cell(False), mode > OPEN
         with when_any(closed):
@@ -131,7 +131,7 @@ def measure(group: Group) -> Any:
                 nears, parting = SIDES[law.shape.rebound_only]
                 may = may | ((mode == nears) & (v1 < 0.0)) | ((mode == parting) & (v1 > 0.0))
             if law.shape.clips:
-                p = law.pressing(contact.kl, contact.cl, d1, v1)
+                p = law.pressing(contact.k_law, contact.c_law, d1, v1)
                 may = may | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
             if law.shape.yields:
                 low, top, slips = contact.plastic, contact.plastic + contact.yield_depth, c > 0.0
@@ -170,7 +170,7 @@ def first_event(group: Group, asks: Any) -> Any:
 
 def course_of(contact: Contact) -> Series:
     """Penetration of a contact in the sub-step just tried, by parts of it."""
-    rows = {"u0": "d0", "u": "d1", "v0": "w0", "v": "w1"}
+    rows = {"u0": "pen_start", "u": "pen_end", "v0": "rate_start", "v": "rate_end"}
     return course(contact.group, lambda name: getattr(contact, rows[name]) if name in rows else contact.between(name))
 
 
@@ -178,7 +178,7 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     """Find when a contact changes its mode in the trial, and to which."""
     group, law, depth = contact.group, contact.law, course_of(contact)
     s, h = group.state, group.state["h"]
-    mode, d0, d1, v0, v1 = contact.mode, contact.d0, contact.d1, contact.w0, contact.w1
+    mode, d0, d1, v0, v1 = contact.mode, contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
     closed = mode > OPEN
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
@@ -207,7 +207,7 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     if law.shape.clips:
         when, target = _slack(contact, busy, (when, target), depth)
     if is_capped(group):
-        rate_there = contact_rate(law, contact.ke, contact.ce, group.full(contact.reduced), maximum(d0, d1))
+        rate_there = contact_rate(law, contact.k_active, contact.c_active, group.full(contact.reduced), maximum(d0, d1))
         fast, most = h * rate_there, group.prop("cap")
         deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
         cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
@@ -217,7 +217,7 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
 def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
     group, law, (when, target) = contact.group, contact.law, event
-    mode, k, c = contact.mode, contact.kl, contact.cl
+    mode, k, c = contact.mode, contact.k_law, contact.c_law
 
     def press(t: Any) -> tuple[Any, Any, Any]:
         both = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
@@ -253,7 +253,7 @@ def ends(group: Group, whole: Any) -> None:
     if implicit:  # where contacts are too stiff for a sub-step, it is their end force that counts
         follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
     for contact in group.each_contact() if needs_force or "penetration" in r else ():
-        d0, d1, v0, v1 = contact.d0, contact.d1, contact.w0, contact.w1
+        d0, d1, v0, v1 = contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
         closed = contact.mode > OPEN
         if follows is not None:
             closed = closed & follows
@@ -266,7 +266,9 @@ def ends(group: Group, whole: Any) -> None:
             if contact.law.shape.grows:  # lanes in which the force may exceed its largest so far
                 rates = size(v0) + size(v1)
                 deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
-                counts = counts & (contact.law.pressing(contact.ke, contact.ce, deepest, fastest) > contact.fmax)
+                counts = counts & (
+                    contact.law.pressing(contact.k_active, contact.c_active, deepest, fastest) > contact.fmax
+                )
         with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
             depth = course_of(contact)
             if "penetration" in r:
@@ -282,14 +284,14 @@ def ends(group: Group, whole: Any) -> None:
 def force_at(contact: Contact, t: Any) -> Any:
     """Force of a contact at a part t of the sub-step just taken."""
     d, slope = course_of(contact).with_slope(t)
-    force = contact.law.pressing(contact.ke, contact.ce, d, slope / contact.group.state["h"])
+    force = contact.law.pressing(contact.k_active, contact.c_active, d, slope / contact.group.state["h"])
     return where(contact.mode > OPEN, force, 0.0)
 
 
 def _force_ends(contact: Contact, looks: Any, whole: Any, depth: Series, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
-    group, law, k, c, mode = contact.group, contact.law, contact.ke, contact.ce, contact.mode
-    d0, d1, v0, v1 = contact.d0, contact.d1, contact.w0, contact.w1
+    group, law, k, c, mode = contact.group, contact.law, contact.k_active, contact.c_active, contact.mode
+    d0, d1, v0, v1 = contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
     s, r, h, limit = group.state, group.asked, group.state["h"], group.limit
     a0, a1 = contact.between("a0"), depth.rate.rate.value(1.0) / (h * h)
     f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
@@ -360,24 +362,26 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
             with when_any(touches):
                 v, k, c = contact.between("v"), contact.stiffness, contact.c
                 lasts = law.duration(k, v, contact.reduced)
-                contact.put(touches, lasts=lasts, age=0.0)
+                contact.put(touches, duration=lasts, age=0.0)
                 s.put(touches, minimum(s["shortest", which], lasts), "shortest", which)
                 if law.shape.per_speed:
                     c = c / maximum(v, RESTING_SPEED)
                 note_onset(contact, touches, touches, v, group.clock(h))
-                contact.put(touches, kl=k, cl=c)
+                contact.put(touches, k_law=k, c_law=c)
                 if law.shape.yields:
                     _begin_yielding(contact, touches, k, c, v)
-            k, c = contact.kl, contact.cl
+            k, c = contact.k_law, contact.c_law
             if law.shape.yields:
                 d, sticks = contact.penetration(), due & (target == 1.0)
-                contact.put(due & (target == 0.0), ke=0.0, ce=0.0)
+                contact.put(due & (target == 0.0), k_active=0.0, c_active=0.0)
                 set_plastic(contact, sticks & (mode > 0.0), d)
                 stick(contact, sticks)
                 slip(contact, due & (target == 2.0), d)
             else:
                 pressing = target == PRESSING
-                contact.put(due, ke=where(pressing | (target == REBOUND), k, 0.0), ce=where(pressing, c, 0.0))
+                contact.put(
+                    due, k_active=where(pressing | (target == REBOUND), k, 0.0), c_active=where(pressing, c, 0.0)
+                )
             contact.mode = where(due, target, mode)
     return switched.now
 
@@ -422,8 +426,8 @@ def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> 
     lost = 0.4 * loss * effective
     contact.put(
         lanes,
-        kl=effective - lost / (1.0 - YIELD_SHARE),
-        cl=lost / (YIELD_SHARE * (1.0 - YIELD_SHARE)),
+        k_law=effective - lost / (1.0 - YIELD_SHARE),
+        c_law=lost / (YIELD_SHARE * (1.0 - YIELD_SHARE)),
         yield_depth=where(loss > 0.0, YIELD_SHARE * deepest, contact.group.limit.far),
         plastic=0.0,
     )
@@ -432,24 +436,24 @@ def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> 
 
 def set_plastic(contact: Contact, lanes: Any, d: Any) -> None:
     """Plastic part of a contact that has slipped to the penetration d."""
-    contact.put(lanes, plastic=where(contact.ce > 0.0, d - contact.yield_depth, d))
+    contact.put(lanes, plastic=where(contact.c_active > 0.0, d - contact.yield_depth, d))
 
 
 def stick(contact: Contact, lanes: Any) -> None:
     """Let the plastic part stand still from here on."""
-    contact.put(lanes, ke=contact.kl + contact.cl, ce=-contact.cl * contact.plastic)
+    contact.put(lanes, k_active=contact.k_law + contact.c_law, c_active=-contact.c_law * contact.plastic)
 
 
 def slip(contact: Contact, lanes: Any, d: Any) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
     deep = d - contact.plastic > 0.5 * contact.yield_depth
-    contact.put(lanes, ke=contact.kl, ce=where(deep, contact.cl * contact.yield_depth, 0.0))
+    contact.put(lanes, k_active=contact.k_law, c_active=where(deep, contact.c_law * contact.yield_depth, 0.0))
 
 
 def held_force(contact: Contact, d: Any) -> Any:
     """Force at penetration d, the plastic part being what it must be there."""
     stretch = minimum(maximum(d - contact.plastic, 0.0), contact.yield_depth)
-    return where(d > 0.0, contact.kl * d + contact.cl * stretch, 0.0)
+    return where(d > 0.0, contact.k_law * d + contact.c_law * stretch, 0.0)
 
 
 def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
@@ -465,7 +469,7 @@ def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
 def _slips(contact: Contact, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
     group, (d0, d1, v0, v1) = contact.group, ends
-    slipping, slips = contact.mode == 2.0, contact.ce > 0.0
+    slipping, slips = contact.mode == 2.0, contact.c_active > 0.0
     falls = asks & slipping & slips & (v1 < 0.0)
     grows = asks & slipping & ~slips & (v1 > 0.0)
     low = contact.plastic

@@ -205,8 +205,14 @@ class Group:
             rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
             rows |= {"set": n} if spec.flies_exactly else {}
         if self.touching:
-            rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
-            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
+            # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
+            # (kN/m, kN s/m); rate of approach (m/s); time since the touch, and of an elastic contact (s)
+            rows |= dict.fromkeys(("mode", "next", "event", "k_active", "c_active", "k_law", "c_law"), nc)
+            rows |= dict.fromkeys(("fastest", "age", "duration"), nc)
+            # penetration (m), its rate (m/s), the force (kN) and its rate at both ends of a sub-step; that of an
+            # implicit step, and whether an event may be in it
+            rows |= dict.fromkeys(("pen_start", "pen_end", "rate_start", "rate_end", "f0", "f1", "q0", "q1"), nc)
+            rows |= dict.fromkeys(("force", "asks"), nc)
             if "transfer" in self.asked:  # energy given so far, in the step, and powers
                 rows |= dict.fromkeys(("now", "gain", "given", "given0", "given1"), nb)
         # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws

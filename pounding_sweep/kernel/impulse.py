@@ -1,7 +1,7 @@
 """Velocity jumps of floors that meet without a contact force, and floors that rest on each other.
 
 A contact is in mode 0 (open) or 1: its floors rest on each other, with one velocity and one
-acceleration. ``ke`` > 0 marks those that rest. The force that holds them together follows
+acceleration. ``k_active`` > 0 marks those that rest. The force that holds them together follows
 from the equation of motion; they part when it would pull.
 """
 
@@ -78,7 +78,7 @@ def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[A
 
 def resting(group: Group) -> list[Any]:
     """Lanes in which the floors of each contact rest on each other."""
-    return [contact.ke > 0.0 for contact in group.known_contacts()]
+    return [contact.k_active > 0.0 for contact in group.known_contacts()]
 
 
 def rest(group: Group, lanes: Any) -> None:
@@ -102,7 +102,7 @@ def measure(group: Group) -> Any:
     for contact in group.each_contact():
         v0, v1 = contact.between("v0"), contact.between("v")
         d0, d1 = contact.penetration("u0"), contact.penetration()
-        contact.d0, contact.d1, contact.w0, contact.w1 = d0, d1, v0, v1
+        contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end = d0, d1, v0, v1
         meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
         look.now |= where(contact.mode == OPEN, meets, contact.f1 < 0.0)
     return look.now
@@ -113,7 +113,7 @@ def first_event(group: Group, asks: Any) -> Any:
     _s, h = group.state, group.state["h"]
     first = group.cell(1.0)
     for contact in group.each_contact():
-        mode, d0, d1, v0, v1 = contact.mode, contact.d0, contact.d1, contact.w0, contact.w1
+        mode, d0, d1, v0, v1 = contact.mode, contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
         closed, late = mode > OPEN, contact.f1
         pulls = closed & (late < 0.0)
         held = maximum(contact.f0, 0.0)
@@ -213,9 +213,9 @@ def _halt(group: Group, lanes: Any) -> None:
     _s, r = group.state, group.asked
     for contact in group.each_contact():
         v = contact.between("v")
-        contact.put(lanes, w1=v)
+        contact.put(lanes, rate_end=v)
         stays = (contact.next > 0.0) & (v >= -PARTED * RESTING_SPEED)
-        contact.put(lanes, ke=where(stays, 1.0, 0.0))
+        contact.put(lanes, k_active=where(stays, 1.0, 0.0))
     speeds, taken = join(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
@@ -223,13 +223,13 @@ def _halt(group: Group, lanes: Any) -> None:
         if "impulse" in r:
             contact.impulse += where(lanes, p, 0.0)
         if "work" in r:
-            contact.work += where(lanes, 0.5 * p * contact.w1, 0.0)
+            contact.work += where(lanes, 0.5 * p * contact.rate_end, 0.0)
     if "transfer" in r:
         transfers.jumped(group)
 
 
 def _choose(group: Group, lanes: Any) -> None:
-    """Which of the contacts marked in ``ke`` rest from now on: those that are pressed. The others are unmarked."""
+    """Let those of the contacts marked in ``k_active`` rest that are pressed; the others are unmarked."""
     going = Cell(lanes)
     for _ in while_any(lambda: going.now, at_most=len(group.contacts) + 1):
         mine = going.now
@@ -237,10 +237,10 @@ def _choose(group: Group, lanes: Any) -> None:
         least, at = group.cell(-group.limit.released), group.cell(-1.0)
         for contact in group.each_contact():
             pressed = contact.f1 / contact.reduced
-            worse = (contact.ke > 0.0) & (pressed < least.now)
+            worse = (contact.k_active > 0.0) & (pressed < least.now)
             least.now, at.now = where(worse, pressed, least.now), where(worse, real(contact.index), at.now)
         for contact in group.each_contact():
-            contact.put(mine & (at.now == real(contact.index)), ke=0.0)
+            contact.put(mine & (at.now == real(contact.index)), k_active=0.0)
         going.now = mine & (at.now >= 0.0)
 
 
@@ -257,9 +257,9 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     _halt(group, lanes)
     _choose(group, lanes)
     for contact in group.each_contact():
-        mode = where(contact.ke > 0.0, 1.0, 0.0)
+        mode = where(contact.k_active > 0.0, 1.0, 0.0)
         comes = lanes & (mode > contact.mode)
         with when_any(comes):
-            _note_onset(contact, comes, contact.w1, h)
+            _note_onset(contact, comes, contact.rate_end, h)
         contact.put(lanes, mode=mode)
     return lanes

@@ -109,8 +109,8 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
                 reducer.plain(contact, closed, d, h)
         fastest = None
         if law.shape.per_speed:
-            fastest = maximum(where(fresh, speed, contact.vrun), v)
-            contact.vrun = where(closed, fastest, 0.0)
+            fastest = maximum(where(fresh, speed, contact.fastest), v)
+            contact.fastest = where(closed, fastest, 0.0)
         with when_any(fresh):
             lasts = law.duration(contact.stiffness, speed, contact.reduced)
             s.put(fresh, minimum(s["shortest", which], lasts), "shortest", which)
@@ -164,7 +164,7 @@ def refuse(group: Group, lanes: Any) -> None:
     s.put(lanes, 0.0, "taken")
     s.put(lanes, 0.0, "h")
     floors = [(name, f"{name}0") for name in moving_rows(group)]
-    contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
+    contacts = [("pen_end", "pen_start"), ("rate_end", "rate_start")] + ([("f1", "f0")] if spec.impulsive else [])
     for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
             for i in group.each(n, straight=False):
@@ -184,7 +184,7 @@ def cut(group: Group, lanes: Any) -> None:
         s.put(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), "u", i)
         s.put(lanes, fma(h, sped, s["v0", i]), "v", i)
     for contact in group.each_contact():
-        contact.d1, contact.w1 = contact.penetration(), contact.between("v")
+        contact.pen_end, contact.rate_end = contact.penetration(), contact.between("v")
     s.put(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), "g1")
     s.put(lanes, 1.0, "land")
     s.put(lanes, h, "h")
@@ -211,7 +211,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         with when_any(again.now):
             late = group.cell(False)  # an open one would be switched on, now or later, deeper than `LATE` of its length
             for contact in group.each_contact():
-                d, v = contact.d1, contact.w1
+                d, v = contact.pen_end, contact.rate_end
                 closes = (contact.mode == forces.OPEN) & (d > group.limit.exact) & (v > 0.0)
                 with when_any(closes):
                     lasts = contact.law.duration(contact.stiffness, v, contact.reduced)

@@ -151,15 +151,15 @@ def _press(contact: Contact, k: Any, x: _Term) -> Any:
         d = d - contact.gap
     depths[k] = d
     if not contact.law.shape.damper:
-        return contact.ke * d
+        return contact.k_active * d
     if not contact.law.shape.is_product:
-        f = fma(contact.ke, d, contact.ce * w)
+        f = fma(contact.k_active, d, contact.c_active * w)
     else:
         rates, total = _coefficients(contact, "wj"), contact.group.cell(0.0)
         rates[k] = w
         for i in range(k + 1) if isinstance(k, int) else count_to(k + 1):
             total.now = fma(depths[i], rates[k - i], total.now)
-        f = fma(contact.ke, d, contact.ce * total.now)
+        f = fma(contact.k_active, d, contact.c_active * total.now)
     _coefficients(contact, "fj")[k] = f
     return f
 
@@ -183,7 +183,7 @@ def _depth(contact: Contact) -> Series:
 def _force(contact: Contact) -> Series:
     """Force of a contact, while its mode lasts."""
     damped, depths = contact.law.shape.damper, _coefficients(contact, "dj")
-    read: Any = _coefficients(contact, "fj").__getitem__ if damped else lambda k: contact.ke * depths[k]
+    read: Any = _coefficients(contact, "fj").__getitem__ if damped else lambda k: contact.k_active * depths[k]
     return Series(read, contact.group.spec.series - 1)
 
 
@@ -366,7 +366,7 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
         toward = where(pressing, -1.0, 1.0)
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
-        k, c = contact.kl, contact.cl * per
+        k, c = contact.k_law, contact.c_law * per
 
         def press(n: int) -> Any:  # what the sign of a force follows: k d + c d', or k d + c d d' without d
             damped, product = c * depth.rate.read(n), law.shape.is_product

@@ -145,7 +145,7 @@ class Explicit(Scheme):
 
         def press(contact: Contact, x: Any, y: Any) -> Any:
             d, law = contact.between(x) - contact.gap, contact.law
-            return law.memoryless(contact.stiffness, contact.c, contact.vrun, d, contact.between(y))
+            return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, contact.between(y))
 
         return self._take(group, h, press)
 
@@ -161,7 +161,7 @@ class Explicit(Scheme):
         s = group.state
 
         def read(contact: Contact) -> tuple[Any, Any, Any]:
-            return contact.ke, contact.ce, contact.gap
+            return contact.k_active, contact.c_active, contact.gap
 
         # of a short row once for all stages
         known = {} if group.long else {c.index: read(c) for c in group.each_contact(straight=True)}

@@ -260,7 +260,7 @@ def _iterate(
 
 def _active(contact: Contact, lanes: Any) -> Any:
     """Those of some lanes in which a contact may press."""
-    return lanes & ~(contact.ke == 0.0) if contact.group.spec.located else lanes
+    return lanes & ~(contact.k_active == 0.0) if contact.group.spec.located else lanes
 
 
 def correct(group: Group, h: Any) -> None:
@@ -270,7 +270,7 @@ def correct(group: Group, h: Any) -> None:
     some = group.cell(False)
     for contact in group.each_contact():
         contact.force = 0.0
-        some.now |= ~(contact.ke == 0.0) if spec.located else contact.penetration() > 0.0
+        some.now |= ~(contact.k_active == 0.0) if spec.located else contact.penetration() > 0.0
     live = some.now & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
@@ -283,8 +283,8 @@ def correct(group: Group, h: Any) -> None:
         def force_of(contact: Contact, d: Any, v: Any) -> Any:
             law = contact.law
             if not spec.located:
-                return law.memoryless(contact.stiffness, contact.c, contact.vrun, d, v)
-            pressed = law.closed_force(contact.ke, contact.ce, d, v)
+                return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, v)
+            pressed = law.closed_force(contact.k_active, contact.c_active, d, v)
             return where(s["stiff"] > 0.0, held_force(contact, d), pressed) if law.shape.yields else pressed
 
         def update(contact: Contact, here: Any) -> tuple[Any, Any]:
@@ -408,8 +408,8 @@ class Newmark(Scheme):
         if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
 
             def force(contact: Contact) -> Any:
-                k, d, v = contact.ke, contact.penetration(), contact.between("v")
-                return where(k == 0.0, 0.0, contact.law.pressing(k, contact.ce, d, v))
+                k, d, v = contact.k_active, contact.penetration(), contact.between("v")
+                return where(k == 0.0, 0.0, contact.law.pressing(k, contact.c_active, d, v))
 
             add_forces(group, "alone", force)
         for i in group.each(group.spec.n_moving):
@@ -429,19 +429,19 @@ class Newmark(Scheme):
                 if law.shape.yields:
                     set_plastic(contact, here & (contact.mode == REBOUND), d)
                 # the clip and the phase are those of the end, which `closed_force` knows
-                contact.put(here, ke=contact.kl, ce=contact.cl)
+                contact.put(here, k_active=contact.k_law, c_active=contact.c_law)
                 if law.shape.yields:
                     stick(contact, here)
-                ahead = maximum(d + maximum(v, 0.0) * minimum(h, contact.lasts), 0.0)
-                fastest = contact_rate(law, contact.ke, contact.ce, contact.reduced, ahead)
+                ahead = maximum(d + maximum(v, 0.0) * minimum(h, contact.duration), 0.0)
+                fastest = contact_rate(law, contact.k_active, contact.c_active, contact.reduced, ahead)
                 hard.now |= here & (h * fastest > STIFF_RATE)
             stiff = hard.now
             s.put(stiff, 1.0, "stiff")
             soft = closed & ~stiff
             for contact in group.each_contact():
                 slack, rebounds = soft & (contact.mode == SLACK), soft & (contact.mode == REBOUND)
-                contact.put(slack | rebounds, ce=0.0)
-                contact.put(slack, ke=0.0)
+                contact.put(slack | rebounds, c_active=0.0)
+                contact.put(slack, k_active=0.0)
                 if contact.law.shape.yields:
                     slip(contact, rebounds, contact.penetration())
             with when_any(stiff):
@@ -468,11 +468,13 @@ class Newmark(Scheme):
             if law.shape.one_sided:
                 mode = where((d > 0.0) & (v < 0.0), parting, mode)
             if law.shape.clips:
-                slack = (contact.cl > 0.0) & (law.pressing(contact.kl, contact.cl, d, v) <= 0.0)
+                slack = (contact.c_law > 0.0) & (law.pressing(contact.k_law, contact.c_law, d, v) <= 0.0)
                 mode = where((d > 0.0) & slack, SLACK, mode)
             pressing = mode == PRESSING
             contact.put(
-                here, ke=where(pressing | (mode == REBOUND), contact.kl, 0.0), ce=where(pressing, contact.cl, 0.0)
+                here,
+                k_active=where(pressing | (mode == REBOUND), contact.k_law, 0.0),
+                c_active=where(pressing, contact.c_law, 0.0),
             )
             if law.shape.yields:
                 mode = where(here & pressing, settle_yielding(contact, here & pressing, d, v), mode)
