@@ -207,9 +207,9 @@ def test_a_wrong_peak_is_found(honest, names, monkeypatch):
     lies = {name: changed(honest[0].values[name], 1, lambda x: x * (1.0 + 2.0 * OK_CLAIM)) for name in names}
     wrong = verdict(honest, **lies)
     assert wrong.missed[1]
-    assert wrong.told[1]  # half the step says so
+    assert wrong.unsettled[1]  # half the step says so
     assert faults_of(honest, **lies) == []
-    monkeypatch.setattr(suite, "told_rows", lambda run, rows: np.zeros(len(rows), bool))
+    monkeypatch.setattr(suite, "unsettled_rows", lambda run, rows: np.zeros(len(rows), bool))
     assert any("off by" in text for _, text in faults_of(honest, **lies))
 
 
@@ -489,7 +489,7 @@ def test_the_command_prints_a_table_and_json_and_fails_where_the_claim_does(monk
         assert all(rows.count([family, scheme]) == 2 for scheme in measured_schemes())
     assert "0 violations" in done.stdout
     monkeypatch.setattr(suite, "OK_CLAIM", 1e-12)
-    for excuse in ("told_rows", "sensitive_rows"):
+    for excuse in ("unsettled_rows", "sensitive_rows"):
         monkeypatch.setattr(suite, excuse, lambda *arguments: np.zeros(len(arguments[-1]), bool))
     done = call("--json")
     assert done.exit_code == 1

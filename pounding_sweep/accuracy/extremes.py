@@ -419,7 +419,7 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
     return sensitive
 
 
-def told_rows(run: Run, rows: np.ndarray) -> np.ndarray:
+def unsettled_rows(run: Run, rows: np.ndarray) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
     half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
     whole = {name: values[rows] for name, values in run.values.items()}
@@ -453,9 +453,9 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     """Judge what a run of a batch gave; a row per scenario.
 
     ``error``: largest relative one of a peak, NaN where it is not judged; ``missed``: ok, but off by more than the
-    claim; ``told``, ``sensitive``: those of them that half the step gives away, and that are sensitive; ``unknown``:
-    ok, but without a reference; ``created``: energy by contacts over the largest of the balance; ``energy``: over what
-    the ground can have brought in; ``faults``: demands that are not met.
+    claim; ``unsettled``, ``sensitive``: those of them that half the step gives away, and that are sensitive;
+    ``unknown``: ok, but without a reference; ``created``: energy by contacts over the largest of the balance;
+    ``energy``: over what the ground can have brought in; ``faults``: demands that are not met.
     """
     batch, values, status = run.batch, run.values, run.values["status"]
     ok, has_values, known = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
@@ -472,9 +472,9 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     judged = ok & sound & known
     error = np.where(judged, peak_error(values, reference.peaks), np.nan)
     missed = judged & (error > OK_CLAIM)
-    sensitive, told = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
+    sensitive, unsettled = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
     if len(rows := np.flatnonzero(missed)):
-        sensitive[rows], told[rows] = sensitive_rows(batch, reference, rows), told_rows(run, rows)
+        sensitive[rows], unsettled[rows] = sensitive_rows(batch, reference, rows), unsettled_rows(run, rows)
     off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
     beyond = share > np.where(ok, ENERGY_BOUND[True], ENERGY_BOUND[False])
     demands = (
@@ -484,13 +484,13 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
         ((status == Status.DIVERGED) & SCHEMES[run.method].implicit, "diverged, though its contact is implicit", share),
         (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
         (beyond, "holds {:.4g} times the energy that can have come in", share),
-        (missed & ~told & ~sensitive, off, error),
+        (missed & ~unsettled & ~sensitive, off, error),
         ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
     about: dict[str, Any] = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
     about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
     columns = {name: getattr(batch.table, name) for name in ("gaps", "stiffness", "restitution", "scale")}
-    columns |= {"error": error, "missed": missed, "told": told, "sensitive": sensitive, "created": created}
+    columns |= {"error": error, "missed": missed, "unsettled": unsettled, "sensitive": sensitive, "created": created}
     columns |= {"unknown": ok & sound & ~known, "energy": share}
     rows_of = zip(*(column.tolist() for column in columns.values()), strict=True)
     return [
@@ -594,7 +594,7 @@ def summarise(verdicts: pd.DataFrame) -> list[dict[str, Any]]:
     results = []
     for (family, method), part in verdicts.groupby(["family", "method"], sort=False):
         faults = part.explode("faults").dropna(subset="faults").rename(columns={"faults": "fault"})
-        errors = part.error[~part.told & ~part.sensitive & np.isfinite(part.error)]
+        errors = part.error[~part.unsettled & ~part.sensitive & np.isfinite(part.error)]
         created = part.created[part.status == Status.OK.label]
         results.append(
             {
