@@ -8,14 +8,14 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import get_event
-from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, fragility, sentence
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
@@ -102,14 +102,8 @@ def export_nrml(
     first = next(iter(fits.values()))
     tried = np.abs(first["trial_intensity"].values) * factor
     tried = tried[np.isfinite(tried) & (tried != 0.0)]
-    imls = {"imt": measure, "minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
-    root = ElementTree.Element("nrml", xmlns=NRML)
-    about = {"id": "pounding", "assetCategory": "buildings", "lossCategory": "structural"}
-    model = ElementTree.SubElement(root, "fragilityModel", about)
-    words = "; ".join(f"{name}: {fit.attrs['event_in_words']}" for name, fit in fits.items())
-    ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
-    ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
     dims = [per, *(dim for dim in scenario_dims(first["fit_status"]) if dim != per)]
+    functions: list[str] = []
     left_out: dict[str, str] = {}
     for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
         at = dict(zip(dims, place, strict=True))
@@ -117,25 +111,35 @@ def export_nrml(
         parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
         identifier = _NO_IDENTIFIER.sub("_", "_".join(parts))
         cells = {name: fit.isel(at) for name, fit in fits.items()}
-        why = [f"{key} {sentence(cell)}" for key, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
+        why = [f"{name} {sentence(cell)}" for name, cell in cells.items() if int(cell["fit_status"])]
         if why:
             left_out[identifier] = "; ".join(why)
             continue
-        about = {"id": identifier, "format": "continuous", "shape": "logncdf"}
-        function = ElementTree.SubElement(model, "fragilityFunction", about)
-        ElementTree.SubElement(function, "imls", imls)
+        functions.append(f'<fragilityFunction id="{identifier}" format="continuous" shape="logncdf">')
+        functions.append(f'    <imls imt="{measure}" minIML="{tried.min():.9g}" maxIML="{tried.max():.9g}"/>')
         for name, cell in cells.items():
             beta = float(cell["dispersion"])
             mean = float(cell["median"]) * factor * math.exp(0.5 * beta**2)
-            numbers = {"mean": f"{mean:.9g}", "stddev": f"{mean * math.sqrt(math.expm1(beta**2)):.9g}"}
-            ElementTree.SubElement(function, "params", {"ls": name} | numbers)
-    if model.find("fragilityFunction") is None:
+            deviation = mean * math.sqrt(math.expm1(beta**2))
+            functions.append(f'    <params ls="{name}" mean="{mean:.9g}" stddev="{deviation:.9g}"/>')
+        functions.append("</fragilityFunction>")
+    if not functions:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
         raise InputError(
             f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
         )
-    ElementTree.indent(root, "    ")
-    _write(path, target, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+    words = "; ".join(f"{name}: {fit.attrs['event_in_words']}" for name, fit in fits.items())
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f'<nrml xmlns="{NRML}">',
+        '<fragilityModel id="pounding" assetCategory="buildings" lossCategory="structural">',
+        f"<description>{escape(str(cube.attrs.get('title', 'pounding_sweep')))}. {escape(words)}</description>",
+        f"<limitStates>{' '.join(limit_states)}</limitStates>",
+        *functions,
+        "</fragilityModel>",
+        "</nrml>",
+    ]
+    _write(path, target, "\n".join([*lines, ""]).encode())
     return left_out
 
 
