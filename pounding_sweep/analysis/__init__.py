@@ -24,7 +24,11 @@ _HOME = {
     "floor_spectra": "pounding_sweep.analysis.spectra",
     "scaled_to_sa": "pounding_sweep.engine.spectrum",
     "with_intensities": "pounding_sweep.analysis.rebuild",
-} | {item.function: f"pounding_sweep.analysis.comparisons.{item.module}" for item in COMPARISONS.values()}
+}
+_HOME |= {
+    function: f"pounding_sweep.analysis.comparisons.{module}"
+    for module, _, function in (item.path.partition(".") for item in COMPARISONS.values())
+}
 
 
 def __getattr__(name: str) -> Any:

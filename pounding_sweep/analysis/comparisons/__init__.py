@@ -33,8 +33,7 @@ class Comparison:
     """A comparison by name: what it is, needs and makes, and its table."""
 
     key: str
-    module: str
-    function: str  # takes a cube
+    path: str  # its module and function, which takes a cube
     title: str  # what it shows
     _: KW_ONLY
     needs: str  # what a cube must have, in words
@@ -51,12 +50,12 @@ class Comparison:
 
     def load(self, function: str) -> Any:
         """Return a function of the module of the comparison."""
-        return getattr(import_module(f"{__name__}.{self.module}"), function)
+        return getattr(import_module(f"{__name__}.{self.path.partition('.')[0]}"), function)
 
     @property
     def make(self) -> Callable[..., xr.Dataset]:
         """The comparison itself."""
-        return cast("Callable[..., xr.Dataset]", self.load(self.function))
+        return cast("Callable[..., xr.Dataset]", self.load(self.path.partition(".")[2]))
 
     @property
     def arguments(self) -> Collection[str]:
@@ -70,8 +69,7 @@ COMPARISONS: dict[str, Comparison] = {
     for item in (
         Comparison(
             "amplification",
-            "responses",
-            "amplification",
+            "responses.amplification",
             "responses with pounding over responses without, by building",
             needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
             requires={"laws": 1},
@@ -82,8 +80,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "energy",
-            "responses",
-            "energy_budget",
+            "responses.energy_budget",
             "where the energy of each building went, and whether transfers sum to the contacts' work",
             needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
             columns=("law", "building", "pair"),
@@ -93,8 +90,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "fractiles",
-            "responses",
-            "fractiles",
+            "responses.fractiles",
             "median and fractiles of responses over a suite of records",
             needs="an axis of several records",
             columns=("law", "building", "pair", "quantile"),
@@ -102,8 +98,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "fragility",
-            "fragility",
-            "fragility",
+            "fragility.fragility",
             "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
             needs="pairs, a law with contact, and records or scales of several intensities",
             requires={"several": MOTION_DIMS},
@@ -113,8 +108,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "gap-for-probability",
-            "gaps",
-            "gap_for_probability",
+            "gaps.gap_for_probability",
             "the gap that a pair needs so that it touches with no more than a given probability",
             needs="several records; else what 'required-gap' needs",
             figure="gap-for-probability",
@@ -123,8 +117,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "impacts",
-            "responses",
-            "impact_statistics",
+            "responses.impact_statistics",
             "how often, how hard and how soon floors touch",
             needs="pairs, a law with contact, and impact counts or any other output of contacts",
             requires={"pairs": True, "laws": 1},
@@ -133,8 +126,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "incremental",
-            "responses",
-            "incremental_curves",
+            "responses.incremental_curves",
             "responses against intensity as records are scaled up, with the fractiles of the suite",
             needs="an axis of several scales or peak ground accelerations",
             requires={"several": MOTION_DIMS[1:]},
@@ -145,8 +137,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "laws",
-            "responses",
-            "compare_laws",
+            "responses.compare_laws",
             "contact laws against a reference law, at equal nominal and at equal realised restitution",
             needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
             requires={"axes": ["law"], "laws": 2},
@@ -157,8 +148,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "required-gap",
-            "gaps",
-            "required_gap",
+            "gaps.required_gap",
             "the gap that each pair needs, exactly and by separation rules",
             needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
             columns=("rule", "pair"),
@@ -169,8 +159,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "sensitivity",
-            "sensitivity",
-            "sensitivity",
+            "sensitivity.sensitivity",
             "which inputs of a design matter: first and total Sobol indices of each output",
             needs='a design of kind "saltelli"',
             figure="sensitivity",

@@ -74,10 +74,10 @@ class SeparationRule:
     key: str  # name in tables
     title: str  # the rule in words
     formula: str  # of the displacements u1 and u2 (m)
-    clause: str  # where it is from
-    edition: str
-    note: str  # what else is to be said of it
     gap: Callable[[xr.Dataset], xr.DataArray]  # what `_neighbours` returns -> needed gap (m)
+    clause: str = "-"  # where it is from
+    edition: str = "-"
+    note: str = FROM_MEMORY  # what else is to be said of it
 
 
 def cqc_correlation(
@@ -100,59 +100,52 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "abs",
             "sum of the largest displacements",
             "u1 + u2",
-            "-",
-            "-",
-            "an upper bound: both displacements at once, towards each other",
             lambda ends: ends.left + ends.right,
+            note="an upper bound: both displacements at once, towards each other",
         ),
         SeparationRule(
             "srss",
             "square root of the sum of squares",
             "sqrt(u1^2 + u2^2)",
-            "-",
-            "-",
-            "for responses that are not correlated",
             lambda ends: np.hypot(ends.left, ends.right),
+            note="for responses that are not correlated",
         ),
         SeparationRule(
             "double_difference",
             "double-difference combination",
             "sqrt(u1^2 + u2^2 - 2 rho u1 u2)",
-            "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
-            "1992",
-            "rho by Der Kiureghian (1980), from the first periods and damping ratios",
             lambda ends: (
                 (ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right).clip(min=0.0) ** 0.5
             ),
+            "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
+            "1992",
+            "rho by Der Kiureghian (1980), from the first periods and damping ratios",
         ),
         SeparationRule(
             "asce7",
             "ASCE/SEI 7, structural separation",
             "sqrt(dM1^2 + dM2^2), dM = Cd u / Ie",
-            "12.12.3",
-            "ASCE/SEI 7-16, 7-22",
-            FROM_MEMORY,
             lambda ends: np.hypot(
                 ends.left * ends.cd_left / ends.importance_left, ends.right * ends.cd_right / ends.importance_right
             ),
+            "12.12.3",
+            "ASCE/SEI 7-16, 7-22",
         ),
         SeparationRule(
             "ec8",
             "Eurocode 8, seismic joint condition, buildings of one owner",
             "sqrt((q1 u1)^2 + (q2 u2)^2), times 0.7 where all floors are level",
+            lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
             "4.4.2.7",
             "EN 1998-1:2004",
-            FROM_MEMORY,
-            lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
         ),
         SeparationRule(
             "is1893",
             "IS 1893, separation between adjacent units",
             "R1 u1 + R2 u2, halved where all floors are level",
+            lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
             "7.11.3",
             "IS 1893 (Part 1):2016",
-            FROM_MEMORY,
-            lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
         ),
     )
 }
