@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import signal
 import subprocess
@@ -13,14 +12,12 @@ from collections import namedtuple
 import netCDF4
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
 from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.netcdf import block_shape, slabs, write_cube
+from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import cube_variables
 from pounding_sweep.run.diagnosis import FreeMemory
 from pounding_sweep.run.sweep import Sweep
@@ -106,22 +103,6 @@ def test_a_cube_that_does_not_fit_is_refused_before_it_is_run(monkeypatch):
 
 
 # -- slabs -------------------------------------------------------------------------------------------------------------
-
-SIZES = st.lists(st.integers(1, 7), min_size=1, max_size=5).map(tuple)
-
-
-@given(SIZES, st.integers(1, 400), st.integers(1, 4000))
-def test_slabs_are_whole_blocks_and_together_the_cube(sizes, block_most, slab_most):
-    block = block_shape(sizes, block_most)
-    assert math.prod(block) <= block_most
-    seen = np.zeros(sizes, int)
-    for slab in slabs(sizes, slab_most, block):
-        assert seen[slab].size <= max(slab_most, math.prod(block))
-        for part, own, size in zip(slab, block, sizes, strict=True):
-            assert part.start % own == 0
-            assert part.stop % own == 0 or part.stop == size
-        seen[slab] += 1
-    assert (seen == 1).all()
 
 
 @pytest.fixture
