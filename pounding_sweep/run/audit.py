@@ -116,8 +116,8 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
     spent, most = np.cumsum(costs[order]), min(MOST, max(1, len(rows) // 2))
     enough = int(np.searchsorted(np.cumsum(sizes[order]), most)) + 1
     count = max(1, min(enough, int(np.searchsorted(spent, plan.spec.audit * whole, "right"))))
-    groups = np.split(rows, starts[1:])
-    sample = np.concatenate([groups[index] for index in order[:count].tolist()])[:most]
+    chosen = zip(starts[order[:count]], sizes[order[:count]], strict=True)
+    sample = np.concatenate([rows[start : start + size] for start, size in chosen])[:most]
     return np.sort(sample), float(spent[count - 1] / whole)
 
 
