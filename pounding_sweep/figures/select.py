@@ -94,9 +94,9 @@ def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -
 def describe(dataset: xr.Dataset, sizes: Mapping[str, int] | None = None, but: Collection[str] = ()) -> str:
     """Say which single values of axes a dataset is of, and of how many (`sizes`) each was taken."""
     sizes, words = sizes or {}, []
-    single = [str(name) for name, coord in dataset.coords.items() if not coord.ndim and not coord.isnull()]
-    for name in single:
-        size, value = sizes.get(name, 0), dataset[name].item()
+    single = {str(name): coord.item() for name, coord in dataset.coords.items() if not coord.ndim and coord.notnull()}
+    for name, value in single.items():
+        size = sizes.get(name, 0)
         repeated = name == "scale" and not {"pga", "sa"}.isdisjoint(single)
         axis = name in _AXES or size or name.startswith(_BY_BUILDING)
         if axis and name not in but and not repeated and not (size == 1 and value == 1.0):

@@ -255,13 +255,13 @@ def draw_row(
     Returned are the figure, its axes (`below` flat ones last), how much larger than they are displacements and gaps are
     drawn, and what moves the row to an instant: with areas of the marks of impacts, 0 to 1, per pair and storey.
     """
+    one = one.transpose("time", "building", "pair", "storey", missing_dims="ignore")
     scene, names = stored_scene(one), one.building.values.tolist()
     members = [item.name for item in scene.row]
     inside, is_wall = [members.index(name) for name in names], np.array([isinstance(item, Wall) for item in scene.row])
-    elevations = one.floor_elevation.transpose("building", "storey").values
-    heights = [np.append(0.0, z[np.isfinite(z)]) for z in elevations]
+    heights = [np.append(0.0, z[np.isfinite(z)]) for z in one.floor_elevation.values]
     top = max(z[-1] for z in heights)
-    motion = one.displacement.transpose("time", "building", "storey").fillna(0.0).values
+    motion = one.displacement.fillna(0.0).values
     gaps, most = np.array(scene.gaps), float(np.abs(motion).max(initial=0.0))
     limits = [_SWAY * top / most] if most > 0 else []
     limits += [_GAP * _WIDTH * top / gaps.max()] if gaps.any() else []
@@ -274,7 +274,7 @@ def draw_row(
     moved[:, inside, 1:] = factor * motion
     for name, part in (("foundation_sway", moved[..., 0]), ("foundation_rotation", turned)):
         if name in one:
-            part[:, inside] = factor * one[name].transpose("time", "building").fillna(0.0).values
+            part[:, inside] = factor * one[name].fillna(0.0).values
     width = np.where(is_wall, _WALL, 1.0) * _WIDTH * top
     left = np.concatenate([[0.0], np.cumsum(width[:-1] + factor * gaps)])  # faces of members at rest
     right = left + width
@@ -310,14 +310,13 @@ def draw_row(
             right_column.set_data(right[item] + x, y)
             ends = np.column_stack([left[item] + at[1:], right[item] + at[1:], np.full(len(step), np.nan)])
             floors.set_data(ends.ravel(), np.repeat(z[1:], 3))  # separate lines
-        offsets, sizes = [], []
+        offsets = []
         for pair, storey in np.argwhere(impacts > 0.0).tolist():
             contact = contacts[pair, storey]  # at the floor that strikes columns, else at the left floor or wall
             face, item = (left, contact.pair + 1) if contact.struck == 0 else (right, contact.pair)
             offsets.append((face[item] + moved[number, item, storey + 1], one.contact_elevation.values[pair, storey]))
-            sizes.append(60.0 + 400.0 * impacts[pair, storey])
         marks.set_offsets(np.reshape(offsets, (-1, 2)))
-        marks.set_sizes(sizes)
+        marks.set_sizes(60.0 + 400.0 * impacts[impacts > 0.0])
 
     return figure, axes[:, 0], factor, show
 
