@@ -40,15 +40,15 @@ FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "sal
 _PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
 _DPI = (10, 1200)
-#: Options of figures: their type, and what they are.
+#: Options of figures as their docstrings describe them.
 _OPTIONS = {
-    "x": ("str, optional", "Axis of several numbers, or a coordinate along one, to draw along."),
-    "y": ("str, optional", "The other axis."),
-    "value": ("str, optional", "What is drawn, such as ``drift_max``; by default the first that is there, or all."),
-    "contours": ("bool", "Whether lines of equal value are drawn as well."),
-    "start": ("float, optional", "First instant that is drawn (s)."),
-    "end": ("float, optional", "Last instant that is drawn (s)."),
-    "ax": ("matplotlib.axes.Axes, optional", "Axes for a figure of one panel."),
+    "x": "str, optional\n    Axis of several numbers, or a coordinate along one, to draw along.",
+    "y": "str, optional\n    The other axis.",
+    "value": "str, optional\n    What is drawn, such as ``drift_max``; by default the first that is there, or all.",
+    "contours": "bool\n    Whether lines of equal value are drawn as well.",
+    "start": "float, optional\n    First instant that is drawn (s).",
+    "end": "float, optional\n    Last instant that is drawn (s).",
+    "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",
 }
 _FIGURES: dict[str, Kind] = {}
 
@@ -98,11 +98,12 @@ def _figures() -> dict[str, Kind]:
     return dict(sorted(_FIGURES.items()))
 
 
-def figure_of(key: str, source: str, title: str, needs: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
     """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
-    Its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
-    axes it was given. Its docstring gets sections on them.
+    Its docstring begins with "Draw" and what the figure shows. Its arguments after the dataset, by name only, are
+    options of the figure, which the docstring gets a section on. With `ax` among them, it may return the axes it was
+    given.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
@@ -127,14 +128,13 @@ def figure_of(key: str, source: str, title: str, needs: str) -> Callable[[Callab
             return result
 
         first, *options = signature(draw).parameters
-        about = {first: ("xarray.Dataset", f"{SOURCES[source]}."), **{name: _OPTIONS[name] for name in options}}
-        drawn.__doc__ = "\n".join(
-            [
-                *(cleandoc(draw.__doc__ or ""), "", "Parameters", "----------"),
-                *(f"{name} : {kind}\n    {text[0].upper()}{text[1:]}" for name, (kind, text) in about.items()),
-                *("", "Returns", "-------", "matplotlib.figure.Figure"),
-            ]
+        text = cleandoc(draw.__doc__ or "")
+        about = {first: f"xarray.Dataset\n    From {SOURCES[source]}.", **{name: _OPTIONS[name] for name in options}}
+        parameters = "\n".join(f"{name} : {words}" for name, words in about.items())
+        drawn.__doc__ = (
+            f"{text}\n\nParameters\n----------\n{parameters}\n\nReturns\n-------\nmatplotlib.figure.Figure\n"
         )
+        title = text.partition("\n")[0].removeprefix("Draw ").rstrip(".")
         _FIGURES[key] = Kind(key, drawn, source, title, tuple(needs.split(", ")), tuple(options))
         return drawn
 

@@ -97,17 +97,12 @@ def _draw_laws(
     return figure, axes
 
 
-@figure_of(
-    "force-gap",
-    "cube",
-    "peak impact force and impacts of each pair against the gap, or another axis, law by law",
-    f"law, gap, pair, impact_force_max, impact_count, {CONTACT}",
-)
+@figure_of("force-gap", "cube", f"law, gap, pair, impact_force_max, impact_count, {CONTACT}")
 def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
-    """Draw peak impact force and impacts of each pair, of its storeys the largest, law by law.
+    """Draw peak impact force and impacts of each pair against the gap, or another axis, law by law.
 
-    By default along the gap, or, where there is one gap, along the first axis that varies. Of all other axes the middle
-    value is shown at which floors touch; the title names it.
+    Of the storeys of a pair the largest is shown. By default along the gap, or, where there is one gap, along the
+    first axis that varies. Of all other axes the middle value is shown at which floors touch; the title names it.
     """
     check_value(value, _FORCES)
     cube = pounding_only(with_dims(cube, "law", "gap"))
@@ -120,14 +115,9 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     return finish(figure, axes, axis.label, [*rows.values()], shown)
 
 
-@figure_of(
-    "amplification",
-    "cube",
-    "responses with pounding over responses without, by building and law",
-    f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}",
-)
+@figure_of("amplification", "cube", f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}")
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
-    """Draw the amplification of each building's responses by pounding.
+    """Draw responses with pounding over responses without, by building and law.
 
     One column per building, one row per response, three at most, one line per law that has values: the largest over
     storeys; over the storeys themselves where no axis varies. By default along the first of gap, stiffness, scale,
@@ -153,14 +143,9 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     return finish(figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], shown, over)
 
 
-@figure_of(
-    "law-comparison",
-    "cube",
-    "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
-    f"law, pair, {_COMPARISONS}, several law",
-)
+@figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
 def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
-    """Draw the peak impact force of each law over that of the reference law.
+    """Draw impact forces over those of a reference law, at equal nominal and at equal realised restitution.
 
     By default along the restitution, or, where there is one, along the first axis that varies.
     """
@@ -197,12 +182,7 @@ _WRITTEN = 16
 _LEVELS = (0.1, 0.2, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 
 
-@figure_of(
-    "map",
-    "cube",
-    "a response or its amplification over two axes of the sweep, pair by pair and law by law",
-    TWO_AXES,
-)
+@figure_of("map", "cube", TWO_AXES)
 def response_map(
     cube: xr.Dataset,
     *,
@@ -212,7 +192,7 @@ def response_map(
     contours: bool = False,
     ax: Any = None,
 ) -> Figure:
-    """Draw a map of the peak impact force, or of another response, over two axes.
+    """Draw a response or its amplification over two axes of the sweep, pair by pair and law by law.
 
     ``value`` is a variable of the cube, or the amplification of one, such as ``drift_max_ratio``, for which the sweep
     has the law "none". Axes may be coordinates along one, such as ``period_ratio_left_right``; ``period_ratio`` means
@@ -315,14 +295,12 @@ _MARKS: dict[Status, tuple[str, str, str]] = {
 }
 
 
-@figure_of(
-    "stability-map",
-    "map",
-    "error and status over contact stiffness and time step, from 'extremes --map'",
-    "peak_force_error, status, scheme, stiffness, dt",
-)
+@figure_of("stability-map", "map", "peak_force_error, status, scheme, stiffness, dt")
 def stability_map(cube: xr.Dataset) -> Figure:
-    """Draw a map of `pounding_sweep.accuracy.extremes`: one panel per scheme and number format."""
+    """Draw error and status over contact stiffness and time step, from 'extremes --map'.
+
+    One panel per scheme and number format.
+    """
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)
@@ -360,14 +338,9 @@ _ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
 _TOGETHER = 3
 
 
-@figure_of(
-    "profiles",
-    "cube",
-    "peak displacement, drift, storey shear and acceleration over the height, law by law",
-    f"law, floor_elevation, {_RESPONSES}, {FIRST_STOREY}",
-)
+@figure_of("profiles", "cube", f"law, floor_elevation, {_RESPONSES}, {FIRST_STOREY}")
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
-    """Draw peak displacement, drift, storey shear and total acceleration over the height.
+    """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
 
     One column per building. Of up to three laws one row per response, the laws as lines; of more laws one row per law,
     the others behind it in grey, and one response: the drift, else the first that is there. Of all other axes the
@@ -432,19 +405,15 @@ _PARTS: dict[str, dict[str, Any]] = {
 }
 
 
-@figure_of(
-    "energy-budget",
-    "cube",
-    "where the energy of each building went, law by law",
-    "building, energy_input, energy_damping, energy_kinetic, energy_strain",
-)
+@figure_of("energy-budget", "cube", "building, energy_input, energy_damping, energy_kinetic, energy_strain")
 def energy_budget(cube: xr.Dataset) -> Figure:
-    """Draw each building's energy budget at the end of the record, one bar per law that has values.
+    """Draw where the energy of each building went, law by law.
 
-    One panel per building: what was lost in damping (and in yielding, or given to links, where there are), what is left
-    and what was given away, stacked; energy taken from neighbours hangs below zero. A line marks the input, which the
-    bar's parts sum to. The last panel is the work that the contacts of each pair took. Of all axes but ``law`` the
-    middle value is shown: an energy balance is one scenario's.
+    One bar per law that has values, at the end of the record. One panel per building: what was lost in damping (and
+    in yielding, or given to links, where there are), what is left and what was given away, stacked; energy taken
+    from neighbours hangs below zero. A line marks the input, which the bar's parts sum to. The last panel is the
+    work that the contacts of each pair took. Of all axes but ``law`` the middle value is shown: an energy balance
+    is one scenario's.
     """
     result, shown = select_default(result_of(cube, "energy"), ("law",), ["energy_input"])
     result = with_dims(result, "law", absent="").fillna(0.0)
@@ -515,14 +484,9 @@ def _name_records(result: xr.Dataset) -> str:
     return coord_text(result, "record") if "record" in result.coords else ""
 
 
-@figure_of(
-    "fragility",
-    "cube",
-    "probability that a pair touches, against intensity, with its confidence",
-    f"pair, {CONTACT}, several {'|'.join(TRIALS)}",
-)
+@figure_of("fragility", "cube", f"pair, {CONTACT}, several {'|'.join(TRIALS)}")
 def fragility(cube: xr.Dataset) -> Figure:
-    """Draw the probability of an event against intensity.
+    """Draw the probability that a pair touches, against intensity, with its confidence.
 
     One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
     most, evenly chosen, or else the laws; of the other axes, and of the laws, the middle value is shown. Bands are
@@ -576,14 +540,12 @@ def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marke
     ax.plot(*([values[group].mean() for group in groups if group.size] for values in (x, happened)), **mark)
 
 
-@figure_of(
-    "incremental",
-    "cube",
-    "response against intensity, record by record, with the fractiles of the suite",
-    f"several {'|'.join(MOTION_DIMS[1:])}",
-)
+@figure_of("incremental", "cube", f"several {'|'.join(MOTION_DIMS[1:])}")
 def incremental(cube: xr.Dataset) -> Figure:
-    """Draw responses against intensity as records are scaled up; of one record its curve alone, without fractiles."""
+    """Draw responses against intensity, record by record, with the fractiles of the suite.
+
+    Of one record its curve alone is drawn, without fractiles.
+    """
     name, label, factor, per = choose_response(cube, "incremental")
     touch = next((name for name in TOUCH_VARIABLES if name in cube), name)  # by which the default is selected
     result = result_of(cube, "incremental", outputs=dict.fromkeys((name, touch)))
@@ -622,14 +584,9 @@ def incremental(cube: xr.Dataset) -> Figure:
     return figure
 
 
-@figure_of(
-    "gap-for-probability",
-    "cube",
-    "probability that a pair touches, and its annual rate, against the gap",
-    "pair, several record",
-)
+@figure_of("gap-for-probability", "cube", "pair, several record")
 def gap_for_probability(cube: xr.Dataset) -> Figure:
-    """Draw the probability that a pair touches against its gap, and the rate where the result has a hazard.
+    """Draw the probability that a pair touches, and its annual rate, against the gap.
 
     One column per pair. Lines are the lognormal of the records' required gaps, bands its confidence intervals of the
     gap, steps the shares of the records; one line for each intensity, else for each scale of the cube, five at most,
@@ -675,14 +632,9 @@ def _draw_gaps(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, style: dict[
     ax.plot(part[name].values * 1e3, y, label=label, **style)
 
 
-@figure_of(
-    "required-gap",
-    "cube",
-    "the gap that each pair needs, exactly and by separation rules",
-    "pair, record|case|exact",
-)
+@figure_of("required-gap", "cube", "pair, record|case|exact")
 def required_gap(cube: xr.Dataset) -> Figure:
-    """Draw the required gap of each pair, record by record, and what separation rules ask for over it.
+    """Draw the gap that each pair needs, exactly and by separation rules.
 
     One column per pair. Above, the exact required gap (bars) and that of each rule
     (markers), records in the order of the exact one; below, the ratio of each rule to

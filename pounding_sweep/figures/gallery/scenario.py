@@ -33,14 +33,9 @@ from pounding_sweep.model.scene import Wall
 _STOREYS = 4
 
 
-@figure_of(
-    "histories",
-    "histories",
-    "ground acceleration, floor displacements and contact forces against time, peaks marked, from 'simulate'",
-    "several time, ground_acceleration, displacement",
-)
+@figure_of("histories", "histories", "several time, ground_acceleration, displacement")
 def histories(one: xr.Dataset, *, start: float | None = None, end: float | None = None) -> Figure:
-    """Draw the histories of one scenario: ground acceleration, top floors, contact forces.
+    """Draw ground acceleration, floor displacements and contact forces against time, peaks marked, from 'simulate'.
 
     Circles are the peaks that are reported, located between the instants of the histories, at the instant next to them.
     """
@@ -93,17 +88,13 @@ def _say_no_contact(ax: Any) -> None:
         ax.text(0.5, 0.5, "no contact", transform=ax.transAxes, ha="center", va="center", color="0.35")
 
 
-@figure_of(
-    "closing",
-    "histories",
-    "relative displacement of the floors that can meet against time, beside their gap, onsets marked, from 'simulate'",
-    "several time, pair, displacement",
-)
+@figure_of("closing", "histories", "several time, pair, displacement")
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
-    """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
+    """Draw the relative displacement of floors that can meet, beside their gap, onsets marked, from 'simulate'.
 
-    Circles mark the onsets of contact that the histories show. Where there are bumpers, floors touch their thickness
-    earlier.
+    It is the displacement of each left floor less that of the right one: they touch where it reaches the gap.
+    Circles mark the onsets of contact that the histories show. Where there are bumpers, floors touch their
+    thickness earlier.
     """
     part = time_slice(one, start, end)
     scene, time = stored_scene(one), part.time.values
@@ -133,14 +124,12 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
-@figure_of(
-    "phase",
-    "histories",
-    "velocity against displacement of the top floors, in contact and out of it, from 'simulate'",
-    "several time, displacement, velocity",
-)
+@figure_of("phase", "histories", "several time, displacement, velocity")
 def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
-    """Draw the velocity of each building's top floor against its displacement, bold where it is in contact."""
+    """Draw velocity against displacement of the top floors, in contact and out of it, from 'simulate'.
+
+    In contact lines are bold.
+    """
     part, scene = time_slice(one, start, end), stored_scene(one)
     members = [item.name for item in scene.row]
     figure, axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
@@ -158,18 +147,14 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     return finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
 
 
-@figure_of(
-    "force-penetration",
-    "histories",
-    "contact force against penetration, pair by pair, from 'simulate'",
-    "several time, contact_force, penetration",
-)
+@figure_of("force-penetration", "histories", "several time, contact_force, penetration")
 def force_penetration(
     one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None
 ) -> Figure:
-    """Draw the contact force against the penetration: one loop per impact, whose area is the energy it took.
+    """Draw contact force against penetration, pair by pair, from 'simulate'.
 
-    Contacts are short: smaller steps of the histories (``output_step``) draw rounder loops.
+    There is one loop per impact, whose area is the energy it took. Contacts are short: smaller steps of the
+    histories (``output_step``) draw rounder loops.
     """
     part = time_slice(one, start, end)
     figure, axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
@@ -185,14 +170,9 @@ def force_penetration(
     return finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
 
 
-@figure_of(
-    "hysteresis",
-    "histories",
-    "storey shear against drift of the storeys that yield, from 'simulate'",
-    "time, storey_drift, storey_shear, plastic_drift",
-)
+@figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
 def hysteresis(one: xr.Dataset) -> Figure:
-    """Draw the hysteresis loops of each building's storeys."""
+    """Draw storey shear against drift of the storeys that yield, from 'simulate'."""
     figure, axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
         here = building.dropna("storey", how="all", subset=["storey_drift"])
@@ -216,14 +196,12 @@ _ALONG = np.linspace(0.0, 1.0, 9)
 _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
 
 
-@figure_of(
-    "row",
-    "histories",
-    "the row at the instant of its strongest impact, from 'simulate'",
-    "several time, floor_elevation, displacement",
-)
+@figure_of("row", "histories", "several time, floor_elevation, displacement")
 def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
-    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
+    """Draw the row at the instant of its strongest impact, from 'simulate'.
+
+    Without impacts it is that of its largest displacement.
+    """
     number = find_strongest(one)
     figure, _, factor, show = draw_row(one, ax=ax)
     forces = contact_forces(one)[number]

@@ -25,14 +25,9 @@ _ORDINATES = {
 }
 
 
-@figure_of(
-    "ground-motion",
-    "spectra",
-    "acceleration histories and response spectra of records, as 'records plot' draws them",
-    "record, time, ground_acceleration, period, pseudo_acceleration, damping_ratio",
-)
+@figure_of("ground-motion", "spectra", "record, time, ground_acceleration, period, pseudo_acceleration, damping_ratio")
 def ground_motion(motions: xr.Dataset) -> Figure:
-    """Draw the acceleration history of each record, and the response spectra of all."""
+    """Draw acceleration histories and response spectra of records, as 'records plot' draws them."""
     n = motions.sizes["record"]
     if not n:
         raise InputError("there is no record to draw; give at least one")
@@ -68,14 +63,9 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     return figure
 
 
-@figure_of(
-    "response-spectra",
-    "spectra",
-    "response or floor spectra: pseudo-acceleration and displacement against period",
-    "period, pseudo_acceleration, spectral_displacement",
-)
+@figure_of("response-spectra", "spectra", "period, pseudo_acceleration, spectral_displacement")
 def response_spectra(spectra: xr.Dataset) -> Figure:
-    """Draw pseudo-acceleration and displacement spectra against period."""
+    """Draw response or floor spectra: pseudo-acceleration and displacement against period."""
     title = [str(spectra.attrs.get("title", "Response spectra"))]
     for name in (name for name in ("record", "law") if name not in spectra.dims):
         key = str(spectra[name].item() if name in spectra.coords else spectra.attrs.get(name, ""))
@@ -85,14 +75,9 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     return _draw_both(spectra, *title)
 
 
-@figure_of(
-    "floor-spectra",
-    "histories",
-    "5 % response spectra of the floors' total accelerations, from 'simulate'",
-    "time, acceleration",
-)
+@figure_of("floor-spectra", "histories", "time, acceleration")
 def floor_response(histories: xr.Dataset) -> Figure:
-    """Draw the 5 % spectra of the total acceleration of every floor."""
+    """Draw 5 % response spectra of the floors' total accelerations, from 'simulate'."""
     return _draw_both(floor_spectra(histories), scenario_title(histories), "floor spectra, damping ratio 0.05")
 
 

@@ -40,17 +40,12 @@ _INDICES = {
 }
 
 
-@figure_of(
-    "sensitivity",
-    "design",
-    "which inputs of a design matter: first and total Sobol indices",
-    SALTELLI,
-)
+@figure_of("sensitivity", "design", SALTELLI)
 def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
-    """Draw the Sobol indices of an output with their intervals; inputs that matter most are at the top.
+    """Draw which inputs of a design matter: first and total Sobol indices.
 
-    One column per pair or building, at its highest storey that has indices, one row per law, record and value of
-    other axes, three at most.
+    Bars are confidence intervals; inputs that matter most are at the top. One column per pair or building, at its
+    highest storey that has indices, one row per law, record and value of other axes, three at most.
     """
     result = result_of(cube, "sensitivity")
     names = [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]
@@ -104,18 +99,14 @@ def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
     return join_nonempty(law_name(group, law) if law else "", of, beside.replace("_", " "))
 
 
-@figure_of(
-    "work-precision",
-    "trade",
-    "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
-    "scheme, located, error, cost",
-)
+@figure_of("work-precision", "trade", "scheme, located, error, cost")
 def work_precision(trade: xr.Dataset) -> Figure:
-    """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
+    """Draw worst error of schemes, steps and number formats against their cost, from 'tradeoff'.
 
+    The cost is seconds per thousand scenarios; there is one line per scheme, located or not, and number format.
     Along a line the step changes. Colour and marker tell scheme and locating; a hollow marker on a dashed line is
-    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors in
-    the grey band are below what the converged solution resolves.
+    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors
+    in the grey band are below what the converged solution resolves.
     """
     check_trade(trade)
     chosen = trade.sel(population="steady", statistic="worst")
