@@ -305,30 +305,29 @@ def _checksum(table: np.ndarray, rows: np.ndarray) -> int:
 
 @dataclass
 class Part:
-    """Chunks of one stage, law and record: how many there are and are finished, and their scenarios."""
+    """Chunks of one stage, law and record."""
 
-    stage: str
-    law: str
-    record: str
-    chunks: int = 0
-    chunks_done: int = 0
-    scenarios: int = 0
-    scenarios_done: int = 0
+    stage: str  #: runs without pounding, or scenarios
+    law: str  #: key of the contact law
+    record: str  #: name of the ground motion
+    chunks: int = 0  #: how many there are
+    chunks_done: int = 0  #: how many of them are finished
+    scenarios: int = 0  #: scenarios in all of them
+    scenarios_done: int = 0  #: scenarios in those that are finished
 
 
 @dataclass
 class Survey:
     """An unfinished sweep."""
 
-    folder: Path  # where its chunks stand
-    details: dict[str, str]  # digests of the sweep and of the package's source, versions
-    title: str = ""
-    #: scenarios asked for, and those that may have to run; None where no run came as far as its first stage
-    asked: int | None = None
-    at_most: int | None = None
-    parts: list[Part] = field(default_factory=list)  # by stage, law and record, as far as planned
-    planned: bool = False  # whether all chunks are known, which is after the runs without pounding
-    now: str | None = None  # who runs on it
+    folder: Path  #: where its chunks stand
+    details: dict[str, str]  #: digests of the sweep and of the package's source, versions
+    title: str = ""  #: title of the sweep
+    asked: int | None = None  #: scenarios asked for; None where no run came as far as its first stage
+    at_most: int | None = None  #: those of them that may have to run
+    parts: list[Part] = field(default_factory=list)  #: by stage, law and record, as far as planned
+    planned: bool = False  #: whether all chunks are known, which is after the runs without pounding
+    now: str | None = None  #: who runs on it
 
 
 def survey(folder: Path) -> Survey:

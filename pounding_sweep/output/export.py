@@ -339,15 +339,7 @@ def export_tables(
 ) -> list[Path]:
     """Write a table as `export_cube` does, or one for each set of dimensions that the variables have.
 
-    Parameters
-    ----------
-    cube, path, names, overwrite, table
-        As for `export_cube`; the dimensions are added to the name of the file if there are several tables.
-
-    Returns
-    -------
-    list of Path
-        The files.
+    The dimensions are added to the name of the file if there are several tables; returns the files.
     """
     single = table or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
     tables = {} if single else sets_of_dimensions(scenarios_of(cube, names))

@@ -68,11 +68,11 @@ TOLERANCE = 1e-6
 class Merged:
     """What a merge found."""
 
-    path: Path  # the cube of all parts
-    scenarios: int  # of it: every combination of the values on its axes, or all listed cases
-    overlapping: int = 0  # scenarios that several parts have a result of
-    missing: int = 0  # scenarios that no part has a result of; their status is not_run
-    named: list[str] = field(default_factory=list)  # the first of the missing, by what they differ in from others
+    path: Path  #: the cube of all parts
+    scenarios: int  #: of it: every combination of the values on its axes, or all listed cases
+    overlapping: int = 0  #: scenarios that several parts have a result of
+    missing: int = 0  #: scenarios that no part has a result of; their status is not_run
+    named: list[str] = field(default_factory=list)  #: the first of the missing, by what they differ in from others
     #: states of the package's source that made the parts, each with other versions of the libraries counted apart
     sources: int = 1
 
