@@ -124,6 +124,8 @@ def test_plot_says_what_is_wrong(folder):
 # -- sweeps without a missing record -----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("stub_engine")
+@pytest.mark.filterwarnings("always:a record:UserWarning")  # printed, as in a process of its own
 def test_a_missing_record_stops_a_sweep_unless_told_otherwise(tmp_path):
     path = write(tmp_path, asking('"arleta"', '{ record = "santa_monica", scale = 2.0 }', '{ path = "gone.csv" }'))
     with pytest.raises(SweepError) as caught:
@@ -131,11 +133,18 @@ def test_a_missing_record_stops_a_sweep_unless_told_otherwise(tmp_path):
     for i, (said, text) in enumerate(zip(("RSN 949", "RSN 1077", "no such file"), caught.value.problems, strict=True)):
         assert said in text
         assert f"sweep.records[{i + 1}]" in text
-    with pytest.warns(UserWarning, match="is left out") as warned:
-        spec = ps.load_sweep(path, skip_missing_records=True).spec
-    assert len(warned) == 3
-    assert [record.name for record in spec.records] == ["sine"]
-    assert spec.records_left_out == ("arleta", "santa_monica", "gone")
+    run = ["run", path, "-o", tmp_path / "out.nc", "--quiet"]
+    for words in (["plan", path], run):
+        assert "RSN 949" in call(*words, code=2).stderr
+        done = call(*words, "--skip-missing-records")
+        assert re.search(r"^left out +arleta, santa_monica, gone: no such record at hand$", done.stdout, re.M)
+        assert done.stderr.count("a record is left out: ") == 3
+    left_out = ["arleta", "santa_monica", "gone"]
+    assert json.loads(call("plan", path, "--skip-missing-records", "--json").stdout)["records_left_out"] == left_out
+    with ps.open_cube(tmp_path / "out.nc") as cube:
+        assert json.loads(cube.attrs["records_left_out"]) == left_out
+        assert cube["record"].values.tolist() == ["sine"]
+    assert re.search(r'records_left_out +\["arleta", ', call("info", tmp_path / "out.nc").stdout)
 
 
 def test_going_on_without_hides_no_other_fault(folder):
@@ -165,24 +174,6 @@ def test_listed_cases_of_a_missing_record_are_left_out_too(tmp_path):
     path = write(tmp_path, head + sweep + cases[0])
     with pytest.warns(UserWarning, match="left out"), pytest.raises(SweepError, match="cases: none is left: 1 of 1"):
         ps.load_sweep(path, skip_missing_records=True)
-
-
-@pytest.mark.usefixtures("stub_engine")
-@pytest.mark.filterwarnings("always:a record:UserWarning")  # printed, as in a process of its own
-def test_plan_and_cube_say_what_was_left_out(tmp_path):
-    path = write(tmp_path, asking('"arleta"'))
-    assert "RSN 949" in call("plan", path, code=2).stderr
-    assert "RSN 949" in call("run", path, "-o", tmp_path / "out.nc", code=2).stderr
-    planned = call("plan", path, "--skip-missing-records")
-    assert re.search(r"^left out +arleta: no such record at hand$", planned.stdout, re.M)
-    assert "a record is left out: record 'arleta'" in planned.stderr
-    assert json.loads(call("plan", path, "--skip-missing-records", "--json").stdout)["records_left_out"] == ["arleta"]
-    done = call("run", path, "-o", tmp_path / "out.nc", "--skip-missing-records", "--quiet")
-    assert re.search(r"^left out +arleta: no such record at hand$", done.stdout, re.M)
-    with ps.open_cube(tmp_path / "out.nc") as cube:
-        assert json.loads(cube.attrs["records_left_out"]) == ["arleta"]
-        assert cube["record"].values.tolist() == ["sine"]
-    assert re.search(r'records_left_out +\["arleta"\]$', call("info", tmp_path / "out.nc").stdout, re.M)
 
 
 def test_a_sweep_finds_its_records_in_a_named_folder(folder, tmp_path):

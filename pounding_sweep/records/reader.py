@@ -33,21 +33,6 @@ _PLAIN = re.compile(r"[\d.eEdD+\-,\s]*+", re.ASCII)
 _FORTRAN = str.maketrans({",": " ", "D": "E", "d": "e"})
 _DASHES = str.maketrans(dict.fromkeys("‐‑‒–—−", "-"))
 
-_TO_COLUMNS = "which is not read; write time and acceleration in columns"
-#: Files that are recognised and not read, and what to do.
-_NOT_READ = {
-    rb"PK\x03\x04.{0,4000}(?:xl/|\[Content_Types)": "an Excel workbook; save its sheet as CSV",
-    rb"\xd0\xcf\x11\xe0": "an old Excel workbook; save its sheet as CSV",
-    rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!": "compressed; unpack it first",
-    rb"\s*<(?:!doctype|html|head|\?xml)": "a page of HTML, perhaps a login page; log in and download the file again",
-    rb"version https://git-lfs": "a git-lfs pointer in place of the file; get the file with: git lfs pull",
-    rb".{304}(?:[\6\7]\0\0\0|\0\0\0[\6\7])": f"a SAC binary, {_TO_COLUMNS}, as ObsPy does",
-    rb"\d{6}[DRQM][ \0]": f"miniSEED, {_TO_COLUMNS}, as ObsPy does",
-    rb"%PDF|\x89HDF|MATLAB 5": f"a PDF, HDF5 or MATLAB file, {_TO_COLUMNS}",
-    rb"[^\0]{0,3000}UNIVERSIDAD DE CHILE - RENADIC": f"a file of RENADIC, {_TO_COLUMNS}",
-    rb"\s*\* ?VOL|[^\0]{0,2000}\bBHRC\b": f"a file of BHRC (Iran), {_TO_COLUMNS}",
-}
-
 Array = npt.NDArray[np.float64]
 #: Lines of a file, each with its number from 1.
 Lines = list[tuple[int, str]]
@@ -197,8 +182,8 @@ def load_text(file: Path, record: str) -> RecordText:
         raise RecordError(
             f"has {size:.0f} MiB; files of more than {limit} MiB are refused: is it a record? If so, cut it"
         )
-    for pattern, what in _NOT_READ.items():
-        if re.match(pattern, raw, re.DOTALL | re.IGNORECASE):
+    for pattern, what in read_data("records.toml")["not_read"].items():
+        if re.match(pattern.encode(), raw, re.DOTALL | re.IGNORECASE):
             raise RecordError(f"is {what}")
     wide = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
     try:
