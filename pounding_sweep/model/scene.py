@@ -379,8 +379,10 @@ class Building:
     @cached_property
     def rayleigh(self) -> tuple[float, float]:
         """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base."""
-        given = self.damping_ratio
-        return rayleigh_factors(self.on_fixed_base.frequencies, given if isinstance(given, tuple) else (given, given))
+        ratios = self.damping_ratio
+        return rayleigh_factors(
+            self.on_fixed_base.frequencies, ratios if isinstance(ratios, tuple) else (ratios, ratios)
+        )
 
     @property
     def first_damping(self) -> float:
@@ -560,15 +562,15 @@ class LinkedFloors:
     place: int  # index of its label along ``pair`` in results
 
 
-def _read_law(given: Any, info: ValidationInfo) -> Any:
+def _read_law(value: Any, info: ValidationInfo) -> Any:
     """Return the law of a bumper by its key or file, from the folder `base` of the context, or as JSON holds it."""
-    if isinstance(given, Mapping):
-        return Law(**given)
-    if given == RUBBER:
-        return given
-    if isinstance(given, str) and given not in LAWS and not names_file(given):
-        raise InputError(unknown("contact law", given, (*LAWS, RUBBER)))
-    return find_law(given, (info.context or {}).get("base"))
+    if isinstance(value, Mapping):
+        return Law(**value)
+    if value == RUBBER:
+        return value
+    if isinstance(value, str) and value not in LAWS and not names_file(value):
+        raise InputError(unknown("contact law", value, (*LAWS, RUBBER)))
+    return find_law(value, (info.context or {}).get("base"))
 
 
 @checked
@@ -688,15 +690,15 @@ class Contact:
     @property
     def ends(self) -> tuple[tuple[int, float], ...]:
         """Floors that it acts on, walls and the ground left out, and the share of each in the penetration."""
-        found: list[tuple[int, float]] = []
+        ends: list[tuple[int, float]] = []
         for side, floor, sign in ((0, self.left, 1.0), (1, self.right, -1.0)):
             if side == self.struck:
                 lower, upper = column_shares(self.xi)
-                found += [(self.below, sign * lower)] if self.below >= 0 else []
-                found.append((floor, sign * upper))
+                ends += [(self.below, sign * lower)] if self.below >= 0 else []
+                ends.append((floor, sign * upper))
             elif floor >= 0:
-                found.append((floor, sign))
-        return tuple(found)
+                ends.append((floor, sign))
+        return tuple(ends)
 
 
 class Contacts(tuple[Contact, ...]):
@@ -941,8 +943,8 @@ class Scene:
 
     def thicknesses(self, others: Any = 0.0) -> np.ndarray:
         """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""
-        own = [math.nan if bumper is None else bumper.thickness for bumper in self.bumper_of]
-        return np.where(np.isnan(own), np.asarray(others, float)[..., None], own)
+        thickness = [math.nan if bumper is None else bumper.thickness for bumper in self.bumper_of]
+        return np.where(np.isnan(thickness), np.asarray(others, float)[..., None], thickness)
 
     @cached_property
     def linked_buildings(self) -> tuple[tuple[int, ...], ...]:

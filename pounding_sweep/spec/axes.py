@@ -261,27 +261,27 @@ class AxisValues:
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
         """Return values by dimension, in the order of the cube."""
-        found: dict[str, Sequence[Any]] = {"law": laws}
+        by_dimension: dict[str, Sequence[Any]] = {"law": laws}
         for column in COLUMNS:
             if column == "scale":
-                found["record"] = records
+                by_dimension["record"] = records
             axis = self.axis(column)
-            found |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
-        return found | {axis.dimension: axis.values for axis in self.property_axes}
+            by_dimension |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
+        return by_dimension | {axis.dimension: axis.values for axis in self.property_axes}
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
         """Axes over building properties, in the order of the cube."""
-        found: dict[str, PropertyAxis] = {}
+        axes: dict[str, PropertyAxis] = {}
         for name, axis in AXES.items():
             values = getattr(self, name)
             if axis.by_building:
-                for building, each in values:
-                    dimension = plain_name(f"{axis.dimension}_{building}", found)
-                    found[dimension] = PropertyAxis(axis.column, building, each, dimension)
+                for building, numbers in values:
+                    dimension = plain_name(f"{axis.dimension}_{building}", axes)
+                    axes[dimension] = PropertyAxis(axis.column, building, numbers, dimension)
             elif axis.of_buildings and values is not None:
-                found[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
-        return tuple(found.values())
+                axes[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
+        return tuple(axes.values())
 
     def needed_axis(self, column: str) -> tuple[Axis, tuple[float, ...]]:
         """Return the axis of a column that every product of axes has one of, with its values."""
@@ -392,10 +392,10 @@ def case_of(data: Mapping[str, Any]) -> Case:
     return Case(**{name: _as_tuples(value) for name, value in data.items()})
 
 
-def plain_name(text: str, taken: Collection[str]) -> str:
+def plain_name(text: str, existing: Collection[str]) -> str:
     """Return a name for a cube, letters, digits and "_" only, that is not taken."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", text)
-    same = sum(re.fullmatch(rf"{plain}(_no\d+)?", name) is not None for name in taken)
+    same = sum(re.fullmatch(rf"{plain}(_no\d+)?", name) is not None for name in existing)
     return f"{plain}_no{same + 1}" if same else plain
 
 
@@ -448,9 +448,9 @@ class Case:
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""
-        found: tuple[Axis, float] | None = None
+        result: tuple[Axis, float] | None = None
         for axis in AXES.values():
             value = None if axis.by_building else getattr(self, axis.dimension)
             if axis.column == column and value is not None:  # the first has a default
-                found = axis, value
-        return found
+                result = axis, value
+        return result

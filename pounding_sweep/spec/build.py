@@ -157,35 +157,35 @@ class _Reader:
 
     def __init__(self, arguments: dict[str, Any]) -> None:
         self.faults = Faults()
-        self.given = valid_part(Arguments, arguments, self.faults)
+        self.arguments = valid_part(Arguments, arguments, self.faults)
         self.wrong = {place[0] for place, _ in self.faults.entries}  # arguments that stand at their defaults
         self.files: dict[str, Law] = {}  # laws of the user's own files, which are run once
         self.laws: dict[str, Law] = {}  # those that are valid count in further checks
         self.scene: Scene | None = None
         self.records: list[Record] | None = None  # None where one of them is at fault
         self.left_out: list[str] = []  # records that are missing, where that is allowed
-        self.basis: str = self.given["restitution_basis"]
+        self.basis: str = self.arguments["restitution_basis"]
 
     def read(self) -> SweepSpec | None:
         """Read all of them but those that are wrong already."""
-        given, faults = self.given, self.faults
+        arguments, faults = self.arguments, self.faults
 
         def part(name: str, read: Callable[[Any], Any]) -> Any:
-            wanted = given[name] is not None or name not in ("cases", "design")
-            return faults.attempt((name,), read, given[name]) if wanted and name not in self.wrong else None
+            wanted = arguments[name] is not None or name not in ("cases", "design")
+            return faults.attempt((name,), read, arguments[name]) if wanted and name not in self.wrong else None
 
         self.scene = part("scene", self._scene)
         self.records = part("records", self._records)
-        if given["cases"] is None:
+        if arguments["cases"] is None:
             part("laws", self._laws)
         cases = part("cases", self._cases)
         design = part("design", self._design)
         axes = self._axes(design)
         settings = self._settings()
-        spectral = given["sas"] is not None or any(case.sa is not None for case in cases or ())
-        if spectral and given["sa_period"] is None and "sa_period" not in self.wrong:
+        spectral = arguments["sas"] is not None or any(case.sa is not None for case in cases or ())
+        if spectral and arguments["sa_period"] is None and "sa_period" not in self.wrong:
             faults.add(("sa_period",), "is missing: sas needs it; give the period in s")
-        elif not spectral and given["sa_period"] is not None:
+        elif not spectral and arguments["sa_period"] is not None:
             faults.add(("sa_period",), "is of no use without sas; leave it out")
         if faults.entries or self.scene is None or self.records is None:
             return None
@@ -219,7 +219,7 @@ class _Reader:
         remedy: str = "give it once",
     ) -> list[Any]:
         """Read a `single` item or each of a list, which makes one thing or several; no two have the same key."""
-        found: dict[Any, tuple[int, Any]] = {}
+        results: dict[Any, tuple[int, Any]] = {}
         items, before = listed(value, single), len(self.faults.entries)
         if not items:
             self.faults.add(place, f"must be one or several of {what}, not {shown(value)}")
@@ -230,12 +230,12 @@ class _Reader:
                 break
             at = place if isinstance(value, single) else (*place, index)
             result = self.faults.attempt(at, read, item)
-            for each in result if isinstance(result, list) else () if result is None else (result,):
-                if (name := key(each)) in found:
-                    self.faults.add(at, f"{shown(name)} repeats value [{found[name][0]}]; {remedy}")
+            for thing in result if isinstance(result, list) else () if result is None else (result,):
+                if (name := key(thing)) in results:
+                    self.faults.add(at, f"{shown(name)} repeats value [{results[name][0]}]; {remedy}")
                 else:
-                    found[name] = index, each
-        return [each for _, each in found.values()]
+                    results[name] = index, thing
+        return [thing for _, thing in results.values()]
 
     # --- scene, records, laws ---
 
@@ -258,7 +258,7 @@ class _Reader:
                 return None
             contact = vars(preset.contact) | contact if isinstance(contact, dict) else contact
             table = {"gaps": preset.gaps, **table, "row": preset.row, "contact": contact}
-        scene = TypeAdapter(Scene).validate_python(table, context={"base": self.given["base"]})
+        scene = TypeAdapter(Scene).validate_python(table, context={"base": self.arguments["base"]})
         return scene if len(faults.entries) == before else None
 
     def _records(self, value: Any) -> list[Record] | None:
@@ -274,13 +274,13 @@ class _Reader:
 
     def _resolve(self, item: Any) -> list[Record]:
         """Return the records that an item stands for: a set has several, a missing one that is left out none."""
-        folders, base = self.given["folders"], self.given["base"]
+        folders, base = self.arguments["folders"], self.arguments["base"]
         try:
             if isinstance(item, (Record, str, os.PathLike)):
                 return resolve_records([item], folders=folders, base=base)
             return [record_of_table(item, Path(base or "."), folders)]
         except MissingRecordError as error:
-            if not self.given["skip_missing_records"]:
+            if not self.arguments["skip_missing_records"]:
                 raise
             self.left_out.append((isinstance(item, dict) and item.get("name")) or error.record)
             warnings.warn(f"a record is left out: {error}", UserWarning, stacklevel=2)
@@ -291,7 +291,7 @@ class _Reader:
         if isinstance(value, str) and value in self.files:
             law = self.files[value]
         else:
-            law = find_law(value, self.given["base"])
+            law = find_law(value, self.arguments["base"])
             self.files |= {value: law} if isinstance(value, str) else {}
         if self.scene and law.impulsive and self.scene.bumpers:
             raise InputError(f"law {law.key!r} has no force, as bumpers have; give another law, or no bumpers")
@@ -360,7 +360,7 @@ class _Reader:
 
     def _design(self, value: Any) -> Design:
         """Check a design: what is drawn, from what, and whether what came of it will do."""
-        if self.given["cases"] is not None:
+        if self.arguments["cases"] is not None:
             raise InputError("a design and listed cases exclude each other; give one of them")
         table = DesignTable.model_validate(value)
         inputs = {name: drawn for name, drawn in dict(table.inputs).items() if drawn is not None}
@@ -393,21 +393,21 @@ class _Reader:
 
     def _axes(self, design: Design | None) -> dict[str, Any]:
         """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
-        faults, scene, given = self.faults, self.scene, self.given
-        stated = {name for name in AXES if given[name] is not None}
-        if given["cases"] is not None:
+        faults, scene, arguments = self.faults, self.scene, self.arguments
+        stated = {name for name in AXES if arguments[name] is not None}
+        if arguments["cases"] is not None:
             text = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
-            faults.entries += [((name,), text) for name in ("laws", *AXES, "building") if given[name] is not None]
+            faults.entries += [((name,), text) for name in ("laws", *AXES, "building") if arguments[name] is not None]
             return {}
         laws, records = list(self.laws.values()), self.records or []
         drawn = {entry.target for entry in design.inputs} if design else set()
         sizes = {"records": 1 if ("records", None) in drawn else len(records), "laws": len(laws)}
         sizes |= {"points": len(design)} if design else {}
         items: dict[Target, tuple[Place, Any]] = {
-            (name, None): ((name,), given[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
+            (name, None): ((name,), arguments[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
         }
         sequences: dict[Target, tuple[Place, Range | list[Any]]] = {}
-        for target, (place, value) in (items | self._by_building(given, faults)).items():
+        for target, (place, value) in (items | self._by_building(arguments, faults)).items():
             if target in drawn:
                 faults.add(place, "is an input of the design, too; leave one of them out")
             if (sequence := faults.attempt(place, self._sequence, value, AXES[target[0]])) is not None:
@@ -539,20 +539,20 @@ class _Reader:
         if isinstance(value, str) and value == "all":
             return tuple(VARIABLES)
         what = "variables, 'default' or 'all'"
-        found = self._each(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
-        return check_outputs(variable.name for variable in found)
+        variables = self._each(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
+        return check_outputs(variable.name for variable in variables)
 
     def _settings(self) -> dict[str, Any]:
         """Check settings together, with defaults for what is not given; with an accuracy the cheapest is chosen."""
-        given, scene, add = self.given, self.scene, self.faults.add
-        given["outputs"] = self._outputs(given["outputs"])
-        automatic = given["accuracy"] is not None or "accuracy" in self.wrong
-        if automatic and (given["dt"] is not None or "dt" in self.wrong):
+        arguments, scene, add = self.arguments, self.scene, self.faults.add
+        arguments["outputs"] = self._outputs(arguments["outputs"])
+        automatic = arguments["accuracy"] is not None or "accuracy" in self.wrong
+        if automatic and (arguments["dt"] is not None or "dt" in self.wrong):
             add(("dt",), "accuracy chooses the step; leave out dt, or leave out accuracy")
         for name, default in (("method", "rk4"), ("precision", "float64"), ("dt", DEFAULT_STEP)):
-            if given[name] is None and not automatic and name not in self.wrong:
-                given[name] = default
-        method, precision, dt = given["method"], given["precision"], given["dt"]
+            if arguments[name] is None and not automatic and name not in self.wrong:
+                arguments[name] = default
+        method, precision, dt = arguments["method"], arguments["precision"], arguments["dt"]
         scheme = SCHEMES.get(method)
         for record in self.records or () if dt else ():
             if fault := step_fault(record, record.dt / dt):
@@ -569,18 +569,18 @@ class _Reader:
         laws = (*self.laws.values(), *(bumper.law for bumper in bumpers))
         located += [f"law {law.key!r}" for law in laws if law.impulsive or law.yields]
         located += [f"building {item.name!r}, whose storeys yield," for item in buildings if any(item.yields)]
-        if located and not given["locate"]:
+        if located and not arguments["locate"]:
             verb = "need" if len(located) > 1 else "needs"
             add(("locate",), f"{', '.join(located)} {verb} located contacts; give locate = true, or leave it out")
         for name, default in _PARAMETERS.items():
-            value = given[name]
-            given[name] = default if value is None else value
-            if given[name] != default and scheme and name not in scheme.parameters:
+            value = arguments[name]
+            arguments[name] = default if value is None else value
+            if arguments[name] != default and scheme and name not in scheme.parameters:
                 owners = " and ".join(other.name for other in SCHEMES.values() if name in other.parameters)
                 add((name,), f"{name} is a parameter of {owners}, and the method is {method}; leave it out")
-            elif given[name] != default and automatic:
+            elif arguments[name] != default and automatic:
                 add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
-        return {name: given[name] for name in _SETTINGS}
+        return {name: arguments[name] for name in _SETTINGS}
 
     def _check_room(self, spec: SweepSpec) -> None:
         """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
@@ -609,11 +609,11 @@ def _named(
     record: str, *, name: str | None = None, scale: float = 1.0, pga: float | None = None, folders: Any = None
 ) -> Record:
     """Find a record by name, and scale or rename it."""
-    found = find_record(record, folders)
+    motion = find_record(record, folders)
     if pga is not None and scale != 1.0:
         raise SweepError("scale and pga exclude each other; give one of them")
-    found = found.scaled(scale) if pga is None else found.scaled_to(pga)
-    return found if name is None else found.renamed(name)
+    motion = motion.scaled(scale) if pga is None else motion.scaled_to(pga)
+    return motion if name is None else motion.renamed(name)
 
 
 #: Kinds of record tables, by the key that tells them, with what makes the record.

@@ -97,12 +97,12 @@ class SweepSpec(AxisValues):
 
     def case_value(self, case: Case, column: str) -> float:
         """Return the scale or the contact stiffness (kN/m**exponent) of a case; 0 where it has none."""
-        found = case.axis(column)
-        if found is None:
+        axis = case.axis(column)
+        if axis is None:
             return 0.0
         if column == "scale":
-            return self.scale(*found, self.record(case.record or self.records[0].name))
-        return found[0].value(found[1], scene=self.scene, law=self.law(case.law))
+            return self.scale(*axis, self.record(case.record or self.records[0].name))
+        return axis[0].value(axis[1], scene=self.scene, law=self.law(case.law))
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""

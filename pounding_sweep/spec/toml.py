@@ -32,7 +32,7 @@ _FOLDERS = (_PACKAGE / "sweeps", _PACKAGE.parent / "sweeps")
 @cache
 def examples() -> dict[str, Path]:
     """Return the file of each example sweep, by its name."""
-    files = next((found for folder in _FOLDERS if (found := sorted(folder.glob("*.toml")))), [])
+    files = next((paths for folder in _FOLDERS if (paths := sorted(folder.glob("*.toml")))), [])
     return {file.stem: file for file in files}
 
 
@@ -108,8 +108,8 @@ def key_lines(text: str) -> dict[Place, int]:
     lines: dict[Place, int] = {}
     counts: dict[Place, int] = {}  # elements of arrays of tables
     ends = [match.start() for match in re.finditer("\n", text)]
-    found = [match for match in _LEXEME.finditer(text) if match["token"]]
-    tokens = [(match["token"], bisect.bisect_left(ends, match.start()) + 1) for match in reversed(found)]
+    lexemes = [match for match in _LEXEME.finditer(text) if match["token"]]
+    tokens = [(match["token"], bisect.bisect_left(ends, match.start()) + 1) for match in reversed(lexemes)]
 
     def key(place: Place, several: bool = False) -> Place:
         """Read a key of several parts, of a table or a value."""
@@ -253,18 +253,20 @@ def load_spec(
     faults = Faults()
     arguments = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
     arguments |= {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
-    spec, found = read_sweep(arguments)
+    spec, problems_of_sweep = read_sweep(arguments)
     wrong = [place for place, _ in faults.entries]
-    for (argument, *inner), said in [(place or ("sweep",), said) for place, said in found]:
+    for (argument, *inner), message in [(place or ("sweep",), message) for place, message in problems_of_sweep]:
         place = (*_PLACES.get(argument, (argument,)), *inner)
         if not any(place[: len(whole)] == whole for whole in wrong):  # of what is at fault as a whole no more is said
-            faults.add(place, said)
+            faults.add(place, message)
     if spec is not None and not faults.entries:
         return spec
     lines = key_lines(text)
-    placed = sorted(((line_of(lines, place) or 1, place, said) for place, said in faults.entries), key=lambda it: it[0])
+    placed = sorted(
+        ((line_of(lines, place) or 1, place, message) for place, message in faults.entries), key=lambda it: it[0]
+    )
     problems = []
-    for line, place, said in placed:
+    for line, place, message in placed:
         home = next((f"; it belongs in {home}" for home, keys in _HOMES.items() if str(place[-1]) in keys), "")
-        problems.append(f"{named}:{line}: {spell(place)}: {said}{home if said.startswith('unknown key') else ''}")
+        problems.append(f"{named}:{line}: {spell(place)}: {message}{home if message.startswith('unknown key') else ''}")
     raise sweep_error(problems, named)
