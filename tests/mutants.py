@@ -25,12 +25,7 @@ MUTANTS = (
     # the weights of Newmark's average acceleration, the wrong way round
     ("schemes/newmark.py", "h * (1.0 - gamma)", "h * gamma * 0.99", "test_analytic.py"),
     # idle lanes hold the first scenario, not the last
-    (
-        "engine/row_kernel.py",
-        'LANES - n)), "edge"',
-        'LANES - n)), "wrap"',
-        "test_properties.py",
-    ),
+    ("engine/row_kernel.py", 'LANES - n)), "edge"', 'LANES - n)), "wrap"', "test_properties.py"),
     # a motion answers for scenarios whose gap it closes by a hair
     ("plan/plan.py", "(most * (1.0 + CLOSING_MARGIN))", "(most * 0.99)", "test_plan.py"),
     # an error of ten times what was asked passes
@@ -43,12 +38,7 @@ MUTANTS = (
     # scenarios beyond the stability limit are run
     ("plan/plan.py", "/ steps > limit", "/ steps > 2.0 * limit", "test_plan.py"),
     # a damaged chunk is read
-    (
-        "resume.py",
-        "if checksum != written:",
-        "if False:",
-        "test_store.py",
-    ),
+    ("resume.py", "if checksum != written:", "if False:", "test_store.py"),
     # shears are of the neighbour's stiffness
     (
         "outputs/variables.py",

@@ -26,11 +26,7 @@ def kernel_of(scene, outputs=EVERY, law="kelvin_voigt", **numerics):
     return RowKernel(scene, get_law(law), Numerics("exact", 1e-3, **numerics), reducers_for(list(outputs)))
 
 
-@given(
-    st.floats(0.1, 300.0),
-    st.sampled_from([0.0, 0.02, 0.7, 1.0 - 1e-7, 1.0, 1.0 + 1e-7, 3.0]),
-    st.floats(-3.0, 1.0),
-)
+@given(st.floats(0.1, 300.0), st.sampled_from([0.0, 0.02, 0.7, 1.0 - 1e-7, 1.0, 1.0 + 1e-7, 3.0]), st.floats(-3.0, 1.0))
 def test_a_mode_moves_as_the_matrix_exponential_says(w, ratio, log_turn):
     """From any start under a ground that is linear in time, under-, critically and over-damped."""
     h, c, push = 10.0**log_turn / w, 2.0 * ratio * w, 1.7
@@ -124,8 +120,7 @@ BLOCKS = [name for name in EVERY if "energy" not in reducers_for([name])]
 
 @pytest.mark.parametrize(("windows", "outputs"), [(True, EVERY), (False, BLOCKS)])
 @pytest.mark.parametrize(
-    ("ground", "dt"),
-    [([-200.0, 200.0], 0.01), ([100.0, -300.0], 0.01), ([-1.2, 0.8, 1.8, -2.9, 2.3, 0.8, 2.3], 0.02)],
+    ("ground", "dt"), [([-200.0, 200.0], 0.01), ([100.0, -300.0], 0.01), ([-1.2, 0.8, 1.8, -2.9, 2.3, 0.8, 2.3], 0.02)]
 )
 def test_a_motion_that_goes_and_comes_back_in_a_step_has_its_peaks(ground, dt, windows, outputs):
     """From rest, or with two turns, so that its rate changes no sign from one end of the step to the other."""

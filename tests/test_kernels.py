@@ -138,14 +138,7 @@ def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
 # -- order of convergence ----------------------------------------------------------------------------------------------
 
 
-PEAKS = (
-    "displacement_max",
-    "displacement_min",
-    "impact_force_max",
-    "penetration_max",
-    "impulse",
-    "approach_speed_max",
-)
+PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max", "impulse", "approach_speed_max")
 
 
 @pytest.mark.slow

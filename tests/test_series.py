@@ -49,8 +49,7 @@ def test_which_laws_have_series():
 
 
 @pytest.mark.parametrize(
-    "law",
-    [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL],
+    "law", [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL]
 )
 def test_contacts_are_exact_at_the_step_of_the_record(law):
     scene, record = pair(0.003), motions()[0]

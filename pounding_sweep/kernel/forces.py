@@ -17,18 +17,7 @@ from functools import reduce
 from typing import Any
 
 from pounding_sweep.kernel.group import Contact, Group, LaneLaw, power_of
-from pounding_sweep.kernel.lanes import (
-    Cell,
-    fma,
-    maximum,
-    minimum,
-    power,
-    roughly_power,
-    size,
-    sqrt,
-    when_any,
-    where,
-)
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, power, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
@@ -193,13 +182,13 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     begun = depth.begun(where(closed, d0, minimum(d0, 0.0)))
     when = first_crossing(group, busy, begun, sign, crosses, turns, rises)
     nears, parting = SIDES[law.shape.rebound_only]
-    target = where(when < NEVER, where(closed, OPEN, group.full(nears)), mode)
+    target = where(when < NEVER, where(closed, OPEN, nears), mode)
     if law.shape.one_sided:
         slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
         toward = where(slows, -1.0, 1.0)
         t = crossing(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
         sooner = busy & (slows | speeds) & (t < when)
-        when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
+        when, target = where(sooner, t, when), where(sooner, where(slows, parting, nears), target)
     if law.shape.yields:
         t = _slips(contact, busy & closed, (d0, d1, v0, v1), depth)
         sooner = busy & closed & (t < when)
@@ -241,7 +230,7 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
                 first.now = where(inside, found, 0.0)
     t, ends, begins = first.now, ends.now, begins.now
     sooner = ends | (begins & (t < when))
-    return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
+    return where(sooner, t, when), where(sooner, where(ends, SLACK, PRESSING), target)
 
 
 def ends(group: Group, whole: Any) -> None:

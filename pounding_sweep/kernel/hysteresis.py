@@ -94,21 +94,17 @@ def _event(storey: Storey, busy: Any) -> None:
     z = course(group, storey.drift).begun(z0)
     elastic = phase == 0.0
     turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
-    toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
+    toward = where(elastic, where(v0 > 0.0, 1.0, -1.0), phase)
     extreme = where(turns, crossing(group, turns, 0.0, 1.0, z.rate, -toward), 1.0)
     # an elastic drift leaves its range before it turns, or after
     before = turns & elastic & (toward * z.value(extreme) > top)
     after = busy & elastic & ~before & (size(z1) > top)
-    side = where(before, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+    side = where(before, toward, where(z1 > 0.0, 1.0, -1.0))
     start = side * minimum(side * z0 - dy, 0.0)
     low, high = where(after & turns, extreme, 0.0), where(before, extreme, 1.0)
     leaves = before | after
     when = crossing(group, leaves, low, high, z.begun(start), side)
-    storey.put(
-        busy,
-        turn=where(leaves, when, where(turns & ~elastic, extreme, NEVER)),
-        then=where(elastic, side, 0.0),
-    )
+    storey.put(busy, turn=where(leaves, when, where(turns & ~elastic, extreme, NEVER)), then=where(elastic, side, 0.0))
 
 
 def apply_events(group: Group, lands: Any) -> Any:

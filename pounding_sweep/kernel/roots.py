@@ -110,14 +110,7 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 
 
 def first_crossing(
-    group: Group,
-    lanes: Any,
-    series: Series,
-    sign: Any,
-    crosses: Any,
-    turns: Any,
-    rises: Any = None,
-    least: Any = 0.0,
+    group: Group, lanes: Any, series: Series, sign: Any, crosses: Any, turns: Any, rises: Any = None, least: Any = 0.0
 ) -> Any:
     """Where sign times a series turns positive, in some lanes: before the end, where it `crosses`, else `NEVER`."""
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`

@@ -361,10 +361,10 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
-    offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
+    offer(0, asks, sign, depth, where(closed, OPEN, PRESSING), leans)
     if law.shape.approach_only:
         toward = where(pressing, -1.0, 1.0)
-        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
+        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, PRESSING))
     if law.shape.clips:
         k, c = contact.k_law, contact.c_law * per
 
@@ -376,7 +376,7 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
             # at its own event the sign of a force is one of rounding
             return where(size(elastic + damped) > group.limit.at_release * size(elastic), elastic + damped, 0.0)
 
-        toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, group.full(PRESSING))
+        toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, PRESSING)
         offer(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
 
 

@@ -362,12 +362,7 @@ class Newmark(Scheme):
     def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s, beta, gamma, h = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma"), group.full(h)
-        be, gg, pu, pv = (
-            beta * (h * h),
-            gamma * h,
-            h * h * (0.5 - beta),
-            h * (1.0 - gamma),
-        )
+        be, gg, pu, pv = (beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma))
         for part, moving in group.each_part(group.spec.whole):
             before = u, v, a = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
             every = range(len(u))
@@ -464,7 +459,7 @@ class Newmark(Scheme):
             if "work" in r:
                 contact.put(here, work=contact.work + 0.5 * h * force * (contact.between("v0") + v))
             nears, parting = SIDES[law.shape.rebound_only]
-            mode = where(d > 0.0, group.full(nears), OPEN)
+            mode = where(d > 0.0, nears, OPEN)
             if law.shape.one_sided:
                 mode = where((d > 0.0) & (v < 0.0), parting, mode)
             if law.shape.clips:
