@@ -88,8 +88,7 @@ def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatc
     assert compiled["count"].sum() > 1 if law != "none" and scene is not SMOOTH else compiled["travel"].sum() > 0
     assert scene is not YIELDS or compiled["travel"].sum() > 0
     for name, want in compiled.items():
-        near = 3e-6 if name == "shortest" else 1e-9  # kernels know powers in durations to six figures
-        np.testing.assert_allclose(twin[name], want, rtol=0, atol=near * np.abs(want).max() + 1e-12, err_msg=name)
+        np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * np.abs(want).max() + 1e-12, err_msg=name)
 
 
 MACHINES = {

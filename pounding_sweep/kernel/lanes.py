@@ -281,25 +281,35 @@ MOST_DOUBLINGS = 120.0
 def roughly_power(x: Any, exponent: float) -> Any:
     """Return x >= 0 to a power, to six figures: for lengths of steps. `power` asks a library, lane by lane."""
     # nothing is larger or smaller than 2**MOST_DOUBLINGS and its inverse, which stands for zero
-    trace = _trace_of(x)
-    if trace is None:
-        return np.clip(np.power(x, exponent), 2.0**-MOST_DOUBLINGS, 2.0**MOST_DOUBLINGS)
     log2 = [2.0 / (math.log(2.0) * k) for k in (1, 3, 5, 7, 9)]
     exp2 = [math.log(2.0) ** k / math.factorial(k) for k in range(8)]
+    trace = _trace_of(x)
     # in single precision: x is `rest`, from the root of a half to that of two, as often doubled as `halvings` says
-    b, t = trace.builder, Tracer(trace.builder, "float32", trace.lanes)
-    integers = ir.VectorType(_I32, trace.lanes)
-    root_half, shift = (ir.Constant(integers, [number] * trace.lanes) for number in (_ROOT_HALF, 23))
-    bits = b.bitcast(x.value if trace.size == 4 else b.fptrunc(x.value, t.vector), integers)
-    halvings = b.ashr(b.sub(bits, root_half), shift)
-    rest = Vector(t, b.bitcast(b.sub(bits, b.shl(halvings, shift)), t.vector))
-    z: Any = (rest - 1.0) / (rest + 1.0)
-    y: Any = (Vector(t, b.sitofp(halvings, t.vector)) + z * _sum_up(log2, z * z)) * exponent
-    y = minimum(maximum(y, -MOST_DOUBLINGS), MOST_DOUBLINGS)
-    doublings = b.fptosi(where(y < 0.0, y - 0.5, y + 0.5).value, integers)
-    result = b.bitcast(_sum_up(exp2, y - Vector(t, b.sitofp(doublings, t.vector))).value, integers)
-    result = b.bitcast(b.add(result, b.shl(doublings, shift)), t.vector)
-    return Vector(trace, result if trace.size == 4 else b.fpext(result, trace.vector))
+    halvings: Any
+    rest: Any
+    if trace is None:
+        bits = np.asarray(x, np.float32).view(np.int32)
+        halvings = (bits - _ROOT_HALF) >> 23
+        rest, halvings = (bits - (halvings << 23)).view(np.float32), halvings.astype(np.float32)
+    else:
+        b, t = trace.builder, Tracer(trace.builder, "float32", trace.lanes)
+        integers = ir.VectorType(_I32, trace.lanes)
+        root_half, shift = (ir.Constant(integers, [number] * trace.lanes) for number in (_ROOT_HALF, 23))
+        bits = b.bitcast(x.value if trace.size == 4 else b.fptrunc(x.value, t.vector), integers)
+        halvings = b.ashr(b.sub(bits, root_half), shift)
+        rest = Vector(t, b.bitcast(b.sub(bits, b.shl(halvings, shift)), t.vector))
+        halvings = Vector(t, b.sitofp(halvings, t.vector))
+    z = (rest - 1.0) / (rest + 1.0)
+    y = minimum(maximum((halvings + z * _sum_up(log2, z * z)) * exponent, -MOST_DOUBLINGS), MOST_DOUBLINGS)
+    y0 = where(y < 0.0, y - 0.5, y + 0.5)
+    if trace is None:
+        doublings = y0.astype(np.int32)
+        found = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
+        return found.view(np.float32).astype(float)
+    doublings = b.fptosi(y0.value, integers)
+    found = b.bitcast(_sum_up(exp2, y - Vector(t, b.sitofp(doublings, t.vector))).value, integers)
+    found = b.bitcast(b.add(found, b.shl(doublings, shift)), t.vector)
+    return Vector(trace, found if trace.size == 4 else b.fpext(found, trace.vector))
 
 
 def _sum_up(coefficients: Sequence[float], at: Any) -> Any:
