@@ -147,36 +147,6 @@ def test_the_limit_of_a_stiff_link_is_its_own():
     assert 0.5 * 2.0 / fastest < limit < 2.0 / fastest
 
 
-# -- what is compiled, described and planned ---------------------------------------------------------------------------
-
-
-def test_linked_variants_have_the_modes_of_linked_matrices():
-    rng = np.random.default_rng(2)
-    period, mass, ratio = (
-        rng.uniform(0.5, 2.0, (5, 2)),
-        rng.uniform(0.5, 2.0, (5, 2)),
-        np.array([0.02, np.nan] * 2 + [0.1]),
-    )
-    (found,) = Variants(LINKED, period, mass, ratio).systems
-    for i in range(5):
-        row = [
-            replace(
-                each,
-                masses=[mass[i, b] * x for x in each.masses],
-                stiffnesses=[mass[i, b] / period[i, b] ** 2 * x for x in each.stiffnesses],
-                dashpots=[mass[i, b] / period[i, b] * x for x in each.dashpots or (0.0, 0.0)],
-                damping_ratio=each.damping_ratio if np.isnan(ratio[i]) else ratio[i],
-            )
-            for b, each in enumerate(LINKED.buildings)
-        ]
-        m, c, k = matrices(replace(LINKED, row=row))
-        values, shapes = eig(k, m)
-        order = np.argsort(values.real)
-        shapes = shapes[:, order].real / np.sqrt(np.diag(shapes[:, order].T.real @ m @ shapes[:, order].real))
-        np.testing.assert_allclose(found[0][i], np.sqrt(values.real[order]), rtol=1e-9)
-        np.testing.assert_allclose(found[1][i], np.diag(shapes.T @ c @ shapes), rtol=1e-8)
-
-
 # -- isolated buildings ------------------------------------------------------------------------------------------------
 
 

@@ -486,7 +486,7 @@ class Flight:
         table = Lookup([float(x) for x in np.concatenate(nodes(count))])
         for m in self.each(layout.modes, 4):
             w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
-        early = self.scale.now * self.ground(t)
+        early = self.scale.now * self._free("ground", 0, t)
         late = shifted(early)
         gained, given, lost = (
             [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
@@ -867,10 +867,6 @@ class Flight:
         free = self._free("rate" if row else "x", m, t)
         return fma(self.vector("times", at), q, fma(self.vector("times", at + self.lanes), p, self.scale.now * free))
 
-    def ground(self, t: Any) -> Any:
-        """Return the ground's accelerations at successive points from t on."""
-        return self._free("ground", 0, t)
-
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
         for _ in when(not_(self.rated.now)):
@@ -883,7 +879,7 @@ class Flight:
         # Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
         w = self.rows
         self._know_rates(t)
-        ground = self.scale.now * self.ground(t)
+        ground = self.scale.now * self._free("ground", 0, t)
         rise = shifted(ground) - ground
         for m in self.each(self.layout.modes, 4):
             stiff, damped, pushed = (self.number(name, m) for name in ("square", "damping", "push"))

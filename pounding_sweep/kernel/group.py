@@ -287,10 +287,6 @@ class Group:
         time = b.fadd(b.fmul(steps, wide(self.full(h).value)), wide((h - rest).value))
         return Vector(t, time if t.size == 8 else b.fptrunc(time, t.vector))
 
-    def longest(self, h: Any) -> Any:
-        """Longest sub-step of a step of length h."""
-        return self.prop("longest") if self.spec.staged else h
-
     def full(self, x: Any) -> Any:
         """Return a number or a truth in all lanes."""
         return everywhere(self.trace, x, self.lanes)

@@ -7,7 +7,6 @@ Floors x and their rates y are sequences of all floors, or names of rows.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 from pounding_sweep.kernel.group import BENDS, Group
@@ -115,8 +114,3 @@ def sample(group: Group) -> None:
     for name in ("u0", "u") if group.spec.impulsive else ("u",):  # those just after a jump, too
         for j, ends in group.each_link():
             s["link_force", j] = maximum(s["link_force", j], size(motion(group, j, ends, name)))
-
-
-def reader(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
-    """Return what reads `motion` by name."""
-    return partial(motion, group, j, ends)

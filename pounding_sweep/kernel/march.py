@@ -143,7 +143,7 @@ def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
 def look_ahead(group: Group, h: Any) -> None:
     """Length and ground of every lane's next trial."""
     s = group.state
-    most = group.longest(h)
+    most = group.prop("longest") if group.spec.staged else h
     rest, longest = s["time_left"], forces.longest_substep(group, most) if group.touching else group.full(most)
     if group.spec.smooth:
         longest = minimum(longest, bouc_wen.longest(group, most))
@@ -248,7 +248,7 @@ def substep(group: Group, h: Any) -> None:
         look = look | storeys_may_change(group, s["h"])
     accept_substep(group, look, kind)
     if group.touching:
-        kind.ends(group, group.longest(h))
+        kind.ends(group, group.prop("longest") if group.spec.staged else h)
     turns(group)
     if group.spec.impulsive:
         samples(group)  # a motion may turn in a velocity jump

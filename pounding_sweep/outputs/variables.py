@@ -567,7 +567,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("link_force", "link"),),
             where="linked",
             follows=lambda group, _: (
-                Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
+                Motion(("link_force", j), None, True, partial(links.motion, group, j, ends), pulls=True)
                 for j, ends in group.each_link()
             ),
             step=links.sample,
