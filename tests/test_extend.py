@@ -133,14 +133,11 @@ def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis):
 
 
 def test_nothing_new_runs_nothing(whole, ran, tmp_path):
-    sweep().run(tmp_path / "old.nc", workers=1).close()
-    ran.clear()
     job = sweep(title="the same again", audit=0.0)
-    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    found = job.run(extend=write_cube(whole, tmp_path / "old.nc"), workers=1)
     assert ran == []
     same(found, job.run(workers=1))
     assert len(ran) == json.loads(found.attrs["extended_from"])["scenarios_taken"]
-    np.testing.assert_array_equal(found.impact_force_max, whole.impact_force_max)
 
 
 def test_the_output_itself_may_be_extended(whole, tmp_path):

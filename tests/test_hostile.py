@@ -236,8 +236,8 @@ def test_text_of_files_is_never_run():
 # --- a sweep of 10^12 scenarios -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("axes", [{"gaps": 10**6, "scales": 10**6}], ids=str)
-def test_too_large_a_sweep_is_refused_before_anything_is_made(axes, tmp_path):
+def test_too_large_a_sweep_is_refused_before_anything_is_made(tmp_path):
+    axes = {"gaps": 10**6, "scales": 10**6}
     size = math.prod(axes.values())
     given = {name: Range(0.5, 0.9, n) for name, n in axes.items()}
     ranges = "\n".join(f"{name} = {{ start = 0.5, stop = 0.9, count = {n} }}" for name, n in axes.items())
@@ -288,16 +288,6 @@ def test_a_cube_in_chunks_is_written(tmp_path):
             assert again.identical(cube)
 
 
-def test_a_closed_cube_is_closed(tmp_path):
-    """Others may write to the file then, whoever still has the dataset."""
-    path = write_cube(small_cube(), tmp_path / "cube.nc")
-    with open_cube(path) as cube:
-        cube["impact_count"].load()
-    links = [os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()]
-    assert str(path) not in links
-    assert cube["impact_count"].size
-
-
 @pytest.mark.usefixtures("stub_engine")
 def test_what_is_written_anew_with_xarray_is_a_cube_again(tmp_path):
     """Also a part, and a cube that was never in a file; none has texts of any length."""
@@ -328,6 +318,8 @@ def test_attributes_beyond_ascii_are_characters_too(tmp_path):
         assert (again.attrs["title"], again["gap"].attrs["comment"]) == ("Étude № 5", "größer")
         assert again.identical(cube)
         assert sent.identical(cube)
+    links = [os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()]
+    assert str(path) not in links  # others may write to the file then, whoever still has the dataset
 
 
 def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
