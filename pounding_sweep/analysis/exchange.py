@@ -17,7 +17,7 @@ import xarray as xr
 from pounding_sweep.analysis.comparisons import get_event
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
-from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
+from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variables, scenario_dims, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.files import failure, replacing
@@ -176,7 +176,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     its height, rad), ``1-PFA-3-1`` the peak total acceleration of floor 3 and ``1-PFA-0-1`` that of the ground (g of
     9.81 m/s2). The first row has the units.
     """
-    cube = scenarios_only(cube)
+    cube = cube.drop_dims(OTHER_DIMS, errors="ignore")
     stored = need_variables(cube, "a file of demands", list(_DEMANDS.values()), one=True)
     if building not in cube["building"].values.tolist():
         raise InputError(unknown("building", building, cube["building"].values.tolist()))

@@ -106,16 +106,16 @@ class Hazard:
         x, rates, slopes = self._lines()
         at = np.log(np.asarray(intensity, dtype=float))
         piece = np.clip(np.searchsorted(x, at) - 1, 0, len(slopes) - 1)
-        return np.asarray(np.exp(rates[piece] - slopes[piece] * (at - x[piece])))
+        return np.exp(rates[piece] - slopes[piece] * (at - x[piece]))
 
     def touching(self, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
         """Return the annual rate of what happens from a lognormal intensity on: the mean of its rates."""
-        return np.asarray(self._pieces(np.log(median), dispersion).sum(axis=0))
+        return self._pieces(np.log(median), dispersion).sum(axis=0)
 
     def beyond(self, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
         """Return the share of that rate that stems from intensities beyond the points."""
         pieces = self._pieces(np.log(median), dispersion)
-        return np.asarray((not self.everywhere) * (pieces[0] + pieces[-1]) / pieces.sum(axis=0))
+        return (not self.everywhere) * (pieces[0] + pieces[-1]) / pieces.sum(axis=0)
 
     def median_at(self, rate: np.ndarray | float, dispersion: np.ndarray) -> np.ndarray:
         """Return the median of the lognormal of that dispersion that is met at an annual rate."""
@@ -136,7 +136,7 @@ class Hazard:
 
         ends = np.log(self.intensity[0]) - _FAR, np.log(self.intensity[-1]) + _FAR
         with np.errstate(over="ignore"):  # of dispersions that nearly nothing is known of
-            return np.asarray(np.exp(find_root(excess, ends, args=(rate, *args)).x))
+            return np.exp(find_root(excess, ends, args=(rate, *args)).x)
 
     def _lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return logarithms of the points, and the powers between them."""

@@ -136,7 +136,8 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
     # a part of the row is no row
     stored = all(dim in cube.dims and cube[dim].values.tolist() == labels for dim, labels in row.items())
     stored = stored and NO_POUNDING in law_keys(cube) and {*OUTPUTS} <= {*cube.data_vars}
-    if stored and (sweep["cases"] is None or min(uncoupled_cases(cube)) >= 0) and _with_columns(scene) == scene:
+    stored = stored and replace(scene, contacts=CONTACTS[1]) == scene
+    if stored and (sweep["cases"] is None or min(uncoupled_cases(cube)) >= 0):
         return scene, cube
     try:
         motions = records_of(sweep, resolve_records(records or [], folders), folders)
@@ -156,18 +157,13 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
     return _run(scene, motions, sa_period=sweep.get("sa_period"), **axes)
 
 
-def _with_columns(scene: Scene) -> Scene:
-    """Return a row in which floors meet columns too."""
+def _run(scene: Scene, records: Iterable[Record], **axes: Any) -> tuple[Scene, xr.Dataset]:
+    """Run a row without pounding, by the exact scheme where all is elastic."""
     if not scene.pair_names:
         raise InputError(
             "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
         )
-    return replace(scene, contacts=CONTACTS[1])
-
-
-def _run(scene: Scene, records: Iterable[Record], **axes: Any) -> tuple[Scene, xr.Dataset]:
-    """Run a row without pounding, by the exact scheme where all is elastic."""
-    scene = _with_columns(scene)
+    scene = replace(scene, contacts=CONTACTS[1])
     method = "rk4" if any(scene.yields) or SCHEMES["exact"].refuses(scene) else "exact"
     laws = {} if "cases" in axes else {"laws": NO_POUNDING}
     sweep = Sweep(scene, records, outputs=list(OUTPUTS), method=method, dt=STEP, audit=0.0, **laws, **axes)

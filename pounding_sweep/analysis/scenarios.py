@@ -24,6 +24,8 @@ IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in
 _CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
 ROUND_OFF = 1e-9
+#: Dimensions of what is of no scenario alone: the audit of a cube, and histories.
+OTHER_DIMS = (*AUDIT_DIMS, "time")
 #: What tells that floors touched, the surest first; above zero in a scenario that did.
 TOUCH_VARIABLES = ("impact_count", "impact_force_max", "penetration_max", "approach_speed_max", "impulse")
 
@@ -31,11 +33,6 @@ TOUCH_VARIABLES = ("impact_count", "impact_force_max", "penetration_max", "appro
 def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
     """Return the dimensions along which scenarios differ, in the cube's order."""
     return tuple(str(dim) for dim in cube.dims if dim not in (*INNER_DIMS, *AUDIT_DIMS))
-
-
-def scenarios_only(cube: xr.Dataset) -> xr.Dataset:
-    """Return the cube without what has dimensions of its own: its audit, and histories on ``time`` of one scenario."""
-    return cube.drop_dims([*AUDIT_DIMS, "time"], errors="ignore")
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:

@@ -184,14 +184,14 @@ def comparison(key: str) -> Callable[[Function], Function]:
         def make(*args: Any, **kwargs: Any) -> xr.Dataset:
             import xarray as xr
 
-            from pounding_sweep.analysis.scenarios import COMPARISON, scenarios_only
+            from pounding_sweep.analysis.scenarios import COMPARISON, OTHER_DIMS
             from pounding_sweep.output.netcdf import with_texts
 
             bound = parameters.bind(*args, **kwargs)
             name, cube = next(iter(bound.arguments.items()))
             attributes = {COMPARISON: key}
             if isinstance(cube, xr.Dataset):
-                cube = bound.arguments[name] = scenarios_only(with_texts(cube))
+                cube = bound.arguments[name] = with_texts(cube).drop_dims(OTHER_DIMS, errors="ignore")
                 check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
                 attributes |= {name: cube.attrs[name] for name in _IDENTITY if name in cube.attrs}
             result = function(*bound.args, **bound.kwargs).load()

@@ -11,7 +11,7 @@ never cross (Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of frag
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -210,9 +210,9 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
         table.transpose(*scenario_dims(result["median"]), *(dim for dim in ("pair", "building") if dim in dims), ...)
     )
     for row in rows:
-        low, high = (np.nan if end is None else end for end in (row.pop("between_lower"), row.pop("between_upper")))
-        words = _words(row.pop("fit"), low, high, units)
-        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": words}
+        between = (np.nan if end is None else end for end in (row.pop("between_lower"), row.pop("between_upper")))
+        fit = {"fit_status": row.pop("fit"), "median_between": between, "median": result["median"]}
+        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": sentence(fit)}
     return rows
 
 
@@ -364,16 +364,12 @@ def fragility(
     )
 
 
-def sentence(dataset: xr.Dataset) -> str:
-    """Say in words what the fit of one cell is, or why there is none."""
-    low, high = (float(value) for value in dataset["median_between"])
-    return _words(int(dataset["fit_status"]), low, high, str(dataset["median"].attrs["units"]))
-
-
-def _words(status: int, low: float, high: float, units: str) -> str:
-    """Return the meaning of a status with what is known of the median."""
-    between = f"about {low:.4g} {units}" if low == high else f"between {low:.4g} and {high:.4g} {units}"
-    return _MEANINGS[status].format(low=f"{low:.4g}", high=f"{high:.4g}", units=units, between=between)
+def sentence(fit: xr.Dataset | Mapping[str, Any]) -> str:
+    """Say in words what the fit of one cell is, or why there is none, and what is known of the median."""
+    low, high = (f"{float(end):.4g}" for end in fit["median_between"])
+    units = fit["median"].attrs["units"]
+    between = f"about {low} {units}" if low == high else f"between {low} and {high} {units}"
+    return _MEANINGS[int(fit["fit_status"])].format(low=low, high=high, units=units, between=between)
 
 
 #: Results of a fit: dimensions of their own, unit ("": the intensity's), and what they are.
