@@ -19,7 +19,6 @@ EXACT = {"method": "exact", "dt": 2.5e-3}
 
 def test_most_of_the_workers_time_is_integration(work, benchmark):
     """From plan to file, at least 75 % of all workers' time passes in compiled kernels, on a machine that is free."""
-
     # opening and writing a cube takes a tenth of a second: a sweep of 20,000 scenarios, itself done in less than one,
     # feels it
     run_sweep(grid_sweep(work, 100, **EXACT))  # compiled

@@ -164,9 +164,7 @@ def verdict(found: Found) -> list[str]:
     """Say in a few sentences what was found; every number and choice of words is computed."""
     printed, as_run, best = found.readings.misfit()
     sap = float(found.sap.misfit()[0])
-    groups = int(found.readings.where().sum())
-    entries = 3 * groups
-    fits = "A reading fits" if best <= sap else "No reading fits"
+    groups, fits = int(found.readings.where().sum()), "A reading fits" if best <= sap else "No reading fits"
     said = [
         f"{fits}: the best of {len(found.designs.squares)} points is {best:.2f} away from the paper's MATLAB numbers, "
         f"{best / sap:.1f} times as far as its SAP2000 numbers ({sap:.2f})."
@@ -182,9 +180,9 @@ def verdict(found: Found) -> list[str]:
     worth = min(fitted_sets(found), key=lambda one: one.criterion)
     values = [f"{INPUTS[key].title} {INPUTS[key].text(v)}" for key, v in zip(worth.free, worth.values, strict=True)]
     said.append(
-        f"{len(INPUTS)} values were fitted to {entries} numbers, which are about {groups} independent ones. Of fewer "
-        f"values, the others as printed, those worth fitting are {len(worth.free)}: {', '.join(values) or 'none'} "
-        f"(misfit {worth.misfit:.2f})."
+        f"{len(INPUTS)} values were fitted to {3 * groups} numbers, which are about {groups} independent ones. Of "
+        f"fewer values, the others as printed, those worth fitting are {len(worth.free)}: "
+        f"{', '.join(values) or 'none'} (misfit {worth.misfit:.2f})."
     )
     printed_values, weights = reading_points(), found.designs.weights
     lists: dict[bool, list[str]] = {True: [], False: []}  # by whether the printed value is within its range
@@ -294,9 +292,9 @@ def impacts_grid(found: Found) -> Grid:
         contacts, samples = (found.counts[name][at, i][some] / impacts[i][some] for name in ("contacts", "samples"))
         cells = [f"{np.median(contacts):.2f}", f"{np.median(1e3 * SAMPLING * samples):.1f}", f"{1e3 * record.dt:g}"]
         rows.append([label, record_title(record.name), str(int(some.sum())), *cells])
-    headings = ("reading", "record", "floors", "contacts over the paper's number", "ms in contact for each of them")
-    title = "What the numbers of impacts count (medians)"
-    return Grid(title, ungrouped(*headings, "step of the record ms"), rows)
+    names = ("reading", "record", "floors", "contacts over the paper's number", "ms in contact for each of them")
+    headings = ungrouped(*names, "step of the record ms")
+    return Grid("What the numbers of impacts count (medians)", headings, rows)
 
 
 def forms_grid(found: Found) -> Grid:
