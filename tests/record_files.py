@@ -25,25 +25,11 @@ def at2(values=VALUES, npts=None, dt="  .0100", header=NGA, end="\n", blanks="",
 
 
 def knet(counts, rate=100, seconds=2, direction="N-S", scale="3920(gal)/6182761"):
-    header = {
-        "Origin Time": "2006/01/18 23:25:00",
-        "Lat.": 37.798,
-        "Long.": 142.200,
-        "Depth. (km)": 36,
-        "Mag.": 5.7,
-        "Station Code": "MYG002",
-        "Station Lat.": 38.7262,
-        "Station Long.": 141.5109,
-        "Station Height(m)": 79,
-        "Record Time": "2006/01/18 23:25:46",
-        "Sampling Freq(Hz)": f"{rate}Hz",
-        "Duration Time(s)": seconds,
-        "Dir.": direction,
-        "Scale Factor": scale,
-        "Max. Acc. (gal)": 48.060,
-        "Last Correction": "2006/01/18 23:25:31",
-        "Memo.": "",
-    }
+    header = {"Origin Time": "2006/01/18 23:25:00", "Lat.": 37.798, "Long.": 142.200, "Depth. (km)": 36, "Mag.": 5.7}
+    header |= {"Station Code": "MYG002", "Station Lat.": 38.7262, "Station Long.": 141.5109, "Station Height(m)": 79}
+    header |= {"Record Time": "2006/01/18 23:25:46", "Sampling Freq(Hz)": f"{rate}Hz", "Duration Time(s)": seconds}
+    header |= {"Dir.": direction, "Scale Factor": scale, "Max. Acc. (gal)": 48.060}
+    header |= {"Last Correction": "2006/01/18 23:25:31", "Memo.": ""}
     rows = ["".join(f"{count:>8} " for count in counts[i : i + 8]) for i in range(0, len(counts), 8)]
     return "\n".join([*(f"{key:<18}{value}" for key, value in header.items()), *rows, ""])
 

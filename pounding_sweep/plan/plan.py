@@ -139,18 +139,18 @@ class Plan:
 
         With so many `steps` per interval of a `record`; else with the largest step of the sweep.
         """
-        numerics, own = self.numerics, self.laws[law]
+        numerics, acting = self.numerics, self.laws[law]
         if record is not None and steps is not None:
             numerics = replace(numerics, dt=self.spec.records[record].dt / steps)
         # the law of this sweep whose kernel an undamped law can run in
-        damped = (item for item in self.laws if item.damper and item.elastic == own.elastic)
+        damped = (item for item in self.laws if item.damper and item.elastic == acting.elastic)
         plain = (item for item in damped if not (item.approach_only or item.rebound_only or item.tension))
         return RowKernel(
             self.spec.scene,
-            own,
+            acting,
             numerics,
             reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset()),
-            host=next(plain, None) if own.has_contact and not own.damper else None,
+            host=next(plain, None) if acting.has_contact and not acting.damper else None,
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
             windows=self._shares_flight,
@@ -328,9 +328,9 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     """Rows of the unique table in which no pair can ever touch."""
     scene, table = plan.spec.scene, plan.unique
     needed: dict[tuple[int, float | None], np.ndarray] = {}  # by the pair, and the thickness of a bumper
-    for contact, bumper, own in zip(scene.contacts, scene.bumper_of, closing.T, strict=True):
+    for contact, bumper, displacement in zip(scene.contacts, scene.bumper_of, closing.T, strict=True):
         place = contact.pair, None if bumper is None else bumper.thickness
-        needed[place] = np.maximum(needed.get(place, 0.0), own)
+        needed[place] = np.maximum(needed.get(place, 0.0), displacement)
     known = np.isfinite(closing).all(axis=1)
     laws = np.array([law.thickness for law in plan.laws])[table.law]
     result = known[plan.uncoupled_of]

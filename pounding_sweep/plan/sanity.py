@@ -76,7 +76,7 @@ def doubts(spec: SweepSpec) -> list[str]:
     places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(gaps, "")
     check("gap", ((place, gap) for gap, place in places.items()))
     for building, *factors in zip(scene.buildings, used.mass_factor.T, used.period_factor.T, strict=True):
-        name, (masses, periods) = building.name, (np.unique([own.min(), own.max()]).tolist() for own in factors)
+        name, (masses, periods) = building.name, (np.unique([f.min(), f.max()]).tolist() for f in factors)
         floors = [f"{name}, floor {i}" for i in range(1, building.n_storeys + 1)]
         storeys = [f"{name}, storey {i}" for i in range(1, building.n_storeys + 1)]
         check("mass", [(at, f * m) for at, m in zip(floors, building.masses, strict=True) for f in masses])
@@ -89,7 +89,9 @@ def doubts(spec: SweepSpec) -> list[str]:
         texts.extend(filter(None, [_weight_like(building)]))
         check("period", [(name, p * float(building.periods[0])) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
-    pairs = zip(*(own.ravel() for own in np.broadcast_arrays(requested.record, requested.values["scale"])), strict=True)
+    pairs = zip(
+        *(column.ravel() for column in np.broadcast_arrays(requested.record, requested.values["scale"])), strict=True
+    )
     scenarios = [(spec.records[i], float(scale)) for i, scale in dict.fromkeys(pairs)]
     named = [(f"{record.name}, scale {scale:.4g}", abs(scale) * record.pga) for record, scale in scenarios]
     check("pga", named)
@@ -109,20 +111,20 @@ def record_doubts(record: Record) -> list[str]:
     """Return what a motion that was read from a file hardly has, one text each."""
     if record.reading is None:
         return []
-    found = []
+    texts = []
     if _converts(record.scale):
-        found.append(f"has scale {record.scale:g}, a factor between units, but is in m/s2 already; leave it out")
+        texts.append(f"has scale {record.scale:g}, a factor between units, but is in m/s2 already; leave it out")
     size = UNITS[record.reading.unit] * (record.scale or 1.0)
     marks = [mark for mark in MARKS if np.isclose(record.acceleration, mark * size, rtol=1e-9).any()]
     if marks:
-        found.append(f"has values of {marks[0]:g} {record.reading.unit}, which mark what is missing; cut or mend them")
+        texts.append(f"has values of {marks[0]:g} {record.reading.unit}, which mark what is missing; cut or mend them")
     measures, mean = record_measures(record), float(record.acceleration.mean())
     if abs(mean) > 0.05 * record.pga:
-        found.append(f"has a mean of {mean / record.pga:.0%} of its PGA: an offset; take it out")
+        texts.append(f"has a mean of {mean / record.pga:.0%} of its PGA: an offset; take it out")
     elif abs(measures.end_velocity) > 0.5 * measures.pgv:
         share = abs(measures.end_velocity) / measures.pgv
-        found.append(f"ends at {share:.0%} of its PGV: a drift, or cut off; correct its baseline")
-    return [f"record {record.name!r} {text}" for text in found]
+        texts.append(f"ends at {share:.0%} of its PGV: a drift, or cut off; correct its baseline")
+    return [f"record {record.name!r} {text}" for text in texts]
 
 
 def _converts(scale: float) -> bool:
@@ -140,12 +142,12 @@ _ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
 def _weight_like(building: Building) -> str:
     """Say that the masses of a building look like its weights in kN, if they do."""
     mass = float(np.median(building.masses))
-    own = building.on_fixed_base if building.foundation is not None else building
+    fixed = building.on_fixed_base if building.foundation is not None else building
     # A uniform shear building of these medians, which one soft storey of an isolated one does not change.
     storeys = building.n_storeys
     slowness = math.pi / math.sin(0.5 * math.pi / (2 * storeys + 1)) / storeys
     uniform = slowness * math.sqrt(mass / float(np.median(building.stiffnesses)))
-    period = min(float(own.periods[0]) / storeys, uniform)
+    period = min(float(fixed.periods[0]) / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
         return ""
     mended = f"{mass / STANDARD_GRAVITY:.4g} t, they give {period / STANDARD_GRAVITY**0.5:.2g} s"

@@ -199,8 +199,8 @@ def stable_steps(spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variant
     settings: dict[str, Any] = {"beta": spec.beta, "gamma": spec.gamma, "basis": spec.restitution_basis}
     for i, rows in table.by_law():
         part = table[rows]
-        own = variants[part.variant], laws[i], part.stiffness, part.restitution
-        limit[rows] = largest_step(*own, method=method, **settings)
+        contacts = variants[part.variant], laws[i], part.stiffness, part.restitution
+        limit[rows] = largest_step(*contacts, method=method, **settings)
     return limit
 
 
@@ -223,8 +223,8 @@ def _codes(columns: Sequence[np.ndarray]) -> np.ndarray:
             continue
         values, index = np.unique(column, return_inverse=True)
         if size * len(values) >= 2**62:  # renumber before the codes overflow
-            found, ranks = np.unique(codes, return_inverse=True)
-            codes, size = ranks.reshape(codes.shape), len(found)
+            distinct, ranks = np.unique(codes, return_inverse=True)
+            codes, size = ranks.reshape(codes.shape), len(distinct)
         codes = codes * len(values) + index.reshape(column.shape)
         size *= len(values)
     return codes
@@ -252,8 +252,8 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
     for argument, kind in FACTOR_KINDS.items():
         factors = [dict(getattr(case, argument)) for case in cases]
         default = math.nan if kind == "hardening" else 1.0
-        for name in {name for own in factors for name in own}:
-            settings.append((kind, name, np.array([own.get(name, default) for own in factors])))
+        for name in {name for by_name in factors for name in by_name}:
+            settings.append((kind, name, np.array([by_name.get(name, default) for by_name in factors])))
     table, rows = _variants(scene, len(cases), settings), dict[bytes, int]()
     index = [rows.setdefault(row.tobytes(), len(rows)) for row in np.column_stack(table.columns)]
     return table[np.unique(index, return_index=True)[1]], np.array(index[1:], np.int32)
@@ -269,8 +269,8 @@ def _variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np
     for kind, name, values in settings:
         if name is None:
             ratios = {building.damping_ratio for building in scene.buildings}
-            own = ratios.pop() if len(ratios) == 1 else None
-            ratio[1:] = np.where(values == own, math.nan, values) if isinstance(own, float) else values
+            common = ratios.pop() if len(ratios) == 1 else None
+            ratio[1:] = np.where(values == common, math.nan, values) if isinstance(common, float) else values
         else:
             columns[kind][1:, names.index(name)] = values
     hardening = columns["hardening"]

@@ -289,8 +289,8 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
 
     Examples
     --------
-    >>> found = records_dataset([Record("step", dt=1.0, acceleration=[3.0, 3.0, -3.0])])
-    >>> found["pgv"].item(), found["pgv"].attrs["units"]
+    >>> motions = records_dataset([Record("step", dt=1.0, acceleration=[3.0, 3.0, -3.0])])
+    >>> motions["pgv"].item(), motions["pgv"].attrs["units"]
     (3.75, 'm s-1')
     """
     import xarray as xr
@@ -304,7 +304,7 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
     table = {
         "time_step": ([r.dt for r in records], {"units": "s", "long_name": "time between points"}),
         "source": ([r.source for r in records], {"long_name": "where the record comes from"}),
-        **{own.name: ([getattr(m, own.name) for m in measures], dict(own.metadata)) for own in fields(RecordMeasures)},
+        **{of.name: ([getattr(m, of.name) for m in measures], dict(of.metadata)) for of in fields(RecordMeasures)},
     }
     points, about = ("record", "point"), {"units": "m s-2", "long_name": "ground acceleration, linear between points"}
     variables = {name: ("record", *column) for name, column in table.items()}
