@@ -214,18 +214,18 @@ def get_kernel(shape: KernelSpec) -> Callable[..., None]:
 def compiling_parts(piece: KernelSpec) -> dict[str, int]:
     """Count what adds to the time that one piece takes to compile, by the names of `COMPILING`."""
     floors, yielding, laws = min(piece.n_dof, MOST_FLOORS), min(len(piece.yielding), MOST_FLOORS), len(piece.laws)
-    kept = floors * len(piece.reducers)
+    by_floor = floors * len(piece.reducers)
     if piece.only_flight:
-        return {"flight": 1, "floor and reducer in flight": kept, "storey that yields in flight": yielding}
+        return {"flight": 1, "floor and reducer in flight": by_floor, "storey that yields in flight": yielding}
     return {
         "any": 1,
         "contacts": laws,
         "implicit contacts": laws * piece.implicit,
         "floor in contacts": floors * (piece.law is not None),
-        "floor and reducer": kept,
+        "floor and reducer": by_floor,
         "yielding": int(yielding > 0),
         "storey that yields": yielding,
-        "floor and reducer by series": kept * bool(piece.series),
+        "floor and reducer by series": by_floor * bool(piece.series),
     }
 
 

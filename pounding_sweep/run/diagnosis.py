@@ -111,13 +111,13 @@ def _required() -> dict[str, str]:
     lines: list[str] = []
     with suppress(PackageNotFoundError):
         lines = sorted(requires(NAME) or [])
-    found: dict[str, str] = {}
+    extra_of: dict[str, str] = {}
     for extra in ("", *EXTRAS):
         for line in lines:
             parts = re.match(r"([\w.-]+)(?:.*extra == ['\"](\w+))?", line)
             if parts and (parts[2] or "") == extra:
-                found.setdefault(parts[1], extra)
-    return found
+                extra_of.setdefault(parts[1], extra)
+    return extra_of
 
 
 @cache
@@ -176,12 +176,12 @@ def free_memory(root: Path = Path("/")) -> FreeMemory:
     return min(limits)
 
 
-def check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
-    """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
+def check_memory(scenarios: int, bytes_each: int, what: str, remedy: str) -> None:
+    """Raise `SweepError` where `scenarios` times `bytes_each` are more than this process may still take."""
     free = free_memory()
-    if scenarios * each > free.bytes:
+    if scenarios * bytes_each > free.bytes:
         raise SweepError(
-            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
+            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * bytes_each)} of memory, "
             f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
             "or go where more is free"
         )

@@ -224,23 +224,23 @@ class _Stages:
         missing[rows] = True
 
         def answer(
-            count: str, chunk: Chunk, found: np.ndarray, *, is_stored: bool = False, **origin: Any
+            count: str, chunk: Chunk, values: np.ndarray, *, is_stored: bool = False, **origin: Any
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             if store is not None and not is_stored:
-                store.save(chunk, found, stage=stage, **origin)
-            slots = results.hold(found, None if store is None else partial(store.read, chunk.key))
+                store.save(chunk, values, stage=stage, **origin)
+            slots = results.hold(values, None if store is None else partial(store.read, chunk.key))
             new = missing[chunk.rows]
             missing[chunk.rows] = False
             setattr(outcome, count, getattr(outcome, count) + int(new.sum()))
             if new.any():
                 self.progress.advance(int(new.sum()))
-            return chunk.rows[new], found[new], slots[new]
+            return chunk.rows[new], values[new], slots[new]
 
         for key, entry in sorted(store.completed().items()) if store is not None else ():
             if store is None or entry["stage"] != stage:
                 continue
             try:
-                found = store.read(key)
+                values = store.read(key)
             except ChunkCorrupt as error:
                 store.path(key).unlink(missing_ok=True)
                 warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
@@ -250,10 +250,10 @@ class _Stages:
             # from the earlier cube that this one tells of, wherever it stands
             is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
             stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
-            yield answer("taken" if is_taken else "reused", stored[-1], found, is_stored=True)
+            yield answer("taken" if is_taken else "reused", stored[-1], values, is_stored=True)
         if self.earlier is not None and not closing:
-            for chunk, found in self.earlier.chunks(np.flatnonzero(missing)):
-                yield answer("taken", chunk, found, origin=self.earlier.origin)
+            for chunk, values in self.earlier.chunks(np.flatnonzero(missing)):
+                yield answer("taken", chunk, values, origin=self.earlier.origin)
                 stored.append(chunk)
         waiting = plan.chunks(np.flatnonzero(missing), uncoupled=closing)
         if store is not None:

@@ -84,7 +84,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     on_floors -= force @ shares + pull @ linked
     kinetic = (0.5 * masses * moving**2) @ owned
     strain = np.hstack([strain, 0.5 * base * moved[:, n:] ** 2]) @ owned
-    given = part.get("e_link", np.zeros_like(kinetic))
+    to_links = part.get("e_link", np.zeros_like(kinetic))
     values = {
         "displacement": u,
         "velocity": v,
@@ -94,24 +94,24 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
         "damping": part["e_damp"],
         "kinetic": kinetic,
         "strain": strain,
-        "transfer": part["e_in"] - part["e_damp"] - strain - (kinetic - kinetic[0]) - hysteretic - given,
+        "transfer": part["e_in"] - part["e_damp"] - strain - (kinetic - kinetic[0]) - hysteretic - to_links,
     }
     if any(scene.yields):
         shear = spring + row.geometric_stiffnesses[0] * drift
         values |= {"storey_drift": drift, "plastic_drift": plastic, "storey_shear": shear, "hysteretic": hysteretic}
     if scene.links:
-        values |= {"link_force": pull, "given_to_links": given}
+        values |= {"link_force": pull, "given_to_links": to_links}
     if scene.foundations:
         values |= {"foundation_sway": moved[:, n::2], "foundation_rotation": moved[:, n + 1 :: 2]}
     if scene.pair_names:
         work = part.get("work", np.zeros_like(force)) @ labels.astype(float)
         values |= {"contact_force": force, "penetration": np.maximum(u @ shares.T - gaps, 0.0), "work": work}
-    found = {"time": xr.DataArray(time, dims="time", attrs={"units": "s", "long_name": "time", "axis": "T"})}
+    arrays = {"time": xr.DataArray(time, dims="time", attrs={"units": "s", "long_name": "time", "axis": "T"})}
     for name, (per, units, long_name) in HISTORIES.items():
         if name in values:
             about = {"units": units, "long_name": long_name}
-            found[name] = xr.DataArray(scatter(values[name], scene, per), dims=("time", *DIMS[per]), attrs=about)
-    return found
+            arrays[name] = xr.DataArray(scatter(values[name], scene, per), dims=("time", *DIMS[per]), attrs=about)
+    return arrays
 
 
 def _by_motion(scene: Scene, name: str) -> np.ndarray:

@@ -182,18 +182,18 @@ def simulate(
     return dataset
 
 
-def _velocities(scene: Scene, given: Sequence[Any]) -> tuple[float, ...]:
+def _velocities(scene: Scene, values: Sequence[Any]) -> tuple[float, ...]:
     """Return the velocity (m/s) of each floor, of one number or one for each floor of every building."""
     storeys = {building.name: building.n_storeys for building in scene.buildings}
     try:
-        parts = [np.broadcast_to(np.asarray(v, float), n) for v, n in zip(given, storeys.values(), strict=True)]
+        parts = [np.broadcast_to(np.asarray(v, float), n) for v, n in zip(values, storeys.values(), strict=True)]
     except (TypeError, ValueError):
         parts = [np.full(1, np.nan)]
     floors = np.concatenate(parts)
     if not np.isfinite(floors).all():
         wanted = ", ".join(f"{n} of {name!r}" for name, n in storeys.items())
         raise InputError(
-            f"initial_velocity is {given!r}; give one entry per building (m/s): a finite number, or one for each of "
+            f"initial_velocity is {values!r}; give one entry per building (m/s): a finite number, or one for each of "
             f"its storeys, bottom first ({wanted})"
         )
     return tuple(floors.tolist())
@@ -219,16 +219,16 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
 def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
     names = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
-    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
+    fields: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
     for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by_building):
         if axis.by_building:
-            mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
+            dimensions = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
             for building in spec.scene.buildings:
-                name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
-                found[name] = (argument, building.name)
+                name = dimensions.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", fields)
+                fields[name] = (argument, building.name)
         elif axis.of_buildings and not axis.listed:
-            found[axis.dimension] = (axis.dimension, None)
-    return found
+            fields[axis.dimension] = (axis.dimension, None)
+    return fields
 
 
 def _value(case: Case, field: str, building: str | None) -> Any:
