@@ -21,7 +21,7 @@ from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, save_figures
 from pounding_sweep.paper.published import READINGS, sweep_of
-from pounding_sweep.paper.report import Picture, contents_of, summary, write_report
+from pounding_sweep.paper.report import contents_of, summary, write_report
 from pounding_sweep.paper.study import INTERVAL, scenario, thin_out
 
 #: Eight bytes that begin every PNG file.
@@ -60,7 +60,7 @@ def study():
 def picture(tmp_path):
     path = tmp_path / "figure_05.png"
     path.write_bytes(PNG + b"nothing more")
-    return Picture(5, "A & B", path)
+    return 5, "A & B", path
 
 
 def test_the_page_says_what_there_is_and_loads_nothing(study, picture, tmp_path):
@@ -105,10 +105,10 @@ def test_every_figure_shows_its_data(study):
 
 def test_figures_are_saved_in_two_formats(study, tmp_path, monkeypatch):
     monkeypatch.setattr("pounding_sweep.paper.figures.PAPER_FIGURES", {8: PAPER_FIGURES[8]})
-    (picture,) = save_figures(study, tmp_path)
-    assert picture.path == tmp_path / "figure_08.png"
-    assert picture.path.read_bytes().startswith(PNG)
-    assert "<svg" in picture.path.with_suffix(".svg").read_text()
+    ((number, _, path),) = save_figures(study, tmp_path)
+    assert (number, path) == (8, tmp_path / "figure_08.png")
+    assert path.read_bytes().startswith(PNG)
+    assert "<svg" in path.with_suffix(".svg").read_text()
 
 
 def test_figures_show_numbers_where_they_belong(study):

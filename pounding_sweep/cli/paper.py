@@ -68,7 +68,7 @@ def paper_command(
             print_json(
                 {
                     "report": str(report),
-                    "figures": [str(picture.path) for picture in pictures],
+                    "figures": [str(path) for _, _, path in pictures],
                     "records": [record.name for record in computed.records],
                     "missing": dict(computed.missing),
                     "verdict": [asdict(part) for part in contents["opening"]],

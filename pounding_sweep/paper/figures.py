@@ -166,6 +166,6 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
         path = folder / f"figure_{number:02d}.png"
         figure.savefig(path, dpi=DPI)
         figure.savefig(path.with_suffix(".svg"))
-        pictures.append(Picture(number, title, path))
+        pictures.append((number, title, path))
         progress.advance(1)
     return pictures

@@ -47,13 +47,8 @@ _LOCATED = {0: "no", 1: "yes"}
 ALL = "all"
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure that was drawn into a file."""
-
-    number: int  # number of the paper's figure that it stands for
-    title: str  # what it shows
-    path: Path  # PNG file; an SVG of the same name stands beside it
+#: A figure that was drawn: the number of the paper's figure, what it shows, and its PNG file; an SVG stands beside it.
+Picture = tuple[int, str, Path]
 
 
 @dataclass(frozen=True)
