@@ -98,43 +98,29 @@ class NaiveBuilding:
             return np.zeros(n)
         return np.array([sum(9.81 * self.masses[j] / heights[i] for j in range(i, n)) for i in range(n)])
 
+    def undamped(self):
+        """Return dense M, K."""
+        drift = np.eye(len(self.masses)) - np.eye(len(self.masses), k=-1)
+        return np.diag(np.asarray(self.masses, dtype=float)), drift.T @ np.diag(
+            self.stiffnesses - self.leaning()
+        ) @ drift
+
     def rayleigh_factors(self):
         """Return a and b of C = a M + b K (1/s, s)."""
         if self.rayleigh is not None:
             return self.rayleigh
-        mass, _, stiffness = self.matrices()
-        w = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
-        zeta = self.damping_ratio
-        return (
-            (2 * zeta * w[0], 0.0)
-            if len(w) == 1
-            else (2 * zeta * w[0] * w[1] / (w[0] + w[1]), 2 * zeta / (w[0] + w[1]))
-        )
+        mass, stiffness = self.undamped()
+        w, zeta = np.sqrt(eigh(stiffness, mass, eigvals_only=True)), self.damping_ratio
+        if len(w) == 1:
+            return 2 * zeta * w[0], 0.0
+        return 2 * zeta * w[0] * w[1] / (w[0] + w[1]), 2 * zeta / (w[0] + w[1])
 
     def matrices(self):
         """Return dense M, C, K."""
-        n = len(self.masses)
-        mass = np.diag(np.asarray(self.masses, dtype=float))
-        stiffness = np.zeros((n, n))
-        for i, k in enumerate(self.stiffnesses - self.leaning()):
-            stiffness[i, i] += k
-            if i > 0:
-                stiffness[i - 1, i - 1] += k
-                stiffness[i - 1, i] -= k
-                stiffness[i, i - 1] -= k
+        (mass, stiffness), (alpha, beta), n = self.undamped(), self.rayleigh_factors(), len(self.masses)
         drift = np.eye(n) - np.eye(n, k=-1)
         own = drift.T @ np.diag(np.zeros(n) if self.dashpots is None else self.dashpots) @ drift
-        if self.rayleigh is not None:
-            alpha, beta = self.rayleigh
-            return mass, alpha * mass + beta * stiffness + own, stiffness
-        w = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
-        if n == 1:
-            damping = 2.0 * self.damping_ratio * w[0] * mass
-        else:
-            alpha = 2.0 * self.damping_ratio * w[0] * w[1] / (w[0] + w[1])
-            beta = 2.0 * self.damping_ratio / (w[0] + w[1])
-            damping = alpha * mass + beta * stiffness
-        return mass, damping + own, stiffness
+        return mass, alpha * mass + beta * stiffness + own, stiffness
 
     def elevations(self):
         heights = [3.0] * len(self.masses) if self.storey_heights is None else self.storey_heights
@@ -1105,24 +1091,6 @@ def _two_mass_bilinear(spring, m, v0, rtol=1e-12):
 def two_mass_restitution(law, k, e, m1, m2, v0, *, damping=None):
     """Realised restitution of two free masses (see two_mass_impact)."""
     return two_mass_impact(law, k, e, m1, m2, v0, damping=damping)["restitution"]
-
-
-def sdof_exact(mass, stiffness, damping, ag, dt, *, u0=0.0, v0=0.0):
-    """Displacement and velocity of one damped mass at the record points, ag linear in between (closed form)."""
-    w = np.sqrt(stiffness / mass)
-    zeta = damping / (2.0 * mass * w)
-    wd = w * np.sqrt(1.0 - zeta**2)
-    decay, c, s = np.exp(-zeta * w * dt), np.cos(wd * dt), np.sin(wd * dt)
-    u, v = [u0], [v0]
-    for a0, a1 in pairwise(ag):
-        slope = (a1 - a0) / dt
-        p1 = -slope / w**2  # particular solution p0 + p1 t
-        p0 = (-a0 - 2.0 * zeta * w * p1) / w**2
-        c1 = u[-1] - p0
-        c2 = (v[-1] - p1 + zeta * w * c1) / wd
-        u.append(decay * (c1 * c + c2 * s) + p0 + p1 * dt)
-        v.append(decay * ((-zeta * w * c1 + wd * c2) * c + (-zeta * w * c2 - wd * c1) * s) + p1)
-    return np.array(u), np.array(v)
 
 
 def modal_exact(building, ag, dt, *, velocity=None):

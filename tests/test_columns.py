@@ -9,7 +9,7 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
-from against_twin import motion, simulate, twins
+from against_twin import motion, twins
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FRAMED, STAGGERED
@@ -77,24 +77,6 @@ def test_what_the_model_does_not_cover_is_refused():
     assert ps.Sweep(STAGGERED, "el_centro", ["linear", "none"], stiffnesses=8e5).plan().n_asked == 2
     floors = replace(STAGGERED, contacts="floors", allow_unmet=True)
     assert ps.Sweep(floors, "el_centro", "hertz", stiffnesses=8e5).plan().n_asked == 1
-
-
-# -- against the independent solver ------------------------------------------------------------------------------------
-
-
-def test_what_columns_bear_sums_to_the_force():
-    one = simulate(STAGGERED, "kelvin_voigt", 126, dt=1e-3)
-    columns = ~one.pair.isin(["a-b", "b-wall"])
-    both = (one.column_shear_bottom_max + one.column_shear_top_max).where(columns)
-    force = one.impact_force_max.where(columns)
-    np.testing.assert_allclose(both, force, rtol=1e-12)
-    assert float(force.max()) > 100.0
-    # histories: what floors feel is the force, by its shares
-    total = one.contact_force.sum(["pair", "storey"])
-    assert float(abs(total).max()) > 100.0
-    np.testing.assert_allclose(
-        one.transfer.sum("building")[-1], one.work.sum("pair")[-1], atol=1e-5 * float(one.input.max())
-    )
 
 
 # -- against a frame of beams ------------------------------------------------------------------------------------------

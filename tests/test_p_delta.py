@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from against_twin import motion
 from kernels_used import LEANING, LEANING_YIELDS
-from scenes import scene_of_case
 from scipy.linalg import eigh
 
 import pounding_sweep as ps
@@ -18,7 +17,6 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.plan.sanity import doubts
-from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.spec import overview
 
 G = 9.81
@@ -152,14 +150,6 @@ def test_a_storey_rests_where_its_weight_and_its_spring_agree():
 
 
 # -- what is compiled, stored and told ---------------------------------------------------------------------------------
-
-
-def test_a_scenario_of_a_sweep_is_its_row():
-    """The row of one scenario has the periods that the factor says, under its weights."""
-    case = Case("none", period_factors={"a": 1.5}, mass_factors={"a": 2.0})
-    one = scene_of_case(LEANING, case).buildings[0]
-    np.testing.assert_allclose(one.periods, 1.5 * LEANING.buildings[0].periods, rtol=1e-12)
-    np.testing.assert_allclose(one.geometric_stiffnesses, 2.0 * np.array(LEANING.buildings[0].geometric_stiffnesses))
 
 
 def test_a_row_in_words_tells_how_near_it_is_to_falling():
