@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.files import read_data
 from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.lanes import maximum, where
@@ -203,8 +202,44 @@ OK_CLAIM = 0.05
 SETTLED = 0.02
 
 
-#: What statuses mean, and what to do, by their labels.
-_ENDINGS = read_data("statuses.toml")
+#: How scenarios end, by the value of the status: what it means, and what to do.
+_ENDINGS = (
+    (
+        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by all rules "
+        "of the engine; where error_estimate is there, a run at another step agrees as well",
+        "",
+    ),
+    (
+        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
+        "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
+    ),
+    (
+        "the shortest contact lasted too few time steps for its peaks to be trusted",
+        "use a smaller dt (see steps_per_contact)",
+    ),
+    (
+        "the implicit equation of contacts or of smooth storeys was not solved within its tolerance in some step",
+        "use a smaller dt",
+    ),
+    (
+        "the time step is beyond the stability limit of the scheme; the scenario was refused",
+        "use a smaller dt or the newmark scheme",
+    ),
+    (
+        "the scenario has no result, for instance because its worker failed or because no merged cube has it",
+        "run the sweep again, for a merged cube with --extend of it",
+    ),
+    (
+        "the time step is too long for a building's fundamental period, or for the ground motion",
+        "use a smaller dt, or the exact scheme",
+    ),
+    (
+        "the estimated error is more than the accuracy asked for, however often the time step was halved, or, "
+        f"at a given step, more than {SETTLED:.0%}",
+        "use a smaller dt, or ask for a larger relative error (see error_estimate)",
+    ),
+)
 
 
 class Status(IntEnum):
@@ -220,11 +255,10 @@ class Status(IntEnum):
     UNSETTLED = 7
 
     def __init__(self, code: int) -> None:
-        #: Name in ``flag_meanings`` and in the data file.
-        self.label = self.name.lower()
-        texts = _ENDINGS[self.label]
-        self.meaning, self.remedy = texts["meaning"].format(settled=SETTLED), texts["remedy"]
+        self.meaning, self.remedy = _ENDINGS[code]
         self.has_values = code not in (1, 4, 5)
+        #: Name in ``flag_meanings``.
+        self.label = self.name.lower()
 
 
 #: Every status, by rising value.
