@@ -1,4 +1,4 @@
-"""Comparisons of cubes made by hand, against plain loops and closed forms."""
+"""Comparisons of cubes made by hand, against plain loops and closed forms, and of a real sweep."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import LAWS, PGA, hand_cube, random_fill, sweep_attribute
+from scenes import AXES as SWEPT
+from scenes import motions, row
 
 import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures
+from pounding_sweep import Record, Sweep
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
@@ -364,3 +367,54 @@ def listed():
 def test_what_a_comparison_needs_is_told(compare, cube, arguments, message):
     with pytest.raises(InputError, match=message):
         getattr(analysis, compare)(cube, **arguments)
+
+
+# -- of a real sweep, against other runs of the same engine ------------------------------------------------------------
+
+NOMINAL = np.linspace(0.1, 1.0, 19).round(3).tolist()
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """Make the cube of three laws at many restitutions, by the published damping formulas."""
+    settings = SWEPT | {"restitutions": NOMINAL, "gaps": [0.002, 0.5], "stiffness_factors": 1.0}
+    return Sweep(row(), motions(), **settings).run(workers=1)
+
+
+def test_equal_realised_restitution_is_what_a_sweep_on_that_basis_gives(cube):
+    """Interpolated values are those of runs whose damping realises the restitution exactly."""
+    wanted = [0.5, 0.7, 0.9]
+    settings = SWEPT | {"laws": ["kelvin_voigt"], "restitutions": wanted, "gaps": [0.002], "stiffness_factors": 1.0}
+    exact = Sweep(row(), motions(), **settings, restitution_basis="realised").run(workers=1)
+    here = {"law": ["kelvin_voigt"], "gap": [0.002], "restitution": wanted}
+    found = analysis.compare_laws(cube, "kelvin_voigt").sel(basis="realised", **here)
+    for name in ("impact_force_max", "displacement_max", "displacement_min"):
+        error = abs(found[f"{name}_compared"] / exact[name] - 1.0).max()
+        nominal = abs(cube[name].sel(here) / exact[name] - 1.0).max()
+        assert float(error) < 0.004
+        assert float(nominal) > 0.015  # at equal nominal restitution they are others
+
+
+def test_a_gap_that_is_never_closed_amplifies_nothing(cube):
+    ratios = analysis.amplification(cube)
+    open_gap = ratios.sel(gap=0.5)
+    assert (open_gap.touches == 0.0).all()
+    np.testing.assert_array_equal(open_gap.displacement_peak_ratio, 1.0)
+    assert (ratios.displacement_peak_ratio.sel(gap=0.002) != 1.0).any()
+    share = analysis.impact_statistics(cube, ["record", "restitution"]).pair_touching_share
+    np.testing.assert_array_equal(share.sel(gap=0.5), 0.0)
+    assert (share.sel(gap=0.002) > 0.0).all()
+
+
+def test_response_without_pounding_is_proportional_to_its_spectral_acceleration():
+    """Of a one-storey building, displacement over Sa is the same for every record: (T / 2 pi)^2."""
+    scene = row()
+    records = [Record(r.name, r.dt, np.append(r.acceleration, np.zeros(200))) for r in motions()]  # to rest
+    settings = {key: SWEPT[key] for key in ("dt", "outputs")}
+    still = Sweep(scene, records, "none", scales=[0.5, 1.0, 2.0], **settings).run(workers=1)
+    period = float(scene.buildings[0].periods[0])
+    sa = analysis.response_spectrum(records, [period], 0.05).pseudo_acceleration.squeeze("period")
+    curves = analysis.incremental_curves(still, ["displacement_max", "displacement_min"], intensity=sa)
+    peak = np.maximum(curves.displacement_max, -curves.displacement_min).sel(building="a", storey=1)
+    slope = (peak / curves.intensity).values
+    np.testing.assert_allclose(slope, (period / (2.0 * np.pi)) ** 2, rtol=2e-3)
