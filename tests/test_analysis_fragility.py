@@ -336,7 +336,7 @@ def test_curves_of_gaps_do_not_cross_with_one_dispersion():
     apart, one = (fragility(cube, one_dispersion=axes, levels=np.geomspace(0.01, 30.0, 300)) for axes in ([], ["gap"]))
     assert one.attrs["one_dispersion"] == "gap"
     assert "curves_cross" not in one.attrs
-    assert apart.attrs["curves_cross"].startswith("of gap 0.008 and 0.02 at 0.302 m s-2, probability 0.027, and 1 more")
+    assert apart.attrs["curves_cross"].startswith("of gap 0.008 and 0.02 at 0.302 m s-2, probability 0.027: their")
     at = {"pair": "a-b", "law": "linear"}
     low, high = (apart["probability"].sel(at).sel(gap=gap) for gap in GAPS[1:])
     crossing = float(high.intensity[np.argmax(np.diff(np.sign(low - high)) != 0)])

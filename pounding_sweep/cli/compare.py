@@ -27,8 +27,6 @@ _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "gi
 _COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units")
 #: Options that are numbers, and where they must lie.
 _INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
-#: Event whose fragility is found where none is named.
-DEFAULT_EVENT = "touch"
 
 
 @dataclass
@@ -50,9 +48,7 @@ class CompareOptions:
         bool, Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
     ] = False
     reference: Annotated[str | None, option("LAW", "Law that the others are compared with.")] = None
-    event: Annotated[
-        str | None, option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default.")
-    ] = None
+    event: Annotated[str | None, option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")] = None
     level: Annotated[float | None, option("X", "What the event must exceed, in its own unit.")] = None
     one_dispersion: Annotated[
         list[str] | None,
@@ -130,7 +126,7 @@ class CompareOptions:
         if self.hazard is not None:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
         if "fragility" in keys:
-            get_event(self.event or DEFAULT_EVENT, self.level)
+            get_event(self.event or "touch", self.level)
         for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
             if os.path.exists(path):  # Path.exists raises where the folder can't be read
                 check_output(path, self.overwrite, netcdf=path.suffix == ".nc")

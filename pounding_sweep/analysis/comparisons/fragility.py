@@ -417,11 +417,10 @@ def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float |
 
 
 def crossed(dataset: xr.Dataset) -> str:
-    """Say which curves of neighbouring values cross at the intensities given, and where; "" where none do."""
+    """Say where curves of neighbouring values first cross at the intensities given; "" where none do."""
     from scipy.special import ndtr
 
-    count, first, at = 0, "", dataset["intensity"].values
-    fits = dataset[["median", "dispersion"]]
+    at, fits = dataset["intensity"].values, dataset[["median", "dispersion"]]
     for axis in (str(dim) for dim in fits["median"].dims if dim not in ("law", "pair", "building")):
         median, dispersion = (np.moveaxis(part.transpose(axis, ...).values, 0, -1) for part in fits.values())
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one dispersion, or hardly another
@@ -430,8 +429,6 @@ def crossed(dataset: xr.Dataset) -> str:
         seen = (at.min() <= where) & (where <= at.max()) & (np.minimum(share, 1.0 - share) > SEEN)
         for place in map(tuple, np.argwhere(seen)[:1]):
             labels = " and ".join(f"{label:g}" for label in dataset[axis].values[place[-1] :][:2].tolist())
-            units = dataset["median"].attrs["units"]
-            first = first or f"of {axis} {labels} at {where[place]:.3g} {units}, probability {share[place]:.2g}"
-        count += int(seen.sum())
-    more = f", and {count - 1} more" if count > 1 else ""
-    return first and f"{first}{more}: their dispersions are fitted apart"
+            here = f"at {where[place]:.3g} {dataset['median'].attrs['units']}, probability {share[place]:.2g}"
+            return f"of {axis} {labels} {here}: their dispersions are fitted apart"
+    return ""
