@@ -98,8 +98,8 @@ def silent_models(table: xr.Dataset) -> dict[str, list[str]]:
 
 def unbalanced(transfers: xr.Dataset) -> xr.DataArray:
     """Where some building receives more than all others together ever give."""
-    given, received = transfers["energy_transfer_max"], -transfers["energy_transfer_min"]
-    others = given.sum("building") - given
+    released, received = transfers["energy_transfer_max"], -transfers["energy_transfer_min"]
+    others = released.sum("building") - released
     return (received > others + 1e-6 * abs(received)).any("building")
 
 
