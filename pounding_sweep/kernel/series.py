@@ -36,7 +36,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
-from pounding_sweep.kernel.row import Pushes, accelerations, powers
+from pounding_sweep.kernel.row import Pushes, accelerations, each_given, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
@@ -548,7 +548,8 @@ def _integrate(group: Group) -> None:
     if "links" in r:
         links.clear_powers(group)
     if "transfer" in r:
-        transfers.begin(group)
+        for b in group.each(group.spec.n_buildings):
+            s["gain", b] = s["swing", b] = group.full(0.0)
     per = _per(group)
     for q in count_to(len(nodes)):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
@@ -569,7 +570,9 @@ def _integrate(group: Group) -> None:
             with when_any(closed):
                 force = _force_at(contact, t)
                 if "transfer" in r:
-                    transfers.add(contact, force, weight)
+                    for b, gain in each_given(contact, force, "y"):
+                        s["gain", b] = fma(weight, gain, s["gain", b])
+                        s["swing", b] = fma(weight, size(gain), s["swing", b])
                 if "impulse" in r:
                     contact.impulse = fma(weight, force, contact.impulse)
                 if "work" in r:

@@ -54,30 +54,26 @@ def _take(group: Group, b: Any, energy: Any) -> None:
 
 def substep(group: Group, taken: Any) -> None:
     """Add what buildings gave over the sub-step that some lanes have taken, and take its extremes."""
+    s, h, implicit = group.state, group.state["h"], group.spec.implicit
     closed = taken & is_closed(group)
     with when_any(closed):
-        _add(group, closed)
-
-
-def _add(group: Group, closed: Any) -> None:
-    s, h, implicit = group.state, group.state["h"], group.spec.implicit
-    _find_ends(group, lambda contact: (contact.f0, contact.f1))
-    for b in group.each(group.spec.n_buildings, straight=False):
-        early, late = h * s["given0", b], h * s["given1", b]
-        gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
-        e0 = s["now", b]
-        s["now", b] = e1 = e0 + where(closed, gain, 0.0)
-        _take(group, b, e1)
-        curve = cubic(e0, e1, early, late)
-        for turn in cubic_turns(curve):
-            if implicit or group.spec.impulsive:
-                _take(group, b, where(closed, curve.value(turn), e1))
-                continue
-            turns = closed & (turn > 0.0)
-            with when_any(turns):
-                at = turn - h * _power(group, b, turn, TRIED) / curve.rate.rate.value(turn)
-                at = where((at > 0.0) & (at < 1.0), at, turn)
-                _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
+        _find_ends(group, lambda contact: (contact.f0, contact.f1))
+        for b in group.each(group.spec.n_buildings, straight=False):
+            early, late = h * s["given0", b], h * s["given1", b]
+            gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
+            e0 = s["now", b]
+            s["now", b] = e1 = e0 + where(closed, gain, 0.0)
+            _take(group, b, e1)
+            curve = cubic(e0, e1, early, late)
+            for turn in cubic_turns(curve):
+                if implicit or group.spec.impulsive:
+                    _take(group, b, where(closed, curve.value(turn), e1))
+                    continue
+                turns = closed & (turn > 0.0)
+                with when_any(turns):
+                    at = turn - h * _power(group, b, turn, TRIED) / curve.rate.rate.value(turn)
+                    at = where((at > 0.0) & (at < 1.0), at, turn)
+                    _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
 
 
 def _find_ends(group: Group, forces_of: Callable[[Contact], Any]) -> None:
@@ -114,21 +110,6 @@ def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
 
 
 # steps by series -----------------------------------------------------------------------------------------------------
-
-
-def begin(group: Group) -> None:
-    """Let nothing be transferred in the step yet."""
-    for name in ("gain", "swing"):
-        for b in group.each(group.spec.n_buildings):
-            group.state[name, b] = group.full(0.0)
-
-
-def add(contact: Contact, force: Any, weight: Any) -> None:
-    """Add the powers of a contact at a Gauss point, at which floors have the velocities ``y``."""
-    s = contact.group.state
-    for b, power in each_given(contact, force, "y"):
-        s["gain", b] = fma(weight, power, s["gain", b])
-        s["swing", b] = fma(weight, size(power), s["swing", b])
 
 
 def by_series(group: Group, nodes: int, course: Course) -> None:
