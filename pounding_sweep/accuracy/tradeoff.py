@@ -20,7 +20,6 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics
@@ -54,18 +53,44 @@ RESOLUTION = 3.0
 DOUBTFUL = 1e-5
 #: Shares of the scenarios whose error is at most the statistic.
 STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
-_DATA = read_data("tradeoff.toml")
 #: Sets of scenarios that statistics are made of.
-POPULATIONS: dict[str, str] = _DATA["populations"]
+POPULATIONS = {
+    "all": "every scenario that was not refused",
+    "steady": "those that are not sensitive",
+    "sensitive": "those that are",
+    "ok": "those whose status is ok in this configuration",
+    "ok_steady": "those whose status is ok in this configuration and that are not sensitive",
+}
 #: Dimensions of a configuration.
 CONFIGURATION = ("scheme", "located", "precision", "step")
 #: Attribute by which a dataset is known as a trade, and its value.
 KIND_ATTRIBUTE, KIND = "pounding_sweep_kind", "tradeoff"
-#: Numbers and lists in the texts of a trade's variables.
-_IN_TEXTS = {
-    **{"resolution": RESOLUTION, "change": CHANGE, "claim": OK_CLAIM},
-    "statuses": " ".join(status.label for status in STATUS),
-    "populations": "; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()),
+_ERROR = "relative error: largest difference over the largest value of the scenario; infinite: diverged"
+_REFERENCE_ERROR = "upper estimate (its difference to twice its step) of the converged solution's own relative error"
+#: Long name and units (or meanings of flags) of what a trade holds; ``law_error`` has those of ``error``.
+_ABOUT = {
+    "error": (_ERROR, "1"),
+    "resolution": ("least relative error that can be told from the converged solution's own", "1"),
+    "resolved": (f"error at least {RESOLUTION:g} times the converged solution's own", "no yes"),
+    "pareto": ("no other configuration is as good in cost and error and better in one", "no yes"),
+    "cost": ("processor time of one core per thousand scenarios, best of the passes", "s"),
+    "cost_median": ("processor time of one core per thousand scenarios, median of the passes", "s"),
+    "status_count": ("scenarios of the sample by status", "1"),
+    "reference_error": (_REFERENCE_ERROR, "1"),
+    "scenario_error": (_ERROR, "1"),
+    "scenario_status": ("status of the scenario", " ".join(s.label for s in STATUS)),
+    "scenario_reference_error": (_REFERENCE_ERROR, "1"),
+    "sensitivity": (f"largest relative change of an output when all inputs change by {CHANGE:g}", "1"),
+    "sensitive": (f"sensitivity above {OK_CLAIM:g}", "steady sensitive"),
+    "located": ("contacts and peaks located inside the step", "no yes"),
+    "step": ("largest time step", "s"),
+    "time_step": ("time step: the record's own, divided evenly", "s"),
+    "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
+    "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
+    "scenario_scale": ("factor on the record", "1"),
+    "scenario_gap": ("gap of the pair", "m"),
+    "scenario_stiffness": ("contact stiffness, in kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5", ""),
+    "scenario_restitution": ("nominal coefficient of restitution", "1"),
 }
 
 Values = dict[str, np.ndarray]
@@ -348,8 +373,7 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
-        about = _DATA["about"].get(str(name).removeprefix("law_"), ("", ""))
-        text, units = (part.format(**_IN_TEXTS) for part in about)
+        text, units = _ABOUT.get(str(name).removeprefix("law_"), ("", ""))
         flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
         variable.attrs = {"long_name": text} if text else {}
         variable.attrs |= flags if " " in units else {"units": units} if units else {}
