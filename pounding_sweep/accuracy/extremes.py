@@ -376,9 +376,9 @@ class Run:
 
 def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
     """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
-    both = np.stack([values["displacement_max"], values["displacement_min"]], axis=1)
+    displacement = np.stack([values["displacement_max"], values["displacement_min"]], axis=1)
     names = (name for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in values)
-    return {"displacement_max": both, **{name: values[name] for name in names}}
+    return {"displacement_max": displacement, **{name: values[name] for name in names}}
 
 
 def peak_error(values: Mapping[str, np.ndarray], peaks: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -458,7 +458,7 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     ``energy``: over what the ground can have brought in; ``faults``: demands that are not met.
     """
     batch, values, status = run.batch, run.values, run.values["status"]
-    ok, has_values, known = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
+    ok, has_values, has_reference = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
     finite, empty = np.ones(len(batch), bool), np.ones(len(batch), bool)
     for name, array in values.items():
         if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force):
@@ -469,7 +469,7 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     with np.errstate(invalid="ignore", over="ignore"):
         created = np.where(sound, created_energy(values), 0.0)
         share = np.where(sound, energy_share(batch, values), 0.0)
-    judged = ok & sound & known
+    judged = ok & sound & has_reference
     error = np.where(judged, peak_error(values, reference.peaks), np.nan)
     missed = judged & (error > OK_CLAIM)
     sensitive, unsettled = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
@@ -491,7 +491,7 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
     columns = {name: getattr(batch.table, name) for name in ("gaps", "stiffness", "restitution", "scale")}
     columns |= {"error": error, "missed": missed, "unsettled": unsettled, "sensitive": sensitive, "created": created}
-    columns |= {"unknown": ok & sound & ~known, "energy": share}
+    columns |= {"unknown": ok & sound & ~has_reference, "energy": share}
     rows_of = zip(*(column.tolist() for column in columns.values()), strict=True)
     return [
         about
@@ -640,16 +640,16 @@ def stability_map(
     references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
     name = "impact_force_max"
     expected = np.concatenate([reference.peaks[name] for reference in references])
-    known = np.isfinite(np.concatenate([reference.step for reference in references]))
+    has_reference = np.isfinite(np.concatenate([reference.step for reference in references]))
     errors = np.array([[relative_error(name, run[name], expected) for run in line] for line in runs])
-    shown = known & np.isin(status, _WITH_VALUES)
+    drawn = has_reference & np.isin(status, _WITH_VALUES)
     dims, codes = ("scheme", "dt", "stiffness"), np.arange(len(STATUS), dtype=np.int8)
     about = {"units": "1", "long_name": "relative error of the peak contact force"}
     flags = {"flag_values": codes, "flag_meanings": " ".join(s.label for s in STATUS)}
     unit = {"units": chosen.stiffness_unit, "long_name": "contact stiffness"}
     return xr.Dataset(
         {
-            "peak_force_error": (dims, np.where(shown, errors, np.nan), about),
+            "peak_force_error": (dims, np.where(drawn, errors, np.nan), about),
             "status": (dims, status, {"long_name": "status of the scenario", **flags}),
         },
         {

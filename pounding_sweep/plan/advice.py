@@ -206,11 +206,11 @@ def read_measured(data: dict[str, Any]) -> Measured:
 
 def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
     """Return the classes that hold any of `outputs`; motions where none does."""
-    asked = set(check_outputs(outputs))
-    return tuple(kind for kind, names in CLASSES.items() if asked & set(names)) or ("motions",)
+    requested = set(check_outputs(outputs))
+    return tuple(kind for kind, names in CLASSES.items() if requested & set(names)) or ("motions",)
 
 
-def whole_steps(wanted: np.ndarray) -> np.ndarray:
+def round_up_steps(wanted: np.ndarray) -> np.ndarray:
     """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ..."""
     return np.asarray(_STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))])
 
@@ -311,8 +311,8 @@ class Demand:
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         one = np.ones(len(self.variants))
         limit = largest_step(self.variants, self.laws[-1], 0.0 * one, one, method=method) * (1.0 - 1e-6)
-        uncoupled = whole_steps(np.maximum(of_modes / self.mode, 1.0 / limit) * interval[:, None])
-        steps = whole_steps(wanted * interval[table.record])
+        uncoupled = round_up_steps(np.maximum(of_modes / self.mode, 1.0 / limit) * interval[:, None])
+        steps = round_up_steps(wanted * interval[table.record])
         steps = np.maximum(steps, least[table.record, table.variant])
         return steps.astype(np.int32), np.maximum(uncoupled, least).astype(np.int32)
 
@@ -331,17 +331,17 @@ class Demand:
                 break
         return result
 
-    def cost(self, method: str, each: float, steps: np.ndarray, need: dict[str, float]) -> float:
+    def cost(self, method: str, nanoseconds: float, steps: np.ndarray, need: dict[str, float]) -> float:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
         total, refinement = 0.0, _refinement(method, need)
         for r, count, rows in self.table.by_step(steps):
-            record, each_interval = self.spec.records[r], np.full(len(rows), float(count))
+            record, interval_steps = self.spec.records[r], np.full(len(rows), float(count))
             if SCHEMES[method].flies_exactly:
                 numerics = Numerics(method, record.dt / count, refinement=refinement)
                 kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
-                each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
-            total += (record.n_points - 1) * float((each_interval * self.repeats[rows]).sum())
-        return total * self.spec.scene.n_dof * each * 1e-9
+                interval_steps = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
+            total += (record.n_points - 1) * float((interval_steps * self.repeats[rows]).sum())
+        return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
 
 def advise(demand: Demand) -> Advice:

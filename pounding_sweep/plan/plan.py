@@ -186,11 +186,11 @@ class Plan:
         Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
         other scenarios whether they touch: fewer are as soon run themselves.
         """
-        asked, count = (
+        requested, count = (
             np.bincount(self.uncoupled_of[~self.refused & rows], minlength=len(self.uncoupled_runs))
             for rows in (self.no_contact, ~self.no_contact)
         )
-        return np.flatnonzero((asked > 0) | (count >= LEAST_SHARED))
+        return np.flatnonzero((requested > 0) | (count >= LEAST_SHARED))
 
     def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[Chunk]:
         """Cut rows of `unique`, or of `uncoupled_runs`, into chunks; depends on nothing but the sweep and the rows."""
@@ -316,8 +316,8 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
 
     def repeated(column: np.ndarray) -> np.ndarray:
         """Return a column for all scenarios; where all rows agree, in the memory of one."""
-        alike = len(column) > 0 and bool((column == column[0]).all())
-        return np.broadcast_to(column[0], len(unique)) if alike else np.repeat(column, repeats)
+        constant = len(column) > 0 and bool((column == column[0]).all())
+        return np.broadcast_to(column[0], len(unique)) if constant else np.repeat(column, repeats)
 
     columns = repeated(refused), repeated(limit), numerics, repeated(steps), uncoupled
     runs = uncoupled_runs_of(unique, len(laws) - 1)
@@ -331,10 +331,10 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     for contact, bumper, displacement in zip(scene.contacts, scene.bumper_of, closing.T, strict=True):
         place = contact.pair, None if bumper is None else bumper.thickness
         needed[place] = np.maximum(needed.get(place, 0.0), displacement)
-    known = np.isfinite(closing).all(axis=1)
+    finite = np.isfinite(closing).all(axis=1)
     laws = np.array([law.thickness for law in plan.laws])[table.law]
-    result = known[plan.uncoupled_of]
+    result = finite[plan.uncoupled_of]
     for (pair, thick), most in needed.items():
-        room = table.gaps[:, pair] - (laws if thick is None else thick)
-        result &= room >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
+        clear = table.gaps[:, pair] - (laws if thick is None else thick)
+        result &= clear >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
     return result | plan.no_contact

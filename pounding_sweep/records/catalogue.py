@@ -157,7 +157,7 @@ def _files(folder: Path) -> list[Path]:
         return []
 
 
-def _known_file(name: str) -> KnownRecord | None:
+def _file_entry(name: str) -> KnownRecord | None:
     """Find the known record whose file has that name, with or without its ending."""
     stem = Path(name).stem.lower()
     return next((e for e in KNOWN_RECORDS.values() if stem in (Path(file).stem.lower() for file in e.files)), None)
@@ -210,8 +210,8 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
                 f"{key!r} is a set of {len(components)} records; give it as an item of a sweep's records, "
                 f"or one of its records, such as {f'{key}/{next(iter(components))}'!r}"
             )
-        for known, record in components.items():
-            if known.lower() == component.lower():
+        for title, record in components.items():
+            if title.lower() == component.lower():
                 return record
         raise RecordError(unknown(f"record of {key}", component, components))
     number = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name, re.ASCII | re.IGNORECASE)
@@ -225,8 +225,8 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         files = _files(folder)
         names |= {file.stem for file in files}
         of_number = [file for file in files if rsn and re.match(rf"rsn0*{rsn}(?!\d)", file.name, re.IGNORECASE)]
-        alike = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}]
-        matches = [file for file in alike if name in (file.name, file.stem)] or alike or of_number
+        equal = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}]
+        matches = [file for file in equal if name in (file.name, file.stem)] or equal or of_number
         if len(matches) > 1:
             listing = ", ".join(file.name for file in matches)
             raise RecordError(f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name")
@@ -235,7 +235,7 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     looked = f"no folder was given and {RECORDS_VARIABLE} is not set"
     if searched:
         looked = "looked in " + ", ".join(f"{at}{'' if at.is_dir() else ' (no such folder)'}" for at in searched)
-    entry = entry or _known_file(name)
+    entry = entry or _file_entry(name)
     if entry is None:
         remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
         text = f"{unknown('record', name, names)}, or a file's name; {looked}. {remedy}"
@@ -277,7 +277,7 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
         if not folder.is_dir():
             listed[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
         for file in files:
-            entry = _known_file(file.name)
+            entry = _file_entry(file.name)
             names = [entry.key] if entry else []
             names += [file.stem] if [other.stem for other in files].count(file.stem) == 1 else []
             name = next((name for name in (*names, file.name) if name not in listed), str(file))

@@ -111,9 +111,9 @@ def parse_columns(source: RecordText) -> Content:
     remarks = [item for item in header if column is None or item[0] != heading[0][0]] if heading else header
     heading = heading or header[-1:]
     check_quantity(remarks, *heading)
-    shown = [f"{text[:60]!r} (line {place})" for place, text in dict.fromkeys([*heading, *remarks[:2]])]
+    quoted = [f"{text[:60]!r} (line {place})" for place, text in dict.fromkeys([*heading, *remarks[:2]])]
     title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
-    return Content(values, step, stated_units(remarks, *heading), title, header=", ".join(shown), column=column)
+    return Content(values, step, stated_units(remarks, *heading), title, header=", ".join(quoted), column=column)
 
 
 def _read_header(source: RecordText) -> tuple[Lines, int, str]:
@@ -363,12 +363,12 @@ def _parse_smc(source: RecordText) -> Content:
     quantity = lines[0].split()[-1].lower()
     if quantity in ("velocity", "displacement"):
         raise not_acceleration(quantity, f"{lines[0].strip()!r}, line 1")
-    whole, real = (floats(" ".join(lines[first:last])) for first, last in ((11, 17), (17, 27)))
-    if not whole or not real or len(whole) != 48 or len(real) != 50:
+    integers, real = (floats(" ".join(lines[first:last])) for first, last in ((11, 17), (17, 27)))
+    if not integers or not real or len(integers) != 48 or len(real) != 50:
         raise RecordError("lines 12 to 27 are not the numbers of an SMC header; get the file again")
     where = f"second real number of the header, {real[1]:g} samples/s, line 18"
     step = choose_step(source, [(1.0 / (real[1] or float("nan")), where)])
-    values = source.numbers(28 + int(whole[15]), int(whole[16]), "the number of points")
+    values = source.numbers(28 + int(integers[15]), int(integers[16]), "the number of points")
     return Content(values, step, [Stated("cm/s2", "that of SMC files")], " ".join(lines[5].split()))
 
 

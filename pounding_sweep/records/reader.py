@@ -306,21 +306,21 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
     for item in content.units:
         if match_unit(item.text) or plain_unit(item.text) not in _QUANTITIES:
             stated.setdefault(match_unit(item.text) or item.text, item)
-    known = [unit for unit in stated if unit in UNITS]
-    if content.units and not known:
+    valid = [unit for unit in stated if unit in UNITS]
+    if content.units and not valid:
         for item in content.units:
             if quantity := _QUANTITIES.get(plain_unit(item.text)):
                 raise not_acceleration(quantity, item.where)
     if wanted:
         over = " and ".join(item.where for unit, item in stated.items() if unit != wanted)
         return wanted, f"given{', in place of ' + over if over else ''}"
-    if len(stated) == len(known) == 1:
-        return known[0], stated[known[0]].where
+    if len(stated) == len(valid) == 1:
+        return valid[0], stated[valid[0]].where
     if content.default_unit and not stated:
         return content.default_unit
     listed = [f"{item.text!r} ({item.where})" for item in stated.values()]
     fault = f"states several units: {' and '.join(listed)}"
-    if not known:
+    if not valid:
         header = ", ".join(listed) or content.header
         fault = f"its units are not known{f'; its header says {header}' if header else ''}"
     raise RecordError(f"{fault}; give units= one of {', '.join(map(repr, UNITS))}")
@@ -376,8 +376,8 @@ def choose_step(source: RecordText, stated: Sequence[Step]) -> Step:
         over = " and ".join(where for _, where in wrong)
         return source.dt, f"given{', in place of ' + over if over else ''}"
     if len(different) != 1:
-        both = " and ".join(f"{step:g} s ({where})" for step, where in different)
-        fault = f"states several time steps: {both}" if different else "has no time step"
+        steps = " and ".join(f"{step:g} s ({where})" for step, where in different)
+        fault = f"states several time steps: {steps}" if different else "has no time step"
         raise RecordError(f"{fault}; give dt= in seconds")
     return different[0]
 

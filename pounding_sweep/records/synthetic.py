@@ -167,8 +167,8 @@ def remade(source: str, points: int | None = None) -> Record | None:
     if "seed" in values:
         values["seed"] = int(values["seed"])
     try:
-        whole = make(**values)
-        return whole if points in (None, whole.n_points) else make(**values, duration=(points - 1) * whole.dt)
+        record = make(**values)
+        return record if points in (None, record.n_points) else make(**values, duration=(points - 1) * record.dt)
     except (RecordError, TypeError):  # a text that this package did not write
         return None
 
