@@ -76,7 +76,7 @@ def _truth(scene, law, points, scale, stop):
     whole, e = ps.get_law(law), scene.contact.restitution
     k = whole.reference_stiffness or scene.contact.reference(whole.exponent)
     gaps = [gap - whole.thickness for gap in scene.gaps]
-    more = {"links": links, "bumpers": bumpers, "columns": scene.contacts.asked == "floors and columns"}
+    more = {"links": links, "bumpers": bumpers, "columns": scene.contacts.kind == "floors and columns"}
     only = {scene.pair_names.index(pair): list(storeys) for pair, storeys in scene.storeys}
     ground = record.acceleration, record.dt
     found = naive.run(twins(scene), gaps, *ground, naive_law(law, stop), k, e, only=only, rtol=1e-11, **more)

@@ -171,7 +171,7 @@ def test_a_row_comes_back_from_files(name, tmp_path):
     for each in again:
         assert each == scene
         assert hash(each) == hash(scene)
-        assert each.contacts.asked == scene.contacts.asked
+        assert each.contacts.kind == scene.contacts.kind
 
 
 @pytest.mark.parametrize("name", cases([(name,) for name in SWEEPS], lambda name: name != "yields"))

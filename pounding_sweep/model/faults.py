@@ -138,16 +138,16 @@ def _wording(taker: Any, descriptions: Mapping[str, str | None]) -> Iterator[Non
             faults.entries += dict.fromkeys(worded(detail, taker, descriptions) for detail in details)
 
 
-def _check(cls: Any, given: Any, read: Callable[[Any], Any]) -> Any:
+def _check(cls: Any, raw: Any, read: Callable[[Any], Any]) -> Any:
     """Validate a table, or the arguments of a class; `FILE_KEYS` are keys that a file's reader replaces."""
     keys = {name: field.description for name, field in cls.__pydantic_fields__.items() if field.init is not False}
-    if isinstance(given, dict):
+    if isinstance(raw, dict):
         keys |= dict.fromkeys(getattr(cls, "FILE_KEYS", ()))
-    elif not isinstance(given, (cls, ArgsKwargs)):
+    elif not isinstance(raw, (cls, ArgsKwargs)):
         name = cls.__name__.removesuffix("Table")
-        raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(given)}")
+        raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(raw)}")
     with _wording(cls, keys):
-        return read(given)
+        return read(raw)
 
 
 class Table(BaseModel):
@@ -195,11 +195,11 @@ def _raising(call: Any, taker: Any, keys: Mapping[str, None], raised: type[Input
         try:
             return call(*args, **named)
         except ValidationError as error:
-            found = [worded(each, taker, keys) for each in error.errors(include_url=False)]
+            errors = [worded(detail, taker, keys) for detail in error.errors(include_url=False)]
             names = *(named.get(key) for key in ("name", "pair", "key")), *args
             name = next((name for name in names if isinstance(name, str)), None)
             owner = taker.__name__ if name is None else f"{taker.__name__} {shown(name)}"
-            texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in found]
+            texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in errors]
             raise raised("\n".join(texts)) from None
 
     return wrapper
@@ -230,7 +230,7 @@ Positive = Annotated[Number, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 Fraction = Annotated[Number, Field(ge=0.0, lt=1.0)]
-Whole = Annotated[
+Integer = Annotated[
     int, BeforeValidator(lambda value: int(value) if isinstance(value, np.integer) else value), Field(strict=True)
 ]
 
@@ -247,9 +247,9 @@ Listed = BeforeValidator(_as_tuple)
 
 def one_or_several(one: Any, several: Any) -> GetPydanticSchema:
     """Return the schema of one thing, or of a list."""
-    both = Annotated[one, Tag("|one")] | Annotated[several, Listed, Tag("|several")]
+    union = Annotated[one, Tag("|one")] | Annotated[several, Listed, Tag("|several")]
     tags = Discriminator(lambda value: "|several" if isinstance(value, (list, tuple, np.ndarray)) else "|one")
-    return GetPydanticSchema(lambda _, handler: handler(Annotated[both, tags]))
+    return GetPydanticSchema(lambda _, handler: handler(Annotated[union, tags]))
 
 
 def optional(kind: Any) -> GetPydanticSchema:
@@ -270,8 +270,8 @@ def called(function: Callable[..., T], table: Any, first: str = "", also: Collec
         keys[first] = meanings(function).get(names[0])
     named = {key: value for key, value in table.items() if key != first} | more
     with _wording(function, keys):
-        given = ArgsKwargs((table[first],) if first else (), named)
-        return TypeAdapter(function, config=_STRICT).validate_python(given)  # type: ignore[arg-type]
+        arguments = ArgsKwargs((table[first],) if first else (), named)
+        return TypeAdapter(function, config=_STRICT).validate_python(arguments)  # type: ignore[arg-type]
 
 
 _BOUNDS = {"gt": "above {:g}", "ge": "at least {:g}", "lt": "below {:g}", "le": "at most {:g}"}
@@ -314,19 +314,19 @@ def one_of(what: str, valid: Collection[str]) -> AfterValidator:
     return AfterValidator(check)
 
 
-def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
-    """Return one item or several as a list; None if `given` is neither."""
-    if single and isinstance(given, single):
-        return [given]
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes, dict)) else None
+def listed(value: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
+    """Return one item or several as a list; None if `value` is neither."""
+    if single and isinstance(value, single):
+        return [value]
+    return list(value) if isinstance(value, Iterable) and not isinstance(value, (str, bytes, dict)) else None
 
 
-def valid_part(model: type[Table], given: Any, faults: Faults) -> dict[str, Any]:
+def valid_part(model: type[Table], raw: Any, faults: Faults) -> dict[str, Any]:
     """Return the values of a table by key, defaults for those at fault; nothing of what is no table."""
     before = len(faults.entries)
-    table = faults.attempt((), model.model_validate, given)
-    if table is not None or not isinstance(given, dict):
+    table = faults.attempt((), model.model_validate, raw)
+    if table is not None or not isinstance(raw, dict):
         return dict(table or ())
     wrong = {place[0] for place, _ in faults.entries[before:]}
-    valid = model.model_construct(**{name: value for name, value in given.items() if name not in wrong})
+    valid = model.model_construct(**{name: value for name, value in raw.items() if name not in wrong})
     return {**dict.fromkeys(model.model_fields), **dict(valid)}

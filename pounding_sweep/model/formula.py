@@ -64,34 +64,34 @@ def _number(part: ast.expr) -> float | None:
         return None
 
 
-def value(part: ast.expr, given: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+def value(part: ast.expr, variables: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
     """Value of a formula that was read, of names and functions."""
     match part:
         case ast.Constant(value=float() | int() as number) if math.isfinite(number):
             return float(number)
-        case ast.Name(id=name) if name in given:
-            return given[name]
+        case ast.Name(id=name) if name in variables:
+            return variables[name]
         case ast.BinOp(left=left, op=ast.Pow(), right=right) if (power := _number(right)) is not None:
-            return functions["pow"](value(left, given, functions), power)
+            return functions["pow"](value(left, variables, functions), power)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-            return _OPERATORS[type(op)](value(left, given, functions), value(right, given, functions))
+            return _OPERATORS[type(op)](value(left, variables, functions), value(right, variables, functions))
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -value(operand, given, functions)
+            return -value(operand, variables, functions)
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in functions and len(
             args
         ) == _ARGUMENTS.get(name):
-            return functions[name](*(value(each, given, functions) for each in args))
-    allowed = ", ".join((*given, "+ - * /", "** with a number", *(name for name in functions if name != "pow")))
+            return functions[name](*(value(arg, variables, functions) for arg in args))
+    allowed = ", ".join((*variables, "+ - * /", "** with a number", *(name for name in functions if name != "pow")))
     what = f"{ast.unparse(part)!r} at column {part.col_offset + 1}"
     raise LawError(f"{what} is not allowed in a contact-law formula; allowed: numbers, {allowed}")
 
 
-def on_arrays(text: str, **given: Any) -> np.ndarray:
+def on_arrays(text: str, **variables: Any) -> np.ndarray:
     """Value of a formula of NumPy arrays; of a force, `r` is the root of `d`."""
-    if "d" in given:
-        given["r"] = np.sqrt(np.maximum(given["d"], 0.0))
+    if "d" in variables:
+        variables["r"] = np.sqrt(np.maximum(variables["d"], 0.0))
     with np.errstate(all="ignore"):
-        return np.asarray(value(read(text), {"pi": math.pi, **given}, ON_ARRAYS), float)
+        return np.asarray(value(read(text), {"pi": math.pi, **variables}, ON_ARRAYS), float)
 
 
 def slope(text: str) -> str:

@@ -261,7 +261,7 @@ class Law:
 #: Penetrations (m), the first two to tell the power with which a force begins, and restitutions that are tried.
 _DEPTHS, _NOMINAL = np.array([1e-12, 2e-12, *np.geomspace(1e-8, 0.5, 40)]), np.linspace(0.05, 1.0, 20)
 #: Agreement of formulas, relative.
-_ALIKE = 1e-9
+_RTOL = 1e-9
 
 
 def _completed(law: Law) -> dict[str, Any]:
@@ -280,9 +280,9 @@ def _completed(law: Law) -> dict[str, Any]:
     slopes = {}
     for name, force in (("elastic", elastic), ("damper", law.damper)):
         text = getattr(law, f"{name}_slope")
-        for each in (force, text):
-            if each:
-                formulas.check(each, formulas.FORCE_NAMES)
+        for formula in (force, text):
+            if formula:
+                formulas.check(formula, formulas.FORCE_NAMES)
         if text and force and not _is_slope(text, force):
             raise LawError(f"{name}_slope {text!r} is not the derivative of {force!r} by d; leave it out")
         slopes[f"{name}_slope"] = text or (formulas.slope(force) if force else "0.0")
@@ -335,7 +335,7 @@ def _tried(text: str, depths: np.ndarray, coefficient: float = 1.0) -> np.ndarra
 
 
 def _is_constant(ratio: np.ndarray) -> bool:
-    return bool(np.ptp(ratio) <= _ALIKE * ratio[0])
+    return bool(np.ptp(ratio) <= _RTOL * ratio[0])
 
 
 def _is_slope(text: str, force: str) -> bool:
@@ -353,7 +353,7 @@ def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
         raise LawError(
             f"{what} {text!r} is {values[wrong][0]:g} at d = {_DEPTHS[wrong][0]:.3g} m, with k = c = 1; it must be > 0"
         )
-    if not np.allclose(twice, 2.0 * values, rtol=_ALIKE, atol=0.0):
+    if not np.allclose(twice, 2.0 * values, rtol=_RTOL, atol=0.0):
         name = "c" if exponent is None else "k"
         raise LawError(f"{what} {text!r} must be proportional to {name}, which carries the unit")
     if exponent is not None and not (np.diff(values) > 0.0).all():

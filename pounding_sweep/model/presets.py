@@ -119,7 +119,7 @@ def base_isolated(
     soft = total * w**2
     stiff = soft + strength / yield_drift
     share = 2.0 * float(np.ravel(building.damping_ratio)[0]) / float(building.frequencies[0])
-    own = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
+    k_and_c = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
     assert building.storey_heights is not None
     first_yield, first_hardening = (stiff * yield_drift, soft / stiff) if strength else (math.inf, 0.0)
     storeys = building.yield_strengths or [math.inf] * n
@@ -134,5 +134,5 @@ def base_isolated(
         damping_stiffness="initial",
         slab_depths=None if building.slab_depths is None else [0.0, *building.slab_depths],
         column_stiffnesses=None if building.column_stiffnesses is None else [stiff, *building.column_stiffnesses],
-        dashpots=[2.0 * damping_ratio * total * w, *(share * k + c for k, c in own)],
+        dashpots=[2.0 * damping_ratio * total * w, *(share * k + c for k, c in k_and_c)],
     )

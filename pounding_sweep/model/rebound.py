@@ -136,16 +136,16 @@ def _tension_restitution(z: np.ndarray) -> np.ndarray:
         return np.asarray(np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under))))
 
 
-def _yielding_lost(held: np.ndarray) -> np.ndarray:
+def _yielding_loss(force: np.ndarray) -> np.ndarray:
     """1 - e^2 of B in [0, 1], the yield force in parts of that at the depth which an elastic contact would reach."""
-    energy = 0.5 * held * YIELD_SHARE + 0.4
-    depth = 2.0 * energy / (held + np.sqrt(held * held + 2.0 * (1.0 - held) * energy))
-    return np.asarray(held * (depth - YIELD_SHARE) / 0.4)
+    energy = 0.5 * force * YIELD_SHARE + 0.4
+    depth = 2.0 * energy / (force + np.sqrt(force * force + 2.0 * (1.0 - force) * energy))
+    return np.asarray(force * (depth - YIELD_SHARE) / 0.4)
 
 
 def _yielding_number(e: np.ndarray) -> np.ndarray:
-    lost = (1.0 - e) * (1.0 + e)
-    ratio = _root(lambda ratio: _yielding_lost(ratio / (1.0 + ratio)) - lost, e)  # of the yield force to what is left
+    loss = (1.0 - e) * (1.0 + e)
+    ratio = _root(lambda ratio: _yielding_loss(ratio / (1.0 + ratio)) - loss, e)  # of the yield force to what is left
     return np.asarray(ratio / (1.0 + ratio) * (1.0 - YIELD_SHARE) / 0.4)
 
 
@@ -177,7 +177,7 @@ RELATIONS: dict[str, Relation] = {
     "rebound": Relation("D^2 = -2 (e D + ln(1 - e D))", **_damped_rebound(np.zeros_like)),
     "yielding": Relation(
         "1 - e^2 = B (x - a) / 0.4, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a), a = 0.1",
-        lambda lost: np.sqrt(1.0 - _yielding_lost(lost * 0.4 / (1.0 - YIELD_SHARE))),
+        lambda number: np.sqrt(1.0 - _yielding_loss(number * 0.4 / (1.0 - YIELD_SHARE))),
         _yielding_number,
         smallest=0.36,  # where the force hardly grows once it has yielded
     ),

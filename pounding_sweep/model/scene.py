@@ -22,11 +22,11 @@ from pounding_sweep.model.faults import (
     Faults,
     Flag,
     Fraction,
+    Integer,
     Listed,
     NotNegative,
     Number,
     Positive,
-    Whole,
     checked,
     derived,
     one_of,
@@ -166,7 +166,7 @@ class Foundation:
     def scaled(self, mass: float, period: float) -> Foundation:
         """Return one of so many times the mass, and of so many times the periods."""
         powers = {"stiffness": 2, "damping": 1}
-        factors = {each.name: mass / period ** powers.get(each.name.split("_")[-1], 0) for each in fields(self)}
+        factors = {field.name: mass / period ** powers.get(field.name.split("_")[-1], 0) for field in fields(self)}
         return Foundation(**{name: factor * getattr(self, name) for name, factor in factors.items()})
 
     #: Of sway and of rocking.
@@ -282,7 +282,7 @@ class Building:
                     lateral_stiffnesses=tuple(np.subtract(self.stiffnesses, geometric).tolist()),
                     stability_coefficients=tuple(np.divide(geometric, self.stiffnesses).tolist()),
                 )
-                self._check_whole(faults.add)
+                self._check_building(faults.add)
 
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
@@ -307,7 +307,7 @@ class Building:
             why = "p_delta and a foundation do not go together, as weights would act on its rocking too"
             fault(("foundation",), f"{why}; leave one of them out")
 
-    def _check_whole(self, fault: Callable[[Place, str], None]) -> None:
+    def _check_building(self, fault: Callable[[Place, str], None]) -> None:
         """Tell what only the building shows, its parts being valid."""
         for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights or (), strict=False)):
             if depth >= height:
@@ -529,7 +529,7 @@ class Link:
 
     pair: str
     storeys: Annotated[
-        Sequence[Annotated[int | Sequence[int], one_or_several(Whole, tuple[Whole, Whole])]],
+        Sequence[Annotated[int | Sequence[int], one_or_several(Integer, tuple[Integer, Integer])]],
         Listed,
         Field(min_length=1),
     ]
@@ -613,7 +613,7 @@ class Bumper:
     stiffness: Annotated[float, optional(Positive)] = None  # type: ignore[assignment]
     restitution: Number | None = None
     thickness: Annotated[float, optional(NotNegative)] = None  # type: ignore[assignment]
-    storeys: Annotated[Sequence[Whole], Listed] = ()
+    storeys: Annotated[Sequence[Integer], Listed] = ()
 
     def __post_init__(self) -> None:
         law = self.law
@@ -704,7 +704,7 @@ class Contact:
 class Contacts(tuple[Contact, ...]):
     """All contacts of a scene, and which of `CONTACTS` was asked for."""
 
-    asked: str = CONTACTS[0]
+    kind: str = CONTACTS[0]
 
 
 def _kind_of(item: Any) -> str:
@@ -715,7 +715,7 @@ def _kind_of(item: Any) -> str:
 _Item = Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|wall")], Discriminator(_kind_of)]
 #: Storeys by the names of pairs; JSON has them as a list of pairs.
 _Limits = Annotated[
-    dict[str, Annotated[Sequence[Whole], Listed, Field(min_length=1)]],
+    dict[str, Annotated[Sequence[Integer], Listed, Field(min_length=1)]],
     BeforeValidator(lambda value: dict(value) if isinstance(value, (list, tuple)) else value),
 ]
 
@@ -787,7 +787,7 @@ class Scene:
     dashed: tuple[bool, ...] = derived()
     foundations: tuple[int, ...] = derived()  # buildings that stand on foundations, by their numbers
     #: whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations
-    has_own_modes: bool = derived()
+    has_classical_modes: bool = derived()
     #: labels along ``pair`` in results: each pair, and after it the columns of either building that are struck
     pair_labels: tuple[str, ...] = derived()
     pair_of_label: tuple[int, ...] = derived()  # index of the pair of neighbours of each of them
@@ -816,11 +816,11 @@ class Scene:
             n_storeys=max(building.n_storeys for building in buildings),
             n_dof=sum(building.n_storeys for building in buildings),
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
-            yields=tuple(each for building in buildings for each in building.yields),
-            smooth=tuple(each and building.bouc_wen is not None for building in buildings for each in building.yields),
-            dashed=tuple(each for building in buildings for each in building.dashed),
+            yields=tuple(flag for building in buildings for flag in building.yields),
+            smooth=tuple(flag and building.bouc_wen is not None for building in buildings for flag in building.yields),
+            dashed=tuple(flag for building in buildings for flag in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
-            has_own_modes=not (self.links or any(any(item.dashed) or item.foundation for item in buildings)),
+            has_classical_modes=not (self.links or any(any(item.dashed) or item.foundation for item in buildings)),
         )
         names = [item.name for item in row]
         if repeated := sorted({n for n in names if names.count(n) > 1}):
@@ -876,9 +876,9 @@ class Scene:
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
-        asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
-        if asked not in CONTACTS:
-            raise SceneError(unknown("kind of contacts", asked, CONTACTS), ("contacts",))
+        kind = self.contacts.kind if isinstance(self.contacts, Contacts) else self.contacts
+        if kind not in CONTACTS:
+            raise SceneError(unknown("kind of contacts", kind, CONTACTS), ("contacts",))
         limits, names = self.storeys or {}, self.pair_names
         for name in limits:
             if name not in names:
@@ -887,7 +887,7 @@ class Scene:
         contacts: list[Contact] = []
         masses = [mass for building in self.buildings for mass in building.masses]
         for pair, name in enumerate(names):
-            groups = self._meeting(pair, asked == CONTACTS[1])
+            groups = self._meeting(pair, kind == CONTACTS[1])
             meeting = {contact.storey for _, group in groups for contact in group}
             for storey in limits.get(name, ()):
                 if storey not in meeting:
@@ -922,7 +922,7 @@ class Scene:
             pair_of_label=tuple(pair for _, pair in labels),
             contacts=Contacts(contacts),
         )
-        self.contacts.asked = asked
+        self.contacts.kind = kind
 
     @cached_property
     def _starts(self) -> tuple[int, ...]:

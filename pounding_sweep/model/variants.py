@@ -79,9 +79,9 @@ class Variants:
     hardening: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name, own in (("strength_factor", 1.0), ("hardening", np.nan)):
+        for name, default in (("strength_factor", 1.0), ("hardening", np.nan)):
             if getattr(self, name) is None:
-                object.__setattr__(self, name, np.broadcast_to(own, np.shape(self.period_factor)))
+                object.__setattr__(self, name, np.broadcast_to(default, np.shape(self.period_factor)))
 
     def __len__(self) -> int:
         return len(self.damping_ratio)
@@ -104,8 +104,8 @@ class Variants:
         tables |= {"yield_strengths": self.yield_strengths, "column_stiffnesses": self._column_stiffnesses}
         scaled = []
         for b, item in enumerate(self.scene.buildings):
-            floors, given = slice(*self.scene.offsets[b : b + 2]), {n for n in tables if getattr(item, n) is not None}
-            changed: dict[str, Any] = {name: tables[name][row, floors].tolist() for name in given}
+            floors, names = slice(*self.scene.offsets[b : b + 2]), {n for n in tables if getattr(item, n) is not None}
+            changed: dict[str, Any] = {name: tables[name][row, floors].tolist() for name in names}
             if item.foundation is not None:
                 factors = float(self.mass_factor[row, b]), float(self.period_factor[row, b])
                 changed["foundation"] = item.foundation.scaled(*factors)
@@ -118,9 +118,9 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = [*self.period_factor.T, np.where(np.isnan(self.damping_ratio), -1.0, self.damping_ratio)]
-        given += [*self.mass_factor.T] if self.scene.links else []  # links are what they are
-        columns = np.array([each for each in given if (each != each[0]).any()] or given[:1])
+        properties = [*self.period_factor.T, np.where(np.isnan(self.damping_ratio), -1.0, self.damping_ratio)]
+        properties += [*self.mass_factor.T] if self.scene.links else []  # links are what they are
+        columns = np.array([column for column in properties if (column != column[0]).any()] or properties[:1])
         _, first, which = np.unique(columns, axis=1, return_index=True, return_inverse=True)
         return np.sort(first), np.argsort(np.argsort(first))[which.reshape(-1)]
 
@@ -168,9 +168,9 @@ class Variants:
     @cached_property
     def hardenings(self) -> np.ndarray:
         """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
-        taken, own = self.geometric_stiffnesses, self.elastic_hardenings
-        left = (own * self.elastic_stiffnesses - taken) / self.stiffnesses
-        return np.asarray(np.where((taken > 0.0) & np.isfinite(self.yield_strengths), left, own))
+        geometric, elastic = self.geometric_stiffnesses, self.elastic_hardenings
+        left = (elastic * self.elastic_stiffnesses - geometric) / self.stiffnesses
+        return np.asarray(np.where((geometric > 0.0) & np.isfinite(self.yield_strengths), left, elastic))
 
     @cached_property
     def frequencies(self) -> list[np.ndarray]:
@@ -189,7 +189,7 @@ class Variants:
                 for k in range(0, len(first), _BLOCK):
                     *_, w, drag = self[first[k : k + _BLOCK]].modal(group)
                     parts.append((w, np.diagonal(drag, axis1=1, axis2=2).copy()))
-                w, decay = (np.concatenate(own)[which] for own in zip(*parts, strict=True))
+                w, decay = (np.concatenate(arrays)[which] for arrays in zip(*parts, strict=True))
             else:
                 (a, b), w = self.rayleigh(group[0]), self.frequencies[group[0]]
                 decay = a[:, None] + b[:, None] * w * w
@@ -204,10 +204,10 @@ class Variants:
         floors, bases = slice(start, stop), slice(first, first + 2 * len(based))
         drifts, deformations = np.zeros((2, stop - start, n))
         for b in group:
-            own, rows = self.scene.buildings[b], np.arange(*self.scene.offsets[b : b + 2]) - start
+            building, rows = self.scene.buildings[b], np.arange(*self.scene.offsets[b : b + 2]) - start
             base = stop - start + 2 * based.index(b) + np.arange(2) if b in based else ()
             at = rows[:, None], [*rows, *base]
-            drifts[at], deformations[at] = own.drifts, own.deformations
+            drifts[at], deformations[at] = building.drifts, building.deformations
         alpha, beta = (factor[:, self._owner[floors]] for factor in self.rayleigh_factors)
         masses, stiffnesses = self.masses[:, floors], self.stiffnesses[:, floors]
         stiff = (drifts.T * stiffnesses[:, None]) @ drifts
@@ -252,10 +252,10 @@ class Variants:
     def rayleigh_factors(self) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of all buildings (1/s, s), shape (n, buildings) each."""
         buildings = self.scene.buildings
-        own = np.array([each.rayleigh for each in buildings]).T
-        unit = np.array([rayleigh_factors(each.on_fixed_base.frequencies, (1.0, 1.0)) for each in buildings]).T
+        scene_factors = np.array([building.rayleigh for building in buildings]).T
+        unit = np.array([rayleigh_factors(building.on_fixed_base.frequencies, (1.0, 1.0)) for building in buildings]).T
         ratio = self.damping_ratio[:, None]
-        a, b = (np.where(np.isnan(ratio), mine, ratio * each) for mine, each in zip(own, unit, strict=True))
+        a, b = (np.where(np.isnan(ratio), x, ratio * y) for x, y in zip(scene_factors, unit, strict=True))
         return a / self.period_factor, b * self.period_factor
 
     @cached_property
@@ -279,11 +279,11 @@ class Variants:
 
 def variants_of(row: Scene | Variants) -> Variants:
     """Return a table of variants; of a scene as given, its one row stands for any number of scenarios."""
-    return row if isinstance(row, Variants) else _as_given(row)
+    return row if isinstance(row, Variants) else _single_variant(row)
 
 
 @lru_cache(maxsize=16)
-def _as_given(scene: Scene) -> Variants:
+def _single_variant(scene: Scene) -> Variants:
     """One row, kept with all that follows from it."""
     ones, none = np.ones((1, len(scene.buildings))), np.array([np.nan])
     ones.flags.writeable = none.flags.writeable = False
@@ -310,13 +310,13 @@ def coupled_modes(row: Variants, precision: str = "float64") -> CoupledModes:
     floors, modal = np.zeros((count, 4, n, n)), np.zeros((count, 4, n, n))
     for group in row.scene.linked_buildings:
         light, heavy, omega, drag = row.modal(group)
-        here = slice(at, at := at + (half := omega.shape[1]))
-        w[:, here], c[:, here], push[:, here], x, y, worst = _modes_of(omega, drag, heavy.sum(axis=2), precision)
-        error[:, here] = worst[:, None]
-        own, pairs = (slice(None), slice(None), here, here), [(k, j) for k in (0, 1) for j in (0, 1)]
+        cols = slice(at, at := at + (half := omega.shape[1]))
+        w[:, cols], c[:, cols], push[:, cols], x, y, worst = _modes_of(omega, drag, heavy.sum(axis=2), precision)
+        error[:, cols] = worst[:, None]
+        block, pairs = (slice(None), slice(None), cols, cols), [(k, j) for k in (0, 1) for j in (0, 1)]
         to, back = (light / omega[:, None, :], light), (omega[:, :, None] * heavy, heavy)
-        floors[own] = np.stack([to[k] @ x[:, j, k * half : (k + 1) * half] for k, j in pairs], 1)
-        modal[own] = np.stack([y[:, k, :, j * half : (j + 1) * half] @ back[j] for k, j in pairs], 1)
+        floors[block] = np.stack([to[k] @ x[:, j, k * half : (k + 1) * half] for k, j in pairs], 1)
+        modal[block] = np.stack([y[:, k, :, j * half : (j + 1) * half] @ back[j] for k, j in pairs], 1)
     return CoupledModes(w, c, push, floors, modal, error.max(axis=1))
 
 
@@ -349,7 +349,7 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
     every = np.arange(n)
     a[:, every, n + every], a[:, n + every, every] = omega, -omega
     a[:, n:, n:] = -drag
-    values, right = (each.astype(complex) for each in np.linalg.eig(a))
+    values, right = (array.astype(complex) for array in np.linalg.eig(a))
     try:
         left = np.linalg.inv(right)
     except np.linalg.LinAlgError:
@@ -358,8 +358,8 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
     # real modes lie in pairs of those that the ground moves alike; conjugate ones do from the start
     order = np.argsort(np.where(values.imag == 0.0, -np.abs(gamma), 1.0), axis=1, kind="stable")
     pairs = np.arange(count)[:, None], order
-    values, gamma = (own[pairs].reshape(count, n, 2) for own in (values, gamma))
-    left, right = (own[pairs].reshape(count, n, 2, 2 * n) for own in (left, np.swapaxes(right, 1, 2)))
+    values, gamma = (array[pairs].reshape(count, n, 2) for array in (values, gamma))
+    left, right = (array[pairs].reshape(count, n, 2, 2 * n) for array in (left, np.swapaxes(right, 1, 2)))
     w = np.sqrt(np.prod(values, axis=2).real)
     c = np.maximum(-values.sum(axis=2).real, 0.0)
     turned = np.where(values.imag[..., :1] == 0.0, 1.0, 1.0j)
@@ -380,6 +380,6 @@ def _pairs(omega: np.ndarray, drag: np.ndarray, load: np.ndarray, rounding: floa
         back = np.linalg.norm(y, axis=3) * unit
         error = np.maximum(missed, rounding * (spread * back).sum(axis=(1, 2)))
     slow = np.argsort(w, axis=1)
-    w, c, push = (np.take_along_axis(each, slow, 1) for each in (w, c, push))
+    w, c, push = (np.take_along_axis(array, slow, 1) for array in (w, c, push))
     x, y = np.take_along_axis(x, slow[:, None, None, :], 3), np.take_along_axis(y, slow[:, None, :, None], 2)
     return [w, c, push, x, y, np.where(np.isfinite(error), error, np.inf)]

@@ -124,7 +124,7 @@ class Exact(Explicit):
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Rows whose modes are too near to each other for the number format."""
         why = super().refuses(scene, precision)
-        if why is not None or scene.has_own_modes:
+        if why is not None or scene.has_classical_modes:
             return why
         if scene.foundations:
             name = scene.buildings[scene.foundations[0]].name

@@ -117,12 +117,12 @@ def _bumper_elements(variants: Variants, basis: str) -> Iterator[tuple[list[tupl
 def longest_substep(row: Variants, dt: float, rough: bool, reducers: frozenset[str]) -> np.ndarray:
     """Longest sub-step (s) of the stages of exact flight, at a step `dt`, under a ground motion, shape (n,)."""
     scene, stride = row.scene, STRIDES[1 + ("acceleration" in reducers) if rough else 0]
-    if any(scene.yields) or not scene.has_own_modes:
+    if any(scene.yields) or not scene.has_classical_modes:
         stride = min(stride, 1.0)
     if "energy" in reducers:
         stride = min(stride, OF_ENERGIES)
     most = stride * dt * EVEN
-    if not scene.has_own_modes:
+    if not scene.has_classical_modes:
         limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
         return np.asarray(np.minimum(most, Exact.undamped_radius / Rk4.undamped_radius * limit))
     limits = [

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from pounding_sweep.base.errors import Fault, LawError, SceneError, SweepError
-from pounding_sweep.model.faults import Finite, Whole, checked, number_check, one_of
+from pounding_sweep.model.faults import Finite, Integer, checked, number_check, one_of
 from pounding_sweep.model.laws import Law, get_law, realised_validity
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
@@ -334,7 +334,7 @@ class Range:
 
     start: Finite
     stop: Finite
-    count: Annotated[Whole, Field(ge=1, le=MAX_AXIS)]
+    count: Annotated[Integer, Field(ge=1, le=MAX_AXIS)]
     spacing: Annotated[str, one_of("spacing", ("linear", "log"))] = "linear"
 
     def __post_init__(self) -> None:

@@ -137,7 +137,7 @@ def json_data(value: Any) -> Any:
         case Case():
             return {name: json_data(item) for name, item in vars(value).items() if item not in (None, ())}
         case Contacts():
-            return value.asked
+            return value.kind
         case tuple() | list():
             return [json_data(item) for item in value]
         case Distribution():
