@@ -17,7 +17,7 @@ from functools import reduce
 from typing import Any
 
 from pounding_sweep.kernel.group import Contact, Group, LaneLaw, power_of
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, power, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
@@ -28,8 +28,6 @@ MAX_TRIES, PLAIN_TRY = 1000, 1 / 16
 OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
 #: Modes of approach and of rebound, of most laws and of those damped on rebound only.
 SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
-#: Steps of flight within which floors that near each other are not worth a flight.
-AHEAD = 2.0
 #: Lengths of a contact beyond which its touch, or its release, is far; there powers to six figures suffice.
 LONG = 1000.0
 #: Product of a contact's rate and the step below which sub-steps by series get no longer.
@@ -387,14 +385,6 @@ def is_closed(group: Group) -> Any:
     found = group.cell(False)
     for contact in group.each_contact(straight=True):
         found.now |= contact.mode > OPEN
-    return found.now
-
-
-def is_near(group: Group, h: Any) -> Any:
-    """Lanes in which a contact would close within `AHEAD` times h if floors went on as they do."""
-    time, found = AHEAD * group.full(h), group.cell(False)
-    for contact in group.each_contact(straight=True):
-        found.now |= fma(time, contact.between("v"), contact.penetration()) > 0.0
     return found.now
 
 

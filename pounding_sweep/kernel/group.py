@@ -394,13 +394,9 @@ class Group:
         for b, floors in self.each_building():
             yield [(b, floors)], floors
 
-    def base(self, floor: Any) -> tuple[int, int] | None:
-        """Sway and rocking of the foundation below a floor; None where there is none."""
-        return self.spec.base_of(floor) if self.spec.foundations else None
-
     def deformation(self, i: Any, x: Any, p: Any) -> Any:
         """Motion relative to the base of floor i, whose value is number p of `x`."""
-        base = self.base(i)
+        base = self.spec.base_of(i)
         return x[p] if base is None else x[p] - x[base[0]] - self.prop("elevation", i) * x[base[1]]
 
     def rocks(self, i: Any) -> bool:
@@ -520,7 +516,7 @@ class Storey(Indexed):
 
     def drift(self, x: Any = "u") -> Any:
         """Drift (m), of a row's name or of values floor by floor."""
-        group, base = self.group, self.group.base(self.index)
+        group, base = self.group, self.group.spec.base_of(self.index)
         moved = group.floor(x, self.index)
         moved = moved if self.below is None else moved - group.floor(x, self.below)
         return moved if base is None else moved - self.height * group.floor(x, base[1])

@@ -29,7 +29,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
     for b, floors in part:
         here = range(at, at + len(floors))
         # storeys have dampers of their own, or drifts that a foundation's rocking is part of
-        if any(map(group.own_damper, floors)) or group.base(floors[0]) is not None:
+        if any(map(group.own_damper, floors)) or group.spec.base_of(floors[0]) is not None:
             for i, p in zip(floors, here, strict=True):
                 drift, rate = (_drift(group, i, values, p, at) for values in (x, y))
                 k, beta = group.prop("k", i), group.prop("beta", b)
@@ -53,7 +53,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
 
 def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
     """Drift below floor i, whose value is number p of `x`, that of its building's lowest floor number `first`."""
-    if group.base(i) is not None:  # values are those of the whole row
+    if group.spec.base_of(i) is not None:  # values are those of the whole row
         return group.storey(i).drift(x)
     return x[p] if p == first else x[p] - x[p - 1]
 
@@ -147,7 +147,7 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         v = y[at : at + len(floors)]
         at += len(floors)
         momentum = reduce(add, [group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
-        if (base := group.base(floors[0])) is not None:
+        if (base := group.spec.base_of(floors[0])) is not None:
             momentum = fma(group.prop("m", base[0]), y[base[0]], momentum)
             v = [group.deformation(i, y, i) for i in floors]
         mass = reduce(add, [group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
@@ -165,13 +165,13 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
 
 def kinetic(group: Group, floors: Sequence[Any]) -> Any:
     """v'Mv/2 of a building."""
-    all_of_it = (*floors, *(group.base(floors[0]) or ()))
+    all_of_it = (*floors, *(group.spec.base_of(floors[0]) or ()))
     return reduce(add, [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in all_of_it])
 
 
 def strain(group: Group, floors: Sequence[Any]) -> Any:
     """u'Ku/2 of a building, of storeys that yield of their elastic parts."""
-    terms, below, base = [], None, group.base(floors[0])
+    terms, below, base = [], None, group.spec.base_of(floors[0])
     for i in floors:
         storey = Storey(group, i, below) if base is None else group.storey(i)
         below, drift = i, storey.drift()

@@ -44,6 +44,8 @@ from pounding_sweep.schemes.explicit import Explicit, Rk4
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
 MOST_LOST = {"float64": 1e-5, "float32": 1e-4}
+#: Steps of flight within which floors that near each other are not worth a flight.
+AHEAD = 2.0
 #: By what errors of contacts fall at least where long steps are halved.
 LEAST_FALL = 7.6
 
@@ -285,12 +287,15 @@ def run_scenarios(
                 whole_step = over & ~(left > 0.0)
                 course.left.now = where(whole_step, real(short), where(over, left, course.left.now))
                 closed, ends = forces.is_closed(group), over & (at >= last)
-                stays = closed | forces.is_near(group, ground.long) if group.touching else closed
-                stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
+                stays, ahead = Cell(closed), AHEAD * group.full(ground.long)
+                for contact in group.each_contact(straight=True):
+                    stays.now |= fma(ahead, contact.between("v"), contact.penetration()) > 0.0
+                if group.spec.yielding:
+                    stays.now |= hysteresis.is_yielding(group)
                 if note is not None:
                     for _ in when(any_lane(over)):
                         note(lane_of(at, 0))
-                course.leaves.now = ends | (whole_step & ~stays)
+                course.leaves.now = ends | (whole_step & ~stays.now)
                 if march.needs_ends(group):
                     march.clear_forces(group, over & ~closed)
                 with when_any(ends):

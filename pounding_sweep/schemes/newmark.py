@@ -63,7 +63,7 @@ def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any])
     for b, floors in part:
         for s, i in enumerate(floors):
             p, m = len(diagonal), group.prop("m", i)
-            if group.base(i) is not None:
+            if group.spec.base_of(i) is not None:
                 diagonal.append(m)
                 continue
             own = storeys[p] if i is floors[-1] else storeys[p] + storeys[p + 1]
