@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from pounding_sweep.base import errors
-from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
+from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, repr_short, unknown
 from pounding_sweep.base.text import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import plot
@@ -197,8 +197,8 @@ VALUES = {
 @pytest.mark.parametrize("kind", VALUES)
 def test_values_are_shown_in_short(kind):
     value = VALUES[kind]()
-    assert len(shown(value)) <= errors.SHOWN_CHARACTERS
-    assert len(unknown("thing", value, ["one", "two"])) < 2 * errors.SHOWN_CHARACTERS
+    assert len(repr_short(value)) <= errors.MAX_CHARACTERS
+    assert len(unknown("thing", value, ["one", "two"])) < 2 * errors.MAX_CHARACTERS
 
 
 # --- home and working folders -----------------------------------------------------------------------------------

@@ -80,27 +80,27 @@ class UnlikelyWarning(UserWarning):
 
 
 #: Characters of a value that a message shows, and names that `unknown` lists.
-SHOWN_CHARACTERS, SHOWN_NAMES = 200, 50
+MAX_CHARACTERS, MAX_NAMES = 200, 50
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel = 3
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxdict = 20
-_BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = SHOWN_CHARACTERS
+_BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = MAX_CHARACTERS
 
 
-def shown(value: object) -> str:
+def repr_short(value: object) -> str:
     """Return `repr` of a value from anywhere in a few words, however long or deep it is."""
     try:
         text = _BRIEF.repr(value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits, or depth in an object of its own
         text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}..."
+    return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 3]}..."
 
 
 def unknown(kind: str, value: object, valid: Iterable[str]) -> str:
     """Say that `value` is no known `kind`, suggest the closest, list all, or the first ones of very many."""
-    names, word = sorted(valid), value if isinstance(value, str) else shown(value)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6) if len(word) <= SHOWN_CHARACTERS else []
+    names, word = sorted(valid), value if isinstance(value, str) else repr_short(value)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6) if len(word) <= MAX_CHARACTERS else []
     hint = f"; did you mean {close[0]!r}? Valid: " if close else "; valid: "
-    more = f", and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return f"unknown {kind} {shown(value)}{hint}{', '.join(names[:SHOWN_NAMES])}{more}"
+    more = f", and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return f"unknown {kind} {repr_short(value)}{hint}{', '.join(names[:MAX_NAMES])}{more}"

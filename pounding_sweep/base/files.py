@@ -17,7 +17,7 @@ from typing import Any
 
 from filelock import BaseFileLock, FileLock, SoftFileLock
 
-from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.base.errors import InputError, repr_short
 
 #: Said where a text of a sweep file has a backslash by accident.
 ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
@@ -33,13 +33,13 @@ def read_data(name: str) -> dict[str, Any]:
     return tomllib.loads(files("pounding_sweep").joinpath("data", name).read_text(encoding="utf-8"))
 
 
-def expanded(path: str | os.PathLike[str]) -> Path:
+def expanded(raw: str | os.PathLike[str]) -> Path:
     """Return a path with the home folder in the place of ``~`` or ``~user``."""
     try:
-        return Path(path).expanduser()
+        return Path(raw).expanduser()
     except RuntimeError:
         raise InputError(
-            f"{shown(os.fspath(path))}: the home folder that '~' stands for is not known here; write it out in full"
+            f"{repr_short(os.fspath(raw))}: the home folder that '~' stands for is not known here; write it out in full"
         ) from None
 
 
@@ -55,7 +55,7 @@ def near_file(path: Path) -> str:
     except (OSError, ValueError):
         return ""
     close = difflib.get_close_matches(path.name.lower(), names, n=1, cutoff=0.8)
-    return f"did you mean {shown(names[close[0]])}? " if close else ""
+    return f"did you mean {repr_short(names[close[0]])}? " if close else ""
 
 
 def acquire_lock(folder: Path, timeout: float = -1.0) -> BaseFileLock:

@@ -22,7 +22,7 @@ LONGEST_TITLE = 2000
 
 def printable(text: str, keep: str = "") -> str:
     r"""Return a text with escapes for characters that would move a cursor, break a table or can't be encoded."""
-    return _UNSAFE.sub(lambda found: found[0] if found[0] in keep else f"\\u{ord(found[0]):04x}", text)
+    return _UNSAFE.sub(lambda match: match[0] if match[0] in keep else f"\\u{ord(match[0]):04x}", text)
 
 
 def label_fault(text: str, longest: int = LONGEST_LABEL) -> str:

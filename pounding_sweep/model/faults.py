@@ -30,13 +30,13 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs, ErrorDetails, PydanticCustomError
 
 from pounding_sweep.base.errors import (
-    SHOWN_CHARACTERS,
+    MAX_CHARACTERS,
     Fault,
     InputError,
     Place,
     PoundingSweepError,
     SceneError,
-    shown,
+    repr_short,
     unknown,
 )
 
@@ -87,7 +87,7 @@ def _in_words(error: ErrorDetails) -> Fault:
 
 def spell(place: Place) -> str:
     """Write a place as text, ``"gaps[3]"``."""
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN_CHARACTERS]}" for part in place)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part[:MAX_CHARACTERS]}" for part in place)
     return "".join(parts).lstrip(".")
 
 
@@ -119,12 +119,12 @@ def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | Non
         return (*place, *inner[len(error["loc"]) :]) if error["loc"] else inner, text
     if kind in ("extra_forbidden", "invalid_key", "unexpected_keyword_argument"):
         return place, unknown("key", place[-1], descriptions)
-    described = descriptions.get(str(first))
-    what = described or meanings(taker).get(str(first), "a valid value")
+    doc = descriptions.get(str(first))
+    what = doc or meanings(taker).get(str(first), "a valid value")
     if kind.startswith("missing"):
         return place, f"is missing; give {what}"
-    must = "it must be " if described else re.sub("^[A-Z][a-z]+ should", "it must", error["msg"]) + ": "
-    return place, f"{shown(error['input'])} won't do{' in ' if described and len(place) > 1 else f'; {must}'}{what}"
+    must = "it must be " if doc else re.sub("^[A-Z][a-z]+ should", "it must", error["msg"]) + ": "
+    return place, f"{repr_short(error['input'])} won't do{' in ' if doc and len(place) > 1 else f'; {must}'}{what}"
 
 
 @contextmanager
@@ -145,7 +145,7 @@ def _check(cls: Any, raw: Any, read: Callable[[Any], Any]) -> Any:
         keys |= dict.fromkeys(getattr(cls, "FILE_KEYS", ()))
     elif not isinstance(raw, (cls, ArgsKwargs)):
         name = cls.__name__.removesuffix("Table")
-        raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {shown(raw)}")
+        raise InputError(f"must be a {name} or a table of {', '.join(keys)}, not {repr_short(raw)}")
     with _wording(cls, keys):
         return read(raw)
 
@@ -198,7 +198,7 @@ def _raising(call: Any, taker: Any, keys: Mapping[str, None], raised: type[Input
             errors = [worded(detail, taker, keys) for detail in error.errors(include_url=False)]
             names = *(named.get(key) for key in ("name", "pair", "key")), *args
             name = next((name for name in names if isinstance(name, str)), None)
-            owner = taker.__name__ if name is None else f"{taker.__name__} {shown(name)}"
+            owner = taker.__name__ if name is None else f"{taker.__name__} {repr_short(name)}"
             texts = [f"{owner}: {spell(place)}: {text}" if place else f"{owner}: {text}" for place, text in errors]
             raise raised("\n".join(texts)) from None
 
@@ -237,7 +237,7 @@ Integer = Annotated[
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:
     if not isinstance(value, (list, tuple, np.ndarray)):
-        raise InputError(f"must be a list, not {shown(value)}")
+        raise InputError(f"must be a list, not {repr_short(value)}")
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
@@ -265,7 +265,7 @@ def called(function: Callable[..., T], table: Any, first: str = "", also: Collec
     names = [name for name in inspect.signature(function).parameters if name not in more]
     keys = dict.fromkeys((*([first, *names[1:]] if first else names), *also))
     if not isinstance(table, dict):
-        raise InputError(f"must be a table of {', '.join(keys)}, not {shown(table)}")
+        raise InputError(f"must be a table of {', '.join(keys)}, not {repr_short(table)}")
     if first:
         keys[first] = meanings(function).get(names[0])
     named = {key: value for key, value in table.items() if key != first} | more
@@ -298,7 +298,7 @@ def number_check(what: str, **bounds: float) -> Callable[[Any], float]:
         try:
             return validate(value)
         except ValidationError:
-            raise InputError(f"{shown(value)} won't do; it must be a {field.description}") from None
+            raise InputError(f"{repr_short(value)} won't do; it must be a {field.description}") from None
 
     return check
 

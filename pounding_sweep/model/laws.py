@@ -36,7 +36,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from pounding_sweep.base.errors import LawError, shown, unknown
+from pounding_sweep.base.errors import LawError, repr_short, unknown
 from pounding_sweep.base.files import expanded, read_data
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.faults import (
@@ -448,7 +448,7 @@ def _load(text: str, base: Path | None) -> Law:
     law = variables.get(name)
     if not isinstance(law, Law):
         laws = ", ".join(key for key, value in variables.items() if isinstance(value, Law))
-        what = f"{name} is {shown(law)}, no Law" if name in variables else f"there is no {name!r}"
+        what = f"{name} is {repr_short(law)}, no Law" if name in variables else f"there is no {name!r}"
         raise LawError(f"law file {file!s}: {what}; laws in it: {laws or 'none (see pounding_sweep.Law)'}")
     object.__setattr__(law, "source", f"{file}:{name}")
     return law

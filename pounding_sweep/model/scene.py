@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import InputError, Place, SceneError, shown, unknown
+from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short, unknown
 from pounding_sweep.base.text import html_table, label_fault
 from pounding_sweep.model.faults import (
     Faults,
@@ -52,9 +52,9 @@ _LISTS = (
 def _label(name: Any) -> str:
     """Return the name of a building or wall; `InputError` unless it can be one."""
     if not isinstance(name, str) or not name.strip():
-        raise InputError(f"must be a name, a non-empty text, not {shown(name)}")
+        raise InputError(f"must be a name, a non-empty text, not {repr_short(name)}")
     if fault := label_fault(name):
-        raise InputError(f"{shown(name)} {fault}; give another name")
+        raise InputError(f"{repr_short(name)} {fault}; give another name")
     return name
 
 
@@ -323,7 +323,7 @@ class Building:
         if not min(self.rayleigh) >= 0.0:
             fault(
                 ("damping_ratio",),
-                f"{shown(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
+                f"{repr_short(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
                 "which would feed energy in; bring the ratios of the first two modes closer together",
             )
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import shown
+from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
@@ -47,7 +47,7 @@ _DIGITS = 12
 def _number(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value if isinstance(value, str) else shown(value)
+    return value if isinstance(value, str) else repr_short(value)
 
 
 def _short(value: Any, width: int = _WIDTH) -> str:

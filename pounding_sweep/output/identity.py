@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.base.errors import InputError, repr_short
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, axes_of
 
@@ -170,8 +170,8 @@ def differing_sweeps(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tup
     return [pair for pair in pairs if pair[1] != pair[2]]
 
 
-def check_one_study(first: str, second: str, differences: Iterable[tuple[str, Any, Any]], remedy: str) -> None:
+def check_one_study(first: str, second: str, rows: Iterable[tuple[str, Any, Any]], remedy: str) -> None:
     """Raise `InputError` where two cubes, or a cube and a sweep, differ; what they are, and both values, are given."""
-    texts = [f"{what} is {shown(a)} in the first and {shown(b)} in the second" for what, a, b in differences if a != b]
+    texts = [f"{key} is {repr_short(a)} in the first and {repr_short(b)} in the second" for key, a, b in rows if a != b]
     if texts:
         raise InputError(f"{first} and {second} are not parts of one study: {'; '.join(texts)}. {remedy}")

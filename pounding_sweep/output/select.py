@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, shown, unknown
+from pounding_sweep.base.errors import InputError, repr_short, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 
 #: Relative difference from a value of an axis at which a number still means it.
@@ -101,5 +101,5 @@ def _place(axis: str, labels: np.ndarray, value: str | float) -> int:
         near = " and ".join(map(repr, rising[max(0, at - 1) : at + 1]))
         fault += f"; it has {len(rising)} values from {rising[0]!r} to {rising[-1]!r}; next to that: {near}"
     if places.size != 1:
-        raise InputError(f"{axis} {shown(value)} {fault}")
+        raise InputError(f"{axis} {repr_short(value)} {fault}")
     return int(places[0])

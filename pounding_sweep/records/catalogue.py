@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
+from pounding_sweep.base.errors import MissingRecordError, RecordError, repr_short, unknown
 from pounding_sweep.base.files import expanded, near_file, read_data
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
@@ -228,8 +228,8 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         equal = [file for file in files if wanted & {file.name.lower(), file.stem.lower()}]
         matches = [file for file in equal if name in (file.name, file.stem)] or equal or of_number
         if len(matches) > 1:
-            listing = ", ".join(file.name for file in matches)
-            raise RecordError(f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name")
+            paths = ", ".join(file.name for file in matches)
+            raise RecordError(f"record {repr_short(name)} may be any of {paths} in {folder}; give the whole file name")
         if matches:
             return read_record(matches[0], name=entry.key if entry else None, column=column)
     looked = f"no folder was given and {RECORDS_VARIABLE} is not set"
@@ -243,7 +243,7 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     if entry.rsn is None:
         return _bundled()
     raise MissingRecordError(
-        f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
+        f"record {repr_short(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
         f"{looked}. Its terms forbid shipping it: get it from {PEER}, under RSN {entry.rsn}, "
         f"and put it into a folder named by {RECORDS_VARIABLE}",
         entry.key,
@@ -324,7 +324,7 @@ def resolve_record(
     if isinstance(item, Record):
         return item
     if not isinstance(item, str | os.PathLike):
-        raise RecordError(f"a record must be a Record, a path or a name, not {shown(item)}")
+        raise RecordError(f"a record must be a Record, a path or a name, not {repr_short(item)}")
     text = str(os.fspath(item))
     in_set = _plain_name(text.partition("/")[0]) in RECORD_SETS
     if isinstance(item, str) and (in_set or not ("/" in text or Path(text).suffix.lower() in RECORD_SUFFIXES)):

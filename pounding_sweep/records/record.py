@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import RecordError, shown
+from pounding_sweep.base.errors import RecordError, repr_short
 from pounding_sweep.base.text import label_fault, printable
 
 if TYPE_CHECKING:
@@ -42,9 +42,9 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise RecordError(f"{what} must be a number, not {shown(value)}") from None
+        raise RecordError(f"{what} must be a number, not {repr_short(value)}") from None
     if not math.isfinite(result) or (positive and result <= 0):
-        raise RecordError(f"{what} must be {'positive and ' if positive else ''}finite, not {shown(value)}")
+        raise RecordError(f"{what} must be {'positive and ' if positive else ''}finite, not {repr_short(value)}")
     return result
 
 
@@ -94,9 +94,9 @@ class Record:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            raise RecordError(f"a record's name must be a non-empty text, not {shown(self.name)}")
+            raise RecordError(f"a record's name must be a non-empty text, not {repr_short(self.name)}")
         if fault := label_fault(self.name):
-            raise RecordError(f'the record\'s name {shown(self.name)} {fault}; give it another one: name = "..."')
+            raise RecordError(f'the record\'s name {repr_short(self.name)} {fault}; give it another one: name = "..."')
         label = f"record {self.name!r}"
         try:  # a read-only copy; -0.0 becomes 0.0, so that equal motions are equal
             values = np.ma.asarray(self.acceleration, dtype=np.float64).filled(np.nan) + 0.0

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import RecordError, shown, unknown
+from pounding_sweep.base.errors import RecordError, repr_short, unknown
 from pounding_sweep.records.reader import MOST_POINTS, Array
 from pounding_sweep.records.record import Record, number
 
@@ -99,7 +99,7 @@ def synthetic_record(
     Record('synthetic-1', 2001 points, dt=0.01 s, PGA 2 m/s2)
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
-        raise RecordError(f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}")
+        raise RecordError(f"seed must be an integer from 0 to 2**64 - 1, not {repr_short(seed)}")
     numbers = {
         "duration (s)": duration,
         "dt (s)": dt,

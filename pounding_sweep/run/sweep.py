@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import RunError, UnlikelyWarning, WriteError, shown
+from pounding_sweep.base.errors import RunError, UnlikelyWarning, WriteError, repr_short
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.spec.build import build_spec
@@ -99,7 +99,7 @@ class Sweep:
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 
     def _repr_html_(self) -> str:
-        rows = [(name, str(len(values)), shown(list(values))) for name, values in self.spec.axes.items()]
+        rows = [(name, str(len(values)), repr_short(list(values))) for name, values in self.spec.axes.items()]
         rows = rows or [("case", str(self.spec.n_scenarios), "listed scenarios")]
         return html_table(rows, ("axis", "values", ""), self.spec.title or repr(self))
 

@@ -296,7 +296,7 @@ class AxisValues:
 
 
 #: Axes by argument of `build_spec`.
-AXES: dict[str, Axis] = {each.name: each.metadata["axis"] for each in fields(AxisValues)}
+AXES: dict[str, Axis] = {field.name: field.metadata["axis"] for field in fields(AxisValues)}
 #: Axes by building: argument -> kind.
 FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_building}
 #: What axes may set of a scenario beside building properties, in the order of the cube.

@@ -27,7 +27,7 @@ from pounding_sweep.base.errors import (
     Place,
     SceneError,
     SweepError,
-    shown,
+    repr_short,
     unknown,
 )
 from pounding_sweep.base.files import expanded
@@ -85,7 +85,7 @@ _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
 def _check_title(value: str) -> str:
     if fault := label_fault(value, LONGEST_TITLE):
-        raise InputError(f"{shown(value)} {fault}; give one line")
+        raise InputError(f"{repr_short(value)} {fault}; give one line")
     return value
 
 
@@ -204,10 +204,10 @@ class _Reader:
             records=tuple(self.records),
             records_left_out=tuple(self.left_out),
         )
-        self._check_room(spec)
+        self._check_clearance(spec)
         return None if faults.entries else with_strengths(spec)
 
-    def _each(
+    def _read_all(
         self,
         place: Place,
         value: Any,
@@ -222,7 +222,7 @@ class _Reader:
         results: dict[Any, tuple[int, Any]] = {}
         items, before = listed(value, single), len(self.faults.entries)
         if not items:
-            self.faults.add(place, f"must be one or several of {what}, not {shown(value)}")
+            self.faults.add(place, f"must be one or several of {what}, not {repr_short(value)}")
         for index, item in enumerate(items or ()):
             if len(self.faults.entries) - before >= _MOST_FAULTS:
                 text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
@@ -232,7 +232,7 @@ class _Reader:
             result = self.faults.attempt(at, read, item)
             for thing in result if isinstance(result, list) else () if result is None else (result,):
                 if (name := key(thing)) in results:
-                    self.faults.add(at, f"{shown(name)} repeats value [{results[name][0]}]; {remedy}")
+                    self.faults.add(at, f"{repr_short(name)} repeats value [{results[name][0]}]; {remedy}")
                 else:
                     results[name] = index, thing
         return [thing for _, thing in results.values()]
@@ -265,7 +265,7 @@ class _Reader:
         before, kinds = len(self.faults.entries), (Record, str, os.PathLike, dict)
         name, remedy = (lambda record: record.name), "give it another name"
         what = "records, names and files"
-        records = self._each(("records",), value, self._resolve, what, kinds, key=name, remedy=remedy)
+        records = self._read_all(("records",), value, self._resolve, what, kinds, key=name, remedy=remedy)
         if len(self.faults.entries) > before:
             return None
         if not records:
@@ -312,7 +312,7 @@ class _Reader:
             names = LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,)
             return [self._law(name) for name in names]
 
-        laws = self._each(("laws",), value, read, what, (str, Law), key=lambda law: law.key)
+        laws = self._read_all(("laws",), value, read, what, (str, Law), key=lambda law: law.key)
         self.laws = {law.key: law for law in laws}
 
     # --- axes ---
@@ -326,7 +326,7 @@ class _Reader:
         if is_number(value):
             value = [value]
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-            raise InputError(f"must be a number or a list of numbers ({axis.noun}), not {shown(value)}")
+            raise InputError(f"must be a number or a list of numbers ({axis.noun}), not {repr_short(value)}")
         values = list(itertools.islice(value, MAX_AXIS + 1))  # it may be endless
         if not values:
             raise InputError("is empty: a sweep of zero scenarios; give at least one value or leave it out")
@@ -424,7 +424,7 @@ class _Reader:
             axis = AXES[name]
             read = functools.partial(axis.check, laws=laws, basis=self.basis)
             numbers = sequence.values() if isinstance(sequence, Range) else sequence
-            checked = tuple(self._each(place, numbers, read, axis.noun, remedy="the values of an axis must differ"))
+            checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy="the values of an axis must differ"))
             values[name] = (*values.get(name, ()), (building, checked)) if building else checked
         chosen = stated | {name for name, _ in drawn}
         faults.entries += [
@@ -518,7 +518,7 @@ class _Reader:
                 raise InputError(f"none is left: {text}")
             text += "; they are left out too, and the others are numbered anew"
             warnings.warn(text, UserWarning, stacklevel=2)
-        cases = self._each(("cases",), items or value, self._case, "listed cases", remedy="list a scenario once")
+        cases = self._read_all(("cases",), items or value, self._case, "listed cases", remedy="list a scenario once")
         for axis in AXES.values():
             using = [case for case in cases if (case.axis(axis.column) or [None])[0] is axis]
             if using and self.scene is not None:
@@ -539,7 +539,7 @@ class _Reader:
         if isinstance(value, str) and value == "all":
             return tuple(VARIABLES)
         what = "variables, 'default' or 'all'"
-        variables = self._each(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
+        variables = self._read_all(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
         return check_outputs(variable.name for variable in variables)
 
     def _settings(self) -> dict[str, Any]:
@@ -582,7 +582,7 @@ class _Reader:
                 add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         return {name: arguments[name] for name in _SETTINGS}
 
-    def _check_room(self, spec: SweepSpec) -> None:
+    def _check_clearance(self, spec: SweepSpec) -> None:
         """Refuse gaps narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
         scene, pairs = spec.scene, spec.scene.pair_names
         for index, bumper in enumerate(scene.bumpers):
@@ -647,7 +647,7 @@ def record_of_table(value: Any, folder: Path, folders: Folders) -> Record:
     """Make the record that a table describes."""
     kinds = [kind for kind in RECORD_TABLES if isinstance(value, dict) and kind in value]
     if len(kinds) != 1:
-        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(value)} won't do"
+        what = f"has {' and '.join(kinds)}" if kinds else f"{repr_short(value)} won't do"
         raise InputError(f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}")
     (kind,) = kinds
     table, make = dict(value), RECORD_TABLES[kind]
@@ -681,8 +681,8 @@ def with_strengths(spec: SweepSpec) -> SweepSpec:
     for i, case in enumerate(cases):
         if case.ductility is not None and not case.strength_factors:
             names = ("period_factors", "damping_ratio", "hardenings", "ductility")
-            alike = Case("none", **{name: getattr(case, name) for name in names})
-            groups.setdefault(case.record or spec.records[0].name, {}).setdefault(alike, []).append(i)
+            key = Case("none", **{name: getattr(case, name) for name in names})
+            groups.setdefault(case.record or spec.records[0].name, {}).setdefault(key, []).append(i)
     for name, group in groups.items():
         for factors, rows in zip(_strength_factors(spec, name, list(group)), group.values(), strict=True):
             for i in rows:

@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from pounding_sweep.base.errors import InputError, SceneError, shown, unknown
+from pounding_sweep.base.errors import InputError, SceneError, repr_short, unknown
 from pounding_sweep.model.faults import Number, Table, key, number, one_of
 from pounding_sweep.model.laws import Law
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
@@ -99,7 +99,7 @@ DISTRIBUTIONS = {name: create_model(name, __base__=Distribution, **fields) for n
 def read_distribution(value: Any) -> Distribution:
     """Check a distribution given as a table."""
     if not isinstance(value, dict):
-        raise InputError(f"must be a table of a distribution, not {shown(value)}")
+        raise InputError(f"must be a table of a distribution, not {repr_short(value)}")
     kind, valid = value.get("distribution"), ", ".join(DISTRIBUTIONS)
     if not isinstance(kind, str) or kind not in DISTRIBUTIONS:
         text = unknown("distribution", kind, DISTRIBUTIONS) if kind is not None else f"is missing; give one of {valid}"
@@ -126,7 +126,7 @@ RECORD = "record"
 
 def _read_any_record(value: Any) -> str:
     if value != {"distribution": "any"}:
-        raise InputError(f'records have no distribution but {{ distribution = "any" }}, not {shown(value)}')
+        raise InputError(f'records have no distribution but {{ distribution = "any" }}, not {repr_short(value)}')
     return RECORD
 
 
@@ -217,8 +217,8 @@ class Design:
 
         d, engines = len(self.inputs), {"latin_hypercube": qmc.LatinHypercube, "halton": qmc.Halton}
         if self.kind == "saltelli":
-            both = qmc.Sobol(2 * d, rng=self.seed).random(self.samples)
-            a, b = both[:, :d], both[:, d:]
+            sobol = qmc.Sobol(2 * d, rng=self.seed).random(self.samples)
+            a, b = sobol[:, :d], sobol[:, d:]
             points = np.concatenate([a, b, *(np.where(np.arange(d) == i, b, a) for i in range(d))])
         else:
             points = engines.get(self.kind, qmc.Sobol)(d, rng=self.seed).random(self.samples)

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.errors import Place, SweepError, shown, unknown
+from pounding_sweep.base.errors import Place, SweepError, repr_short, unknown
 from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
 from pounding_sweep.model.faults import Faults, spell
 from pounding_sweep.model.laws import Law
@@ -92,15 +92,15 @@ _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
 def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepError:
     """Put the place of a TOML syntax error in front of what it says."""
-    said = str(error)
-    match = re.search(r" \(at line (\d+), column (\d+)\)$", said)
+    fault = str(error)
+    match = re.search(r" \(at line (\d+), column (\d+)\)$", fault)
     if match:
-        place, said = f"{path}:{match[1]}:{match[2]}", said[: match.start()]
+        place, fault = f"{path}:{match[1]}:{match[2]}", fault[: match.start()]
     else:
-        place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
-    if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string|llegal", said):
-        said += f"; {ESCAPE_HINT}"
-    return sweep_error([f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"])
+        place, fault = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", fault)
+    if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string|llegal", fault):
+        fault += f"; {ESCAPE_HINT}"
+    return sweep_error([f"{place}: no valid TOML: {fault[:1].lower()}{fault[1:]}"])
 
 
 def key_lines(text: str) -> dict[Place, int]:
@@ -189,8 +189,8 @@ SECTIONS: dict[str, dict[str, str]] = {
 #: Arguments that stand outside of them.
 _PLAIN = ("title", "scene", "design")
 _HOMES: dict[str, Iterable[str]] = {
-    "[scene]": (*(each.name for each in fields(Scene) if each.init), *Scene.FILE_KEYS),
-    "[scene.contact]": (*(each.name for each in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
+    "[scene]": (*(field.name for field in fields(Scene) if field.init), *Scene.FILE_KEYS),
+    "[scene.contact]": (*(field.name for field in fields(ContactProperties)), *ContactProperties.FILE_KEYS),
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
     "[design]": DesignTable.model_fields,
 }
@@ -210,7 +210,7 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
         elif names is None:
             faults.add((section,), unknown("key", section, (*_PLAIN, *SECTIONS)))
         elif not isinstance(table, dict):
-            faults.add((section,), f"{shown(table)} won't do; it must be a table [{section}]")
+            faults.add((section,), f"{repr_short(table)} won't do; it must be a table [{section}]")
         else:
             for key, value in table.items():
                 if key in names:
@@ -257,7 +257,7 @@ def load_spec(
     wrong = [place for place, _ in faults.entries]
     for (argument, *inner), message in [(place or ("sweep",), message) for place, message in problems_of_sweep]:
         place = (*_PLACES.get(argument, (argument,)), *inner)
-        if not any(place[: len(whole)] == whole for whole in wrong):  # of what is at fault as a whole no more is said
+        if not any(place[: len(parent)] == parent for parent in wrong):  # its parts are not reported again
             faults.add(place, message)
     if spec is not None and not faults.entries:
         return spec
