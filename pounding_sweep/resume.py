@@ -42,9 +42,9 @@ HOLDER = "holder.txt"
 #: Seconds for which a lock is waited for: who looks whether somebody runs holds it for a moment.
 PATIENCE = 0.5
 #: Seconds for which finished chunks are held in memory, and most bytes of them.
-HELD_SECONDS, HELD_BYTES = 2.0, 2**24
+BUFFER_SECONDS, BUFFER_BYTES = 2.0, 2**24
 #: What of the details stands for the whole sweep; the rest are parts of it, to name what changed.
-WHOLE = ("sweep", "package", "source", "libraries")
+SWEEP_KEYS = ("sweep", "package", "source", "libraries")
 #: Longest text (characters) of a part that is stored as it is.
 LONGEST = 60
 #: How the number of a scenario is stored.
@@ -67,7 +67,7 @@ def identity_of(plan: Plan) -> dict[str, str]:
     details |= {f"record {record['name']}": record.pop("sha256") for record in sweep["records"]}
     texts = {key: json.dumps(value, sort_keys=True) for key, value in sweep.items()}
     details |= {k: t if len(t) <= LONGEST else hashlib.sha256(t.encode()).hexdigest() for k, t in texts.items()}
-    return details | dict(zip(WHOLE, (plan.digest, package_version(), package_digest(), libraries()), strict=True))
+    return details | dict(zip(SWEEP_KEYS, (plan.digest, package_version(), package_digest(), libraries()), strict=True))
 
 
 def running(folder: Path) -> str | None:
@@ -126,7 +126,7 @@ def _not_writable(folder: Path, error: OSError) -> OutputError:
 class ChunkStore:
     """Finished chunks of one sweep in one folder.
 
-    They are held in memory until a run has lasted `HELD_SECONDS` or holds `HELD_BYTES`; one that goes on from others,
+    They are buffered until a run has lasted `BUFFER_SECONDS` or holds `BUFFER_BYTES`; one that goes on from others,
     or writes `at_once`, does so from its start. A run that ends well before writes nothing, one that fails or is
     interrupted all that it has.
     """
@@ -134,9 +134,9 @@ class ChunkStore:
     def __init__(self, folder: Path, details: Mapping[str, str] | None = None, *, at_once: bool = False) -> None:
         self.folder, self.details, self._at_once = folder, dict(details or {}), at_once
         self._entries: dict[str, dict[str, Any]] = {}
-        self._held: dict[str, np.ndarray] = {}
+        self._buffered: dict[str, np.ndarray] = {}
         self._checked: set[str] = set()
-        self._bytes, self._due, self._is_open = 0, time.monotonic() + HELD_SECONDS, False
+        self._bytes, self._due, self._is_open = 0, time.monotonic() + BUFFER_SECONDS, False
         self._waiting: list[Callable[[], None]] = []
 
     @contextmanager
@@ -209,8 +209,8 @@ class ChunkStore:
 
     def read(self, key: str) -> np.ndarray:
         """Return a chunk, mapped if it is in its file; when it is first read, it is checked to be what was written."""
-        if key in self._held:
-            return self._held[key]
+        if key in self._buffered:
+            return self._buffered[key]
         try:
             table = np.asarray(np.load(self.path(key), mmap_mode="r", allow_pickle=False))
             if key not in self._checked:
@@ -237,13 +237,13 @@ class ChunkStore:
 
     def save(self, chunk: Chunk, table: np.ndarray, **more: Any) -> None:
         """Write a chunk once it is due, with `more` in its line."""
-        self._held[chunk.key] = table
+        self._buffered[chunk.key] = table
         self._bytes += table.nbytes
         self._when_due(partial(self.write, chunk.key, table, chunk.rows, law=chunk.law, record=chunk.record, **more))
 
     def _when_due(self, write: Callable[[], None]) -> None:
         self._waiting.append(write)
-        if self._is_open or self._bytes > HELD_BYTES or time.monotonic() >= self._due:
+        if self._is_open or self._bytes > BUFFER_BYTES or time.monotonic() >= self._due:
             self.flush()
 
     def flush(self) -> None:
@@ -268,7 +268,7 @@ class ChunkStore:
             file.write(rows.tobytes())
         self._entries[key] = {**more, "key": key, "crc32": _checksum(table, rows), "rows": len(table)}
         self._append(self._entries[key])
-        self._held.pop(key, None)
+        self._buffered.pop(key, None)
 
     def _append(self, line: Mapping[str, Any], lead: str = "") -> None:
         """Add a line to the manifest."""
@@ -356,7 +356,7 @@ def survey(folder: Path) -> Survey:
         raise OutputError(
             f"{str(folder)!r} is no folder of finished chunks: it has no {MANIFEST}; give OUT.nc.parts of a run"
         )
-    result = Survey(folder, {key: sweeps[-1][key] for key in WHOLE if key in sweeps[-1]}, now=running(folder))
+    result = Survey(folder, {key: sweeps[-1][key] for key in SWEEP_KEYS if key in sweeps[-1]}, now=running(folder))
     stages = {line["stage"]: line for line in lines if "chunks" in line}
     result.planned = "scenarios" in stages
     for stage, line in stages.items():

@@ -39,7 +39,7 @@ NOW: list[str] = []
 
 def pytest_configure(config):
     """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`; say how many examples."""
-    resume.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
+    resume.BUFFER_SECONDS = 0.0  # short as tests are, their chunks are written
     settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
     ask = compile.get_kernel
 

@@ -37,7 +37,7 @@ QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
 #: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests. It holds no chunks.
 HEEDING = (
     "import runpy, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    "from pounding_sweep import resume; resume.HELD_SECONDS = 0.0; "
+    "from pounding_sweep import resume; resume.BUFFER_SECONDS = 0.0; "
     "runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
 )
 

@@ -298,7 +298,7 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
 @pytest.fixture
 def held(monkeypatch):
     """Files of chunks in the order in which they are written; none is before it must."""
-    monkeypatch.setattr(resume, "HELD_SECONDS", 600.0)
+    monkeypatch.setattr(resume, "BUFFER_SECONDS", 600.0)
     true_write, written = ChunkStore.write, []
 
     def write(self, key, *more, **line):

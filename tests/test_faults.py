@@ -43,7 +43,7 @@ START = """
 from pounding_sweep import cli
 from pounding_sweep import resume
 
-resume.HELD_SECONDS = 0.0
+resume.BUFFER_SECONDS = 0.0
 cli.main()
 """
 

@@ -278,7 +278,7 @@ class At(Progress):
 
 @pytest.mark.parametrize(("stage", "held"), [("scenarios", 0.0), ("scenarios", 600.0), ("cube", 0.0)])
 def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, held):
-    monkeypatch.setattr("pounding_sweep.resume.HELD_SECONDS", held)
+    monkeypatch.setattr("pounding_sweep.resume.BUFFER_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
     sweep = Sweep(scene=row(), records=motions(), **AXES)

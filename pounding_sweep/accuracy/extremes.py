@@ -27,7 +27,7 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import CONTACTS, Building, Foundation, Scene, Wall
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.output.dataset import made_here
+from pounding_sweep.output.dataset import global_attributes
 from pounding_sweep.outputs import variables
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, STATUS, Status, get_variable, relative_error
 from pounding_sweep.plan.advice import measured_schemes
@@ -658,7 +658,7 @@ def stability_map(
             "dt": ("dt", list(steps), {"units": "s", "long_name": "time step"}),
         },
         {
-            **made_here(f"Stability map: {chosen.title}"),
+            **global_attributes(f"Stability map: {chosen.title}"),
             "law": chosen.key,
             "restitution": RESTITUTION if chosen.takes_restitution else "none",
             "ok_claim": OK_CLAIM,

@@ -24,7 +24,7 @@ from pounding_sweep.base.text import finite
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.output.dataset import made_here
+from pounding_sweep.output.dataset import global_attributes
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.advice import measured_schemes
@@ -290,7 +290,7 @@ def _provenance(spec: SweepSpec, plan: Plan, sample: TradeSample, reference: Num
     state = diagnose()
     machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
     return {
-        **made_here(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
+        **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
         "sample_scenarios": len(sample.rows),
         "touching_scenarios": int(sample.touching.sum()),

@@ -62,7 +62,7 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     if not has_audit(cube):
         return []
     error = np.asarray(cube["audit_error"][...])
-    sensitive, apart = (np.asarray(cube[name][...], bool) for name in ("audit_sensitive", "audit_undecided"))
+    sensitive, undecided = (np.asarray(cube[name][...], bool) for name in ("audit_sensitive", "audit_undecided"))
 
     def reduced(reduce: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
         number = float(reduce(values)) if values.size else math.inf
@@ -71,12 +71,12 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     return [
         {
             "output": output,
-            "scenarios": int((~apart).sum()),
-            "error_median": reduced(np.median, error[~apart, i]),
-            "error_max": reduced(np.max, error[~apart, i]),
+            "scenarios": int((~undecided).sum()),
+            "error_median": reduced(np.median, error[~undecided, i]),
+            "error_max": reduced(np.max, error[~undecided, i]),
             "sensitive": int(sensitive.sum()),
-            "undecided": int(apart.sum()),
-            "error_max_undecided": reduced(np.max, error[apart, i]),
+            "undecided": int(undecided.sum()),
+            "error_max_undecided": reduced(np.max, error[undecided, i]),
         }
         for i, output in enumerate(np.asarray(cube["output"][...]).tolist())
     ]

@@ -51,7 +51,7 @@ def package_version() -> str:
         return "unknown"
 
 
-def made_here(title: str) -> dict[str, str]:
+def global_attributes(title: str) -> dict[str, str]:
     """Return the global attributes of every dataset that is made now: its title, and what made it."""
     version = package_version()
     return {
@@ -137,10 +137,10 @@ def _scene_coordinates(scene: Scene) -> Coordinates:
     return result
 
 
-def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS) -> Coordinates:
+def law_coordinates(dims: Sequence[str], laws: Any, registry: Mapping[str, Law] = LAWS) -> Coordinates:
     """Return what is known about the laws of a coordinate, as far as it is."""
     keys = np.ravel(np.asarray(laws)).astype(str).tolist()
-    if len(dims) != 1 or not known.keys() & keys:
+    if len(dims) != 1 or not registry.keys() & keys:
         return {}
     texts = {
         "model": "model number in Mate, Bakre & Jaiswal (2015)",
@@ -148,7 +148,7 @@ def law_coordinates(dims: Sequence[str], laws: Any, known: Mapping[str, Law] = L
         "formula": "contact force (kN) of penetration d and its rate v",
     }
     return {
-        f"law_{name}": coordinate(dims, [str(getattr(known.get(key), name, "")) for key in keys], "", text)
+        f"law_{name}": coordinate(dims, [str(getattr(registry.get(key), name, "")) for key in keys], "", text)
         for name, text in texts.items()
         if name == "model" or tuple(dims) == ("law",)  # else listed cases, of which there may be many
     }
@@ -218,7 +218,7 @@ def label(
     if "law" in coordinates:
         coordinates = {**law_coordinates(*coordinates["law"][:2]), **coordinates}
     title = "Parametric sweep of seismic pounding of adjacent buildings"
-    parts = CubeParts({}, {}, _attributes({**made_here(title), **attributes}))
+    parts = CubeParts({}, {}, _attributes({**global_attributes(title), **attributes}))
     for name, variable in VARIABLES.items():
         if name in data and variable.exists_in(scene):
             about = {"units": variable.units, "long_name": variable.long_name, "comment": variable.definition}

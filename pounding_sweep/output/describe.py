@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Attributes that are shown in a section of their own.
-_SHOWN_ELSEWHERE = {
+_SECTION_ATTRIBUTES = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", *ORIGINS),
     *("accuracy_choice", "accuracy_numbers"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
@@ -150,12 +150,12 @@ def describe(dataset: xr.Dataset) -> str:
     status = dataset["status"] if "status" in dataset.data_vars else None
     lines = [_short(attributes.get("title", "(no title)"))]
     lines += [f"  {_short(line)}" for line in str(cube["history"]).splitlines()]
-    asked = attributes.get("scenarios_asked")
-    if status is not None and status.size != asked:
-        changed = "" if asked is None else f" (joined or cut after a run of {asked})"
+    requested = attributes.get("scenarios_asked")
+    if status is not None and status.size != requested:
+        changed = "" if requested is None else f" (joined or cut after a run of {requested})"
         lines.append(f"  {status.size} scenarios{changed}")
-    elif asked is not None:
-        lines.append(f"  {asked} scenarios asked, {attributes.get('scenarios_run')} run")
+    elif requested is not None:
+        lines.append(f"  {requested} scenarios asked, {attributes.get('scenarios_run')} run")
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
 
@@ -180,7 +180,7 @@ def describe(dataset: xr.Dataset) -> str:
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
     ends = statuses(dataset.get("status", []))
     errors = "Audit: relative error, by the difference to half the step"
-    others = {str(key): value for key, value in attributes.items() if key not in _SHOWN_ELSEWHERE}
+    others = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
     sections: dict[str, list[tuple[str, ...]]] = {
         "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
         "Scenario axes": axes[False],
@@ -246,8 +246,8 @@ def _source_row(source: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _audit_row(row: Mapping[str, Any]) -> tuple[str, ...]:
     names = ("error_median", "error_max", "error_max_undecided")
-    median, largest, apart = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
-    undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
+    median, largest, undecided_max = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
+    undecided = f"undecided ones up to {undecided_max}" if row["undecided"] else ""
     return row["output"], f"median {median}", f"up to {largest}", undecided
 
 
@@ -289,15 +289,15 @@ def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
         largest[name] = np.concatenate([part.reshape(-1, len(pairs)) for part in parts])
     rows = []
     for i in dict.fromkeys(law.tolist()):
-        some = ok & (law_of == i)
+        mask = ok & (law_of == i)
         for p, pair in enumerate(pairs):
-            values = {name: column[some, p] for name, column in largest.items()}
+            values = {name: column[mask, p] for name, column in largest.items()}
             peak = np.fmax.reduce(values.get("impact_force_max", []), initial=-np.inf)
             counts = np.array(values.get("impact_count", []))
             key = str(keys[i])
             rows.append(
                 {
-                    **{"law": key, "title": titles.get(key, ""), "pair": pair, "scenarios": int(some.sum())},
+                    **{"law": key, "title": titles.get(key, ""), "pair": pair, "scenarios": int(mask.sum())},
                     # a pair touches where it is hit, or pressed
                     "touching": int(([*values.values()][-1] > 0).sum()) if values else None,
                     "peak_force": float(peak) if np.isfinite(peak) else None,

@@ -139,8 +139,8 @@ class Table:
                         values[label] = variable.set_dims(sizes).values.reshape(n, -1)[:, existing].ravel()
                 frames.append(pd.DataFrame(values, index=np.repeat(np.arange(n), len(existing))))
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
-            whole = {label: column.dtype.name for label, column in self.columns.items() if column.dtype.kind == "i"}
-            wanted = {label: name.capitalize() for label, name in whole.items() if rows[label].dtype != name}
+            integers = {label: column.dtype.name for label, column in self.columns.items() if column.dtype.kind == "i"}
+            wanted = {label: name.capitalize() for label, name in integers.items() if rows[label].dtype != name}
             yield rows.astype(wanted)[[*self.columns]]
 
 
@@ -347,7 +347,7 @@ def export_tables(
         return [export_cube(cube, path, names, overwrite=overwrite, table=table)]
     stem = Path(path).stem
     paths = {dims: Path(path).with_stem("-".join([stem, *dims])) for dims in tables}
-    return [export_cube(cube, paths[dims], some, overwrite=overwrite) for dims, some in tables.items()]
+    return [export_cube(cube, paths[dims], variables, overwrite=overwrite) for dims, variables in tables.items()]
 
 
 def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str], by_scenario: bool) -> Table:
@@ -361,7 +361,7 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
         chosen = scenarios_of(cube, names)
         sets = sets_of_dimensions(chosen)
         if len(sets) > 1:
-            listed = "; ".join(f"({', '.join(dims)}): {', '.join(some)}" for dims, some in sets.items())
+            listed = "; ".join(f"({', '.join(dims)}): {', '.join(variables)}" for dims, variables in sets.items())
             raise InputError(
                 f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: {listed}; "
                 "export each set apart"

@@ -46,7 +46,7 @@ BUILDING_AXES = frozenset(FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "design", "records", "records_left_out", "title", "audit"})
 #: Laws of a user's own there, by key.
-OWN_LAWS = "own_laws"
+CUSTOM_LAWS = "own_laws"
 
 
 def plain(value: Any) -> Any:
@@ -163,9 +163,9 @@ def motions_of(sweep: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 def differing_sweeps(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
     """Return in what two recorded sweeps are not of one study, laws of a user's own by their digests."""
-    a, b = one.get(OWN_LAWS, {}), two.get(OWN_LAWS, {})
+    a, b = one.get(CUSTOM_LAWS, {}), two.get(CUSTOM_LAWS, {})
     laws = [(f"law {key!r} as SHA-256", a[key]["sha256"][:12], b[key]["sha256"][:12]) for key in sorted(a.keys() & b)]
-    keys = sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {OWN_LAWS})
+    keys = sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {CUSTOM_LAWS})
     pairs = [*laws, *((key, one.get(key), two.get(key)) for key in keys)]
     return [pair for pair in pairs if pair[1] != pair[2]]
 

@@ -80,35 +80,35 @@ def building_coordinates(variants: Variants, along: Mapping[str, tuple[str, int]
     """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them."""
     # `along` has the dimensions of `variants`: the kind of property that they vary, "" for any, and their size
     scene, stiffnesses = variants.scene, variants.elastic_stiffnesses
-    both, floors = ("mass_factor", "period_factor"), ("building", "storey")
+    factors, floors = ("mass_factor", "period_factor"), ("building", "storey")
     # values, inner dimensions, the kinds of property that change them, unit and long name
     table: dict[str, tuple[np.ndarray, tuple[str, ...], tuple[str, ...], str, str]] = {
-        "floor_mass": (scatter_dof(variants.masses, scene), floors, both[:1], "t", "mass of the floor"),
-        "storey_stiffness": (scatter_dof(stiffnesses, scene), floors, both, "kN m-1", "stiffness of the storey"),
+        "floor_mass": (scatter_dof(variants.masses, scene), floors, factors[:1], "t", "mass of the floor"),
+        "storey_stiffness": (scatter_dof(stiffnesses, scene), floors, factors, "kN m-1", "stiffness of the storey"),
     }
     # of the first two modes; a building of one storey has no second
     modes = [np.column_stack([w, np.full(len(w), np.nan)])[:, :2] for w in variants.frequencies]
     for mode, (name, text) in enumerate((("fundamental", "fundamental"), ("second", "second natural"))):
         periods = 2.0 * np.pi / np.stack([w[:, mode] for w in modes], axis=1)
-        table[f"{name}_period"] = (periods, floors[:1], both[1:], "s", f"{text} period")
+        table[f"{name}_period"] = (periods, floors[:1], factors[1:], "s", f"{text} period")
     for mode, name in enumerate(("first", "second")):
         ratios = []
         for b, (building, w) in enumerate(zip(scene.buildings, modes, strict=True)):
-            (alpha, beta), own = variants.rayleigh(b), w[:, mode]
+            (alpha, beta), omega = variants.rayleigh(b), w[:, mode]
             classical = building.foundation is None
-            ratios.append(0.5 * (alpha / own + beta * own) if classical else variants.modal_damping(b, mode))
+            ratios.append(0.5 * (alpha / omega + beta * omega) if classical else variants.modal_damping(b, mode))
         text = f"damping ratio of the {name} mode"
         table[f"{name}_damping_ratio"] = (np.stack(ratios, axis=1), floors[:1], ("damping_ratio",), "1", text)
     if any(building.p_delta for building in scene.buildings):
         theta = scatter_dof(variants.geometric_stiffnesses / stiffnesses, scene)
         text = "stability coefficient P / (k h) of the storey"
-        table["stability_coefficient"] = (theta, floors, both[1:], "1", text)
+        table["stability_coefficient"] = (theta, floors, factors[1:], "1", text)
     result: Coordinates = {}
     for name, (values, inner, kinds, units, text) in table.items():
         varying = tuple(dim for dim, (kind, _) in along.items() if kind in ("", *kinds))
         at = tuple(slice(None) if dim in varying else 0 for dim in along)
-        whole = values.reshape(*(size for _, size in along.values()), *values.shape[1:])
-        result[name] = coordinate((*varying, *inner), whole[at], units, text)
+        grid = values.reshape(*(size for _, size in along.values()), *values.shape[1:])
+        result[name] = coordinate((*varying, *inner), grid[at], units, text)
     return result
 
 
@@ -148,12 +148,12 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
         columns["pair_gap"] = (("gap", "pair"), gaps[..., spec.scene.pair_of_label], "m", "gap of the pair")
     extra, outer, n = design_coordinates(spec), tuple(axes), len(requested.shape)
     for name, (dims, column, *about) in columns.items():
-        whole = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
+        grid = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
         if cases:
-            extra[name] = coordinate(("case", *(dim for dim in dims if dim == "pair")), whole, *about)
+            extra[name] = coordinate(("case", *(dim for dim in dims if dim == "pair")), grid, *about)
         elif name not in outer and (name != "contact_stiffness" or "stiffness" not in outer):
             at = tuple(slice(None) if i < len(outer) and outer[i] in dims else 0 for i in range(n))
-            extra[name] = coordinate(dims, whole[at], *about)
+            extra[name] = coordinate(dims, grid[at], *about)
     if spec.own_laws:
         where, keys = extra["law"][:2] if cases else (("law",), spec.laws)
         extra |= law_coordinates(where, keys, {law.key: law for law in (*LAWS.values(), *spec.own_laws)})

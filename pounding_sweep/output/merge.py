@@ -44,13 +44,13 @@ CASE = "case"
 #: What tells listed cases apart, what their law ignores too: a case is selected by it.
 CASE_COORDINATES = ("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap", *BUILDING_DEFAULTS)
 #: Global attributes that say how a part came to be, or are made anew, and how others of them begin.
-OWN_ATTRIBUTES = frozenset(
+PART_ATTRIBUTES = frozenset(
     {
         *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step"),
         *("accuracy_choice", "accuracy_numbers", *identity.MAKER_ATTRIBUTES, *identity.ORIGINS),
     }
 )
-OWN_BEGINNINGS = ("scenarios_", "audit_")
+PART_PREFIXES = ("scenarios_", "audit_")
 #: What else helps where parts were made by two sources.
 MIX_REMEDY = (
     "Where you know that what changed between sources or libraries of one version touches no result, allow both: "
@@ -212,7 +212,7 @@ def _differences(
 
 def _shared(cube: xr.Dataset) -> dict[str, Any]:
     """Return the global attributes in which all parts agree."""
-    return {k: v for k, v in cube.attrs.items() if k not in OWN_ATTRIBUTES and not k.startswith(OWN_BEGINNINGS)}
+    return {k: v for k, v in cube.attrs.items() if k not in PART_ATTRIBUTES and not k.startswith(PART_PREFIXES)}
 
 
 def _of_one_design(parts: Parts, sweeps: Sweeps) -> Parts:
@@ -301,31 +301,31 @@ def _merge_labels(parts: Parts, axes: Mapping[str, list[Any]]) -> dict[str, xr.V
 
 def _merge_sweeps(sweeps: Sweeps, cases: list[dict[str, Any]] | None) -> dict[str, Any]:
     """Return the description of the sweep that asks for what all ask for."""
-    whole = {**sweeps[0], "cases": cases}
+    merged = {**sweeps[0], "cases": cases}
     if any(sweep.get("design") != sweeps[0].get("design") for sweep in sweeps):
-        whole.pop("design", None)
+        merged.pop("design", None)
     for key in identity.AXIS_KEYS:
-        if whole.get(key) is not None:
-            whole[key] = merge_values(key, [sweep[key] for sweep in sweeps])
-    for key in identity.BUILDING_AXES & whole.keys():
+        if merged.get(key) is not None:
+            merged[key] = merge_values(key, [sweep[key] for sweep in sweeps])
+    for key in identity.BUILDING_AXES & merged.keys():
         by_building = zip(*(sweep[key] for sweep in sweeps), strict=True)
-        whole[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_building]
-    if laws := {key: law for sweep in sweeps for key, law in sweep.get(identity.OWN_LAWS, {}).items()}:
-        whole[identity.OWN_LAWS] = laws
+        merged[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_building]
+    if laws := {key: law for sweep in sweeps for key, law in sweep.get(identity.CUSTOM_LAWS, {}).items()}:
+        merged[identity.CUSTOM_LAWS] = laws
     records = {record["name"]: record for sweep in reversed(sweeps) for record in sweep["records"]}
     names = dict.fromkeys(record["name"] for sweep in sweeps for record in sweep["records"])
-    whole["records"] = [records[name] for name in names]
+    merged["records"] = [records[name] for name in names]
     left_out = dict.fromkeys(name for sweep in sweeps for name in sweep["records_left_out"])
-    whole["records_left_out"] = [name for name in left_out if name not in records]
-    return whole
+    merged["records_left_out"] = [name for name in left_out if name not in records]
+    return merged
 
 
 def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str, Any]] | None) -> dict[str, Any]:
     """Return what a cube says of its parts: what they share, the sweep of all, where each is from."""
     cubes = list(parts.values())
-    whole, base = _merge_sweeps(sweeps, cases), cubes[0].attrs
-    names = [record["name"] for record in whole["records"]]
-    text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    merged, base = _merge_sweeps(sweeps, cases), cubes[0].attrs
+    names = [record["name"] for record in merged["records"]]
+    text = json.dumps(merged, sort_keys=True, separators=(",", ":"), allow_nan=False)
     described = {record["name"]: record for cube in reversed(cubes) for record in json.loads(cube.attrs["records"])}
     all_runs = identity.runs({file: cube.attrs for file, cube in parts.items()})
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
@@ -346,8 +346,8 @@ def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str
         attributes["time_step"] = np.array([steps[name] for name in names])
     if "accuracy_choice" in base:
         attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
-    if whole["records_left_out"]:
-        attributes["records_left_out"] = json.dumps(whole["records_left_out"])
+    if merged["records_left_out"]:
+        attributes["records_left_out"] = json.dumps(merged["records_left_out"])
     all_makers = set().union(*(identity.makers(cube.attrs) for cube in cubes))
     for key, values in zip(identity.MAKER_ATTRIBUTES, zip(*all_makers, strict=True), strict=True):
         if len(set(values)) == 1 and values[0] is not None:
@@ -363,19 +363,19 @@ def _merge_audits(cube: CubeParts, parts: Parts) -> None:
     first = next(iter(audited.values()))
     names = {name for name, variable in first.variables.items() if {*AUDIT_DIMS} & {*variable.dims}}
     audits = [part.drop_vars({*part.variables} - names).reset_coords() for part in audited.values()]
-    whole = xr.concat(
+    merged = xr.concat(
         audits, "audit", data_vars="minimal", coords="minimal", compat="override", join="override",
         combine_attrs="override",
     )  # fmt: skip
-    known = [name for name in names & {*first.coords} if name not in AUDIT_DIMS]
-    keys = scenario_keys({str(name): whole[name].transpose("audit", ...).values for name in known})
-    whole = whole.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))
-    whole["audit"] = ("audit", np.arange(1, whole.sizes["audit"] + 1, dtype=np.int32), first["audit"].attrs)
+    coords = [name for name in names & {*first.coords} if name not in AUDIT_DIMS]
+    keys = scenario_keys({str(name): merged[name].transpose("audit", ...).values for name in coords})
+    merged = merged.isel(audit=np.sort(np.unique(keys, return_index=True)[1]))
+    merged["audit"] = ("audit", np.arange(1, merged.sizes["audit"] + 1, dtype=np.int32), first["audit"].attrs)
     totals = [run for run in identity.runs({file: p.attrs for file, p in audited.items()}) if "audit_touching" in run]
     touching = [int(run["audit_touching"]) for run in totals]
     add_audit(
         cube,
-        {str(name): (tuple(map(str, v.dims)), v.values, v.attrs) for name, v in whole.variables.items()},
+        {str(name): (tuple(map(str, v.dims)), v.values, v.attrs) for name, v in merged.variables.items()},
         sum(touching),
         float(np.average([float(run["audit_share"]) for run in totals], weights=touching)),
     )
@@ -405,12 +405,12 @@ def _merge_slab(
     for index, file in enumerate(files[1:], 1):
         read = _read_part(file, parts[file], along)
         has_result = read["status"] != Status.NOT_RUN
-        new, both = has_result & (origin < 0), has_result & (origin >= 0)
-        result.overlapping += int(both.sum())
-        in_conflict = np.zeros(both.shape, bool)
-        for name in values if both.any() else ():
-            differs = _differ(name, values[name], read[name], both.ndim, tolerance)
-            scenarios = differs.any(axis=tuple(range(both.ndim, differs.ndim))) & both & ~in_conflict
+        new, overlap = has_result & (origin < 0), has_result & (origin >= 0)
+        result.overlapping += int(overlap.sum())
+        in_conflict = np.zeros(overlap.shape, bool)
+        for name in values if overlap.any() else ():
+            differs = _differ(name, values[name], read[name], overlap.ndim, tolerance)
+            scenarios = differs.any(axis=tuple(range(overlap.ndim, differs.ndim))) & overlap & ~in_conflict
             in_conflict |= scenarios
             n_conflicts += int(scenarios.sum())
             for place in map(tuple, np.argwhere(scenarios)[: NAMED - len(conflicts)].tolist()):

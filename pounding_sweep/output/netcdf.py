@@ -79,9 +79,9 @@ def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
     """Return the largest block of at most `most` elements that lie side by side."""
     shape = [1] * len(sizes)
     for axis in reversed(range(len(sizes))):
-        room = max(1, most // math.prod(shape))
-        if room < sizes[axis]:
-            shape[axis] = math.ceil(sizes[axis] / math.ceil(sizes[axis] / room))
+        count = max(1, most // math.prod(shape))
+        if count < sizes[axis]:
+            shape[axis] = math.ceil(sizes[axis] / math.ceil(sizes[axis] / count))
             break
         shape[axis] = max(1, sizes[axis])
     return tuple(shape)

@@ -93,8 +93,8 @@ class Outcome:
     run: int = 0  # scenarios integrated, runs without pounding included
     untouched: int = 0  # unique scenarios answered by the run without pounding
     reused: int = 0  # scenarios read from an interrupted run, which it had run itself
-    taken: int = 0  # scenarios taken from an earlier cube, in this run or an interrupted one
-    taken_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.run.reuse`
+    copied: int = 0  # scenarios taken from an earlier cube, in this run or an interrupted one
+    copied_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.run.reuse`
     compiled: int = 0  # kernels that had to be compiled
     #: wall time of the two stages
     compile_seconds: float = 0.0

@@ -120,8 +120,8 @@ def _building_columns(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, x
     buildings, building = scene_of(sweep["scene"]).buildings, part["building"]
     columns: dict[str, xr.DataArray] = {}
     for kind, default in BUILDING_DEFAULTS.items():
-        own = xr.DataArray(default) if kind == "damping_ratio" else xr.full_like(building, default, dtype=float)
-        columns[kind] = part.get(kind, own)
+        fallback = xr.DataArray(default) if kind == "damping_ratio" else xr.full_like(building, default, dtype=float)
+        columns[kind] = part.get(kind, fallback)
     for axis in axes_of(sweep).property_axes if sweep["cases"] is None else ():
         if axis.building is not None:
             columns[axis.kind] = xr.where(building == axis.building, part[axis.dimension], columns[axis.kind])

@@ -58,18 +58,18 @@ def select(
     [3.0, 5.0]
     """
     audit = AUDIT_DIMS if has_audit(cube) else ()
-    for axis, given in values.items():
+    for axis, raw in values.items():
         of_cases = [str(name) for name, label in cube.coords.items() if label.dims == (_CASE,) and name != _CASE]
         valid = [*(str(dim) for dim in cube.sizes if dim not in audit), *of_cases]
         if axis not in valid:
             raise InputError(unknown("axis", axis, valid))
-        wanted = [given] if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) else given
+        wanted = [raw] if isinstance(raw, str) or not isinstance(raw, Sequence | np.ndarray) else raw
         if not len(wanted):
             raise InputError(f"no value of {axis} is given; give one or several")
         labels = cube[axis].values
         if axis in of_cases:
-            each, inverse = np.unique(labels, return_inverse=True)
-            cube = cube.isel({_CASE: np.isin(inverse, [_place(axis, each, value) for value in wanted])})
+            unique, inverse = np.unique(labels, return_inverse=True)
+            cube = cube.isel({_CASE: np.isin(inverse, [_place(axis, unique, value) for value in wanted])})
             continue
         places = sorted({_place(axis, labels, value) for value in wanted})
         cube = cube.isel({axis: places if len(places) > 1 or axis in keep else places[0]})

@@ -163,7 +163,7 @@ def execute(
     progress, shapes, n = progress or Progress(), plan.shapes(), len(plan.unique)
     outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, n), np.ones(n, bool))
     outcome.results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
-    outcome.taken_from = None if earlier is None else earlier.origin
+    outcome.copied_from = None if earlier is None else earlier.origin
     progress.stage("compiling" if missing_kernels(shapes)[0] else "kernels", len(shapes))
     started = time.perf_counter()
     outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
@@ -190,8 +190,8 @@ def execute(
         if store is not None and outcome.failures:
             store.flush()  # the next run makes what is missing
     outcome.compile_seconds, outcome.run_seconds = begun - started, time.perf_counter() - begun
-    if outcome.taken_from is not None:
-        progress.note(f"{outcome.taken} scenarios taken from {outcome.taken_from['file']}")
+    if outcome.copied_from is not None:
+        progress.note(f"{outcome.copied} scenarios taken from {outcome.copied_from['file']}")
     if outcome.failures:
         reasons = "; ".join(sorted(set(outcome.failures))[:3])
         text = f"{len(outcome.failures)} chunks have no result (status not_run): {reasons}"
@@ -246,14 +246,14 @@ class _Stages:
                 warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
                 continue
             origin = entry.get("origin")
-            outcome.taken_from = outcome.taken_from or origin
+            outcome.copied_from = outcome.copied_from or origin
             # from the earlier cube that this one tells of, wherever it stands
-            is_taken = origin and {**origin, "file": ""} == {**(outcome.taken_from or {}), "file": ""}
+            is_taken = origin and {**origin, "file": ""} == {**(outcome.copied_from or {}), "file": ""}
             stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
-            yield answer("taken" if is_taken else "reused", stored[-1], values, is_stored=True)
+            yield answer("copied" if is_taken else "reused", stored[-1], values, is_stored=True)
         if self.earlier is not None and not closing:
             for chunk, values in self.earlier.chunks(np.flatnonzero(missing)):
-                yield answer("taken", chunk, values, origin=self.earlier.origin)
+                yield answer("copied", chunk, values, origin=self.earlier.origin)
                 stored.append(chunk)
         waiting = plan.chunks(np.flatnonzero(missing), uncoupled=closing)
         if store is not None:

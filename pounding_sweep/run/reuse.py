@@ -85,10 +85,10 @@ class EarlierCube:
             for slab in slabs([*sizes.values()], max(1, SLAB_BYTES // kind.itemsize)):
                 where: Any = dict(zip(sizes, slab, strict=True))
                 places = places_of(scenario_keys(cube_columns(cube.isel(where), self._sweep, sizes)), keys)
-                known = np.flatnonzero((places >= 0) & missing[places])
-                if not len(known):
+                hits = np.flatnonzero((places >= 0) & missing[places])
+                if not len(hits):
                     continue
-                table, places = read_rows(self.path, cube, where, kind)[known], places[known]
+                table, places = read_rows(self.path, cube, where, kind)[hits], places[hits]
                 has_result = ~np.isin(table["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
                 # what never touched may be from the kernel without contacts, if this sweep has not run that
                 has_result &= np.isfinite(table["steps_per_contact"]) | has_flight[plan.uncoupled_of[rows[places]]]

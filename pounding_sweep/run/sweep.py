@@ -244,12 +244,12 @@ class Sweep:
                             f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
                             f"{str(target)!r} stays as it was; see to what failed and run again"
                         )
-                    if outcome.taken_from is not None:
+                    if outcome.copied_from is not None:
                         attributes["history"] = (
                             f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} extended from another cube by pounding_sweep "
                             f"{package_version()} (see extended_from)"
                         )
-                        attributes["extended_from"] = {**outcome.taken_from, "scenarios_taken": outcome.taken}
+                        attributes["extended_from"] = {**outcome.copied_from, "scenarios_taken": outcome.copied}
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
