@@ -435,13 +435,13 @@ class Flight:
 
     def _mix(self, readers: Iterable[tuple[str, Callable[[Any], Any]]]) -> list[Any]:
         """Sum up what functions read, weighted by rows of tables ("": of none)."""
-        terms = [(name, read) for name, read in readers if name]
+        terms = [(self.place_of(name), read) for name, read in readers if name]
         sums = [self.times.cell(0.0) for _ in self.mode_parts]
         for i in self.each(self.layout.modes, len(sums) * len(terms)):
-            for name, read in terms:
+            for at, read in terms:
                 value = read(i)
                 for part, total in enumerate(sums):
-                    coefficient = self.vector(name, i * self.layout.wide_modes + part * self.lanes)
+                    coefficient = self.tables.vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, value, total.now)
         return [total.now for total in sums]
 
@@ -732,12 +732,13 @@ class Flight:
         for _, factor in tables:
             for part in self.mode_parts if factor else ():
                 w[f"amplitude_{factor}", part] = self.part(factor, part) * w["amplitude", part]
+        places = [self.place_of(table) for table, _ in tables]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
-            for table, factor in tables:
+            for at, (_, factor) in zip(places, tables, strict=True):
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
                 for part, chains in enumerate(sums):
                     total = chains[m % CHAINS if isinstance(m, int) else 0]
-                    total.now = fma(self.vector(table, m * wide + part * self.lanes), a, total.now)
+                    total.now = fma(self.tables.vector(at + (m * wide + part * self.lanes)), a, total.now)
         for part, chains in enumerate(sums):
             first = self._own(own, part) if own else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
@@ -796,8 +797,8 @@ class Flight:
         w, near = self.rows, self.times.cell(False)
         for part, (above, below) in enumerate(self._extremes(t, most, least)):
             reach, high, low = w["reach", part], w["high", part], w["low", part]
-            shift = w["shift", part] if self.yields else 0.0
-            asks = (above + shift + reach >= high) | (below + shift - reach <= low)
+            up, down = (x + w["shift", part] if self.yields else x for x in (above, below))
+            asks = (up + reach >= high) | (down - reach <= low)
             if most == "most":
                 w["asks", part] = where(asks, 1.0, 0.0)
             near.now |= asks
@@ -916,12 +917,13 @@ class Flight:
         """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
         *_, lows, counts = self._lookups
         low, many = lows[q], {many for _, many in self.layout.ranges}
-        at, total = q * self.layout.modes + low, self.times.cell(0.0)
+        total, names = self.times.cell(0.0), ("shape", "shape_rate")[: 1 + self.coupled]
+        shape, *rates = (self.place_of(name) + (q * self.layout.modes + low) for name in names)
         for k in self.each(many.pop()) if len(many) == 1 else count_to(counts[q]):
             if row:
-                total.now = fma(self.number("shape", at + k), self.rows[row, low + k], total.now)
-            if self.coupled:
-                total.now = fma(self.number("shape_rate", at + k), self.rows[RATES[row], low + k], total.now)
+                total.now = fma(self.tables.number(shape + k), self.rows[row, low + k], total.now)
+            for at in rates:
+                total.now = fma(self.tables.number(at + k), self.rows[RATES[row], low + k], total.now)
         return total.now
 
     def _reaches(self, q: Any, onset: bool) -> Any:

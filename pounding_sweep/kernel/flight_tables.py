@@ -245,12 +245,12 @@ class Tables(_Filler):
                 spans += [(near, length - width, True)] if width <= length < 2 * width else []
                 spans, width = [*spans, (wide, width, False)], 2 * width
             for to, later, last in [*spans, (wide, WIDE - width, True)]:
-                margin = f.rows["reach", part] * sign
+                margin = f.rows["reach", part] * sign if last else None
                 for t in count_to(self.points):
                     best = Cell(f.part(wide, part, t))
                     for _ in when(t + later < self.points):
                         best.now = better(best.now, f.part(wide, part, t + later))
-                    self._put(to, t, part, best.now + margin if last else best.now)
+                    self._put(to, t, part, best.now if margin is None else best.now + margin)
 
 
 class Blocks(_Filler):
