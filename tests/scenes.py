@@ -7,7 +7,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from typer.testing import CliRunner
 
+from pounding_sweep.cli.app import app
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 from pounding_sweep.output import dataset
 from pounding_sweep.outputs.variables import VARIABLES
@@ -78,6 +80,13 @@ def run_in_any_company(kernel, record, given):
         for name, values in found.items():
             np.testing.assert_array_equal(again[name], values[some], err_msg=name)
     return found
+
+
+def call(*words, code=0):
+    """Run the command line in this process; returns what it printed, its exit code checked."""
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert done.exit_code == code, done.output
+    return done
 
 
 def scene_of_case(scene, case):

@@ -11,12 +11,11 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
+from scenes import call
 
 from pounding_sweep.base import errors
 from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, repr_short, unknown
 from pounding_sweep.base.text import print_json, print_pairs, print_table
-from pounding_sweep.cli.app import app
 from pounding_sweep.figures import plot
 from pounding_sweep.model.scene import Building, Wall
 from pounding_sweep.output.describe import describe
@@ -171,8 +170,7 @@ def test_nothing_of_a_file_moves_the_cursor(tmp_path, capsys):
     print_json({ESCAPE: "\x9b\u202e"})
     assert all(line.isprintable() for line in capsys.readouterr().out.split("\n"))
     key = write(tmp_path, '"a\\u001b[2J" = 1\n' + SWEEP)
-    done = CliRunner().invoke(app, ["plan", str(key)])
-    assert done.exit_code == 2
+    done = call("plan", key, code=2)
     assert "a\\u001b[2J" in done.stderr
     assert "\x1b" not in done.stderr
 
@@ -222,12 +220,10 @@ def test_home_folders_that_are_not_known(tmp_path, monkeypatch):
     ]
     monkeypatch.setenv("POUNDING_SWEEP_RECORDS", NOBODY)
     monkeypatch.setenv("POUNDING_SWEEP_CACHE", NOBODY)
-    for call in calls:
+    for read in calls:
         with pytest.raises(InputError, match="the home folder that '~' stands for is not known here; write it out"):
-            call()
-    listed = CliRunner().invoke(app, ["records"])
-    assert listed.exit_code == 2
-    assert "is not known here" in listed.stderr
+            read()
+    assert "is not known here" in call("records", code=2).stderr
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("POUNDING_SWEEP_CACHE", "~/kernels")
     assert cache_folder() == tmp_path / "kernels"

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
-from typer.testing import CliRunner
+from scenes import call
 
 from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
 from pounding_sweep.analysis.rebuild import intensity_of
-from pounding_sweep.cli import app as cli_app
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
 
@@ -40,9 +39,7 @@ def cube_file(tmp_path_factory):
 
 def run(*arguments, code=0):
     """Run the command, its words apart or in one text; return what it printed."""
-    result = CliRunner().invoke(cli_app.app, ["compare", *(word for text in arguments for word in str(text).split())])
-    assert result.exit_code == code, result.stderr
-    return result
+    return call("compare", *(word for text in arguments for word in str(text).split()), code=code)
 
 
 def told(*arguments):

@@ -6,12 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from scenes import motions, row
+from scenes import call, motions, row
 from scipy import stats
-from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.spec.build import build_spec
@@ -151,9 +149,7 @@ def test_factors_on_other_buildings_stand_beside_those_drawn():
 
 def test_plan_tells_the_design(tmp_path):
     (tmp_path / "s.toml").write_text(FILE)
-    result = CliRunner().invoke(app, ["plan", str(tmp_path / "s.toml")])
-    assert result.exit_code == 0, result.output
-    said = " ".join(result.stdout.split())
+    said = " ".join(call("plan", tmp_path / "s.toml").stdout.split())
     assert "latin_hypercube design, 5 points (seed 7) of gap, restitution, period_factor_left" in said
     assert "20 asked" in said
 

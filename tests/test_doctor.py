@@ -10,10 +10,9 @@ from importlib.metadata import PackageNotFoundError
 import converged as source
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from scenes import call
 
 from pounding_sweep.accuracy import self_check
-from pounding_sweep.cli.app import app
 from pounding_sweep.run import diagnosis as doctor
 
 
@@ -52,8 +51,7 @@ def tampered(change):
 )
 def test_a_wrong_value_is_noticed(change, fault, monkeypatch):
     monkeypatch.setattr(self_check, "converged", tampered(change))
-    done = CliRunner().invoke(app, ["doctor", "--json"])
-    assert done.exit_code == 1
+    done = call("doctor", "--json", code=1)
     assert "does not compute the stored values" in done.stderr
     (said,) = json.loads(done.stdout)["self_check"]["faults"]
     assert fault in said
@@ -61,23 +59,22 @@ def test_a_wrong_value_is_noticed(change, fault, monkeypatch):
 
 @pytest.mark.slow
 def test_it_is_printed(monkeypatch):
-    done = CliRunner().invoke(app, ["doctor"])
-    assert done.exit_code == 0
+    said = call("doctor").stdout
     for part in ("Threads", "workers", "Memory", "Output", "free", "Self check", "error_max", "passed"):
-        assert part in done.stdout
+        assert part in said
     wrong = tampered(lambda s: s["scenarios"][0]["values"]["first_impact_time"][0].__setitem__(2, None))
     monkeypatch.setattr(self_check, "converged", wrong)
-    said = CliRunner().invoke(app, ["doctor"]).stdout
+    said = call("doctor", code=1).stdout
     assert re.search(r"^  passed +no$", said, re.MULTILINE)
     assert "is off by inf" in said
-    assert "Self check" not in CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    assert "Self check" not in call("doctor", "--no-check").stdout
 
 
 def test_it_tells_how_long_compiling_takes():
     """Of a kernel, by what is asked for."""
-    found = json.loads(CliRunner().invoke(app, ["doctor", "--no-check", "--json"]).stdout)["compile_seconds"]
+    found = json.loads(call("doctor", "--no-check", "--json").stdout)["compile_seconds"]
     assert 0.0 < found["default"] < found["all"]
-    said = CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    said = call("doctor", "--no-check").stdout
     assert re.search(r"^Compile seconds\n  default  .* s\n  all      .* s$", said, re.MULTILINE)
 
 
@@ -109,7 +106,7 @@ def test_versions_are_of_what_the_package_requires_or_can_use(monkeypatch):
     assert found["optional"] == {"also-missing": "records", "pyarrow": "export"}
     missing = [text for text in found["problems"] if "is not installed" in text]
     assert missing == ["not-there.at_all is not installed; install the package: pip install ."]
-    said = CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    said = call("doctor", "--no-check").stdout
     assert re.search(r"^  also-missing +none$", said, re.MULTILINE)
     assert re.search(r"^  also-missing +records$", said, re.MULTILINE)
     assert re.search(r"^  not-there\.at_all +none$", said, re.MULTILINE)

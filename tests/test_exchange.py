@@ -17,12 +17,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import hand_cube, low_and_high, sweep_attribute
+from scenes import call
 from scipy import stats
-from typer.testing import CliRunner
 
 from pounding_sweep.analysis import export_nrml, export_pelicun, fragility
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import write_cube
 
 TOOLS = os.environ.get("POUNDING_SWEEP_TOOLS_PYTHON", sys.executable)
@@ -203,9 +202,7 @@ def test_commands(cube, tmp_path):
     path, xml, demands = str(write_cube(cube, tmp_path / "c.nc")), str(tmp_path / "f.xml"), str(tmp_path / "d.csv")
 
     def run(*arguments, code=0):
-        result = CliRunner().invoke(app, ["export", path, *arguments])
-        assert result.exit_code == code, result.output
-        return " ".join(result.output.split())
+        return " ".join(call("export", path, *arguments, code=code).output.split())
 
     assert run("-o", xml, "--limit-state", "slight=drift:0.004", "--limit-state", "severe=drift:0.008") == xml
     assert len(functions(xml)[1]) == 4

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import hand_cube, random_fill
-from typer.testing import CliRunner
+from scenes import call
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output import export as exporting
 from pounding_sweep.output.export import export_cube, long_table
 from pounding_sweep.output.netcdf import open_cube, write_cube
@@ -165,8 +164,7 @@ def test_a_full_disk_ends_with_a_remedy_and_replaces_nothing(cube, tmp_path, mon
     monkeypatch.setattr(os, "fsync", no_room)
     with pytest.raises(WriteError, match=r"No space left on device\); free some space.*Nothing was replaced"):
         export_cube(cube, path, overwrite=True)
-    done = CliRunner().invoke(app, ["export", str(source), "-o", str(path), "--overwrite"])
-    assert (done.exit_code, "Nothing was replaced" in done.stderr) == (1, True)
+    assert "Nothing was replaced" in call("export", source, "-o", path, "--overwrite", code=1).stderr
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
 
 
@@ -231,15 +229,14 @@ def test_variables_that_share_no_dimensions_make_several_tables(trade, tmp_path)
     said = r"\(scenario, scheme\): error, sensitive; \(scheme, status\): count; export each set apart"
     with open_cube(trade) as cube, pytest.raises(InputError, match=said):
         export_cube(cube, tmp_path / "all.csv")
-    run = CliRunner().invoke
-    asked = ["export", str(trade), "-o", str(tmp_path / "all.csv")]
+    asked = ("export", trade, "-o", tmp_path / "all.csv")
     first, second = (tmp_path / f"all-{dims}.csv" for dims in ("scenario-scheme", "scheme-status"))
-    assert run(app, asked).stdout.split() == [str(first), str(second)]
+    assert call(*asked).stdout.split() == [str(first), str(second)]
     assert [(row["scheme"], row["error"]) for row in read(first)] == [
         (scheme, str(value)) for value, scheme in zip(np.arange(6.0), ["rk4", "exact"] * 3, strict=True)
     ]
     assert [float(row["count"]) for row in read(second)] == [*range(8)]
-    assert run(app, [*asked, "--var", "sensitive"]).stdout.strip() == str(tmp_path / "all.csv")
+    assert call(*asked, "--var", "sensitive").stdout.strip() == str(tmp_path / "all.csv")
     assert [row["sensitive"] for row in read(tmp_path / "all.csv")] == ["0", "1", "0"]
 
 
@@ -250,12 +247,7 @@ def test_the_size_of_a_large_table_is_said(cube, tmp_path, monkeypatch):
 
 
 def test_command(cube, tmp_path):
-    run = CliRunner().invoke
-    source = str(write_cube(cube.load(), tmp_path / "source.nc"))  # in no other hands
-    out = tmp_path / "t.csv"
-    made = run(app, ["export", source, "-o", str(out), "--at", "gap=0.1", "--var", "drift_max"])
-    assert made.exit_code == 0, made.output
-    assert made.stdout.strip() == str(out)
-    assert len(read(out)) == 6 * 3
-    again = run(app, ["export", source, "-o", str(out)])
-    assert (again.exit_code, "--overwrite" in again.stderr) == (2, True)
+    asked = ("export", write_cube(cube.load(), tmp_path / "source.nc"), "-o", tmp_path / "t.csv")  # in no other hands
+    assert call(*asked, "--at", "gap=0.1", "--var", "drift_max").stdout.strip() == str(asked[-1])
+    assert len(read(asked[-1])) == 6 * 3
+    assert "--overwrite" in call(*asked, code=2).stderr

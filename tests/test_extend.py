@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import motions, row
+from scenes import OUTPUTS, call, motions, row
 from test_limits import At, stop
-from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
 from pounding_sweep.base.errors import InputError, WriteError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
@@ -32,7 +30,6 @@ from pounding_sweep.run.reuse import EarlierCube
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
-OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 WHOLE = {
     "laws": ["linear", "none", "kelvin_voigt"],
     "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
@@ -581,14 +578,13 @@ variables = ["displacement_max", "displacement_min", "impact_force_max", "impact
 """
 
 
-def test_command(tmp_path):
+def test_command(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
     for name, gaps in (("less", "[0.002, 0.01]"), ("more", "[0.0005, 0.002, 0.01]")):
         (tmp_path / f"{name}.toml").write_text(SWEEP.replace("GAPS", gaps))
 
     def run(name, *more):
-        made = CliRunner().invoke(app, ["run", str(tmp_path / f"{name}.toml"), "--quiet", *more])
-        assert made.exit_code == 0, made.output
-        return made.stdout
+        return call("run", tmp_path / f"{name}.toml", "--quiet", *more).stdout
 
     old, new, whole = (str(tmp_path / f"{name}.nc") for name in ("old", "new", "whole"))
     assert "taken" not in run("less", "-o", old)

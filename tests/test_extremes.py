@@ -11,13 +11,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 from naive import NaiveBuilding, modal_exact
-from typer.testing import CliRunner
+from scenes import call
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
 from pounding_sweep.accuracy.extremes import Run, beside_wall, judge, make_reference, pair, peak_error, run_extremes
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.engine import postprocess
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics
@@ -476,14 +475,9 @@ def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
     assert len(not_rendered) == 1
 
 
-def call(*arguments):
-    few = ["--scenes", "16", "--law", LAW, "--family", "gap", "--family", "random", "--workers", "1"]
-    return CliRunner().invoke(app, ["extremes", *few, *arguments])
-
-
 def test_the_command_prints_a_table_and_json_and_fails_where_the_claim_does(monkeypatch):
-    done = call()
-    assert done.exit_code == 0, done.output
+    few = ("extremes", "--scenes", "16", "--law", LAW, "--family", "gap", "--family", "random", "--workers", "1")
+    done = call(*few)
     rows = [line.split()[:2] for line in done.stdout.splitlines()]
     for family in ("gap", "random"):  # in the table of statuses, and in that of what the judge found
         assert all(rows.count([family, scheme]) == 2 for scheme in measured_schemes())
@@ -491,8 +485,7 @@ def test_the_command_prints_a_table_and_json_and_fails_where_the_claim_does(monk
     monkeypatch.setattr(suite, "OK_CLAIM", 1e-12)
     for excuse in ("unsettled_rows", "sensitive_rows"):
         monkeypatch.setattr(suite, excuse, lambda *arguments: np.zeros(len(arguments[-1]), bool))
-    done = call("--json")
-    assert done.exit_code == 1
+    done = call(*few, "--json", code=1)
     report = json.loads(done.stdout)
     assert report["violations"] == len(violations(report)) > 0
     keys = {"law", "method", "dt", "gaps", "stiffness", "restitution", "scale", "fault"}

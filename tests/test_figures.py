@@ -12,14 +12,13 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 from PIL import Image
-from typer.testing import CliRunner
+from scenes import call
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import COMPARISONS, amplification
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, FIRST_STOREY, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.gallery.scenario import animate, draw_row, fading_marks
 from pounding_sweep.figures.select import select_default
@@ -504,29 +503,23 @@ gaps = [0.001, 0.005, 9.0]
 """
 
 
-def command(*words, code=0):
-    done = CliRunner().invoke(app, list(map(str, words)))
-    assert done.exit_code == code, done.output
-    return done
-
-
 def test_plot_on_the_command_line(tmp_path, not_rendered):
     periods, cube, one, picture = (tmp_path / name for name in ("periods.nc", "cube.nc", "one.nc", "x.png"))
     write_cube(made.of_periods(), periods)
     write_cube(made.cube(), cube)
     write_cube(made.histories(), one)
-    listed = command("plot", "--list").stdout
+    listed = call("plot", "--list").stdout
     assert [key for key in FIGURES if not re.search(rf"^(figure +)?{key}\b", listed, re.MULTILINE)] == []
-    possible, others = command("plot", cube).stdout.split("not possible")
+    possible, others = call("plot", cube).stdout.split("not possible")
     assert re.search(r"^(figure +)?force-gap\b", possible, re.MULTILINE)
     assert re.search(r"^histories +several times, ground_acceleration, displacement$", others, re.MULTILINE)
     words = ("plot", periods, "map", "-o", picture, "--dpi", "20")
-    command(*words, "--x", "gap", "--y", "period_ratio", "--value", "drift_max_ratio", "--contours")
+    call(*words, "--x", "gap", "--y", "period_ratio", "--value", "drift_max_ratio", "--contours")
     assert picture.exists()
     assert not_rendered == [{"dpi": 20.0}]
-    command("plot", cube, "profiles", "-o", picture, "--at", "gap=0.004", "--at", "law=linear")
-    command("plot", one, "phase", "-o", picture, "--start", "0.5", "--end", "1")
-    command("plot", cube, "force-gap", "-o", picture, "--at", "gap=0.002", "--at", "gap=0.008")
+    call("plot", cube, "profiles", "-o", picture, "--at", "gap=0.004", "--at", "law=linear")
+    call("plot", one, "phase", "-o", picture, "--start", "0.5", "--end", "1")
+    call("plot", cube, "force-gap", "-o", picture, "--at", "gap=0.002", "--at", "gap=0.008")
     for words, text in (
         ((), "give CUBE.nc FIGURE"),
         ((cube, "profiles"), "-o is missing"),
@@ -534,17 +527,17 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
         ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
         ((one, "histories", "-o", picture, "--x", "gap"), "'histories' takes no x; it takes start, end"),
     ):
-        assert text in command("plot", *words, code=2).stderr
+        assert text in call("plot", *words, code=2).stderr
 
 
 @pytest.mark.usefixtures("not_rendered")
 def test_a_part_without_values_is_refused_by_the_command(tmp_path):
     cube, file, picture = made.cube(record=2), tmp_path / "cube.nc", tmp_path / "x.png"
     write_cube(masked(cube, (cube["record"] == "r1") & (cube["law"] == cube["law"])), file)
-    message = command("plot", file, "force-gap", "-o", picture, "--at", "record=r2", code=2).stderr
+    message = call("plot", file, "force-gap", "-o", picture, "--at", "record=r2", code=2).stderr
     assert "nothing to draw at record r2: 24 of 24 scenarios are not_run" in message
     assert not picture.exists()
-    command("plot", file, "force-gap", "-o", picture, "--at", "record=r1")
+    call("plot", file, "force-gap", "-o", picture, "--at", "record=r1")
     with pytest.raises(InputError, match=r"needs a law with contact, .*: choose others with --at, or run .* a law"):
         plot(cube.sel(law=["none"]), "force-gap", picture)
     with pytest.raises(InputError, match="has nothing to draw: none of its values is a number"):
@@ -565,18 +558,18 @@ def test_choices_of_a_scenario_on_the_command_line(tmp_path):
         (["--output-step", "0"], "output_step is 0.0; it must be a positive number"),
     ):
         for name, suffix in (("simulate", "nc"), ("animate", "gif")):
-            assert text in command(name, sweep, "-o", tmp_path / f"x.{suffix}", *words, code=2).stderr
-    assert "ending in .gif" in command("animate", sweep, "-o", tmp_path / "x.avi", code=2).stderr
+            assert text in call(name, sweep, "-o", tmp_path / f"x.{suffix}", *words, code=2).stderr
+    assert "ending in .gif" in call("animate", sweep, "-o", tmp_path / "x.avi", code=2).stderr
 
 
 @pytest.mark.slow
 def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     sweep, one, gif = (tmp_path / name for name in ("s.toml", "one.nc", "row.gif"))
     sweep.write_text(SWEEP)
-    done = command("simulate", sweep, "-o", one, "--stiffness", "3e6")
+    done = call("simulate", sweep, "-o", one, "--stiffness", "3e6")
     assert done.stdout.splitlines() == [str(one)]
     assert "Kelvin-Voigt without tension; gap 5 mm; stiffness 3e+06 kN" in done.stderr
-    command("simulate", sweep, "-o", one, "--overwrite")
+    call("simulate", sweep, "-o", one, "--overwrite")
     spec = ps.load_sweep(sweep).spec
     scene = spec.scene.with_gaps([0.005, 0.005])
     with open_cube(one) as cube:
@@ -584,11 +577,11 @@ def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
         assert stored_scene(cube) == scene
         want = ps.simulate(scene, spec.records[0], law="kelvin_voigt")
         np.testing.assert_array_equal(cube.contact_force, want.contact_force)
-    assert command("plot", one, "histories", "-o", tmp_path / "h.png").stdout.strip() == str(tmp_path / "h.png")
-    possible, others = command("plot", one).stdout.split("not possible")
+    assert call("plot", one, "histories", "-o", tmp_path / "h.png").stdout.strip() == str(tmp_path / "h.png")
+    possible, others = call("plot", one).stdout.split("not possible")
     assert re.search(r"^row ", possible, re.MULTILINE)
     assert re.search(r"^force-gap +law, gap$", others, re.MULTILINE)
-    command("animate", sweep, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1")
+    call("animate", sweep, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1")
     with Image.open(gif) as picture:
         assert picture.n_frames == 3
-    assert "exists" in command("simulate", sweep, "-o", one, code=2).stderr
+    assert "exists" in call("simulate", sweep, "-o", one, code=2).stderr

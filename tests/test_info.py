@@ -7,9 +7,8 @@ import json
 import numpy as np
 import xarray as xr
 from analysis_cubes import hand_cube, random_fill
-from typer.testing import CliRunner
+from scenes import call
 
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.resume import MANIFEST
@@ -19,9 +18,7 @@ RECORDS = [{"name": "one", "pga": 1.5, "sha256": "3f2a"}, {"name": "two", "pga":
 
 
 def info(*arguments):
-    done = CliRunner().invoke(app, ["info", *map(str, arguments)])
-    assert done.exit_code == 0, done.stderr
-    return done.stdout
+    return call("info", *arguments).stdout
 
 
 def made():

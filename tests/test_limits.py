@@ -17,13 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import AXES, motions, row
+from scenes import AXES, call, motions, row
 from test_cli import HEEDING, LONG, TINY, cli, environment, write
-from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
 from pounding_sweep.base.files import LOCK
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume import HOLDER, MANIFEST, ChunkStore, locked, running, survey
 from pounding_sweep.run import execute
@@ -330,9 +328,7 @@ def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = r"the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); ask its owner for access, or give"
     for command in (RUN, ["info", "out.nc"]):
-        done = CliRunner().invoke(app, command)
-        assert done.exit_code == 2
-        assert re.match(rf"pounding-sweep: error: {said} another path\n", done.stderr)
+        assert re.match(rf"pounding-sweep: error: {said} another path\n", call(*command, code=2).stderr)
 
 
 def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch):
@@ -357,13 +353,6 @@ def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch)
 # -- what a half-finished folder tells ---------------------------------------------------------------------------------
 
 
-def info(path, code=0):
-    """Run `info` in this process."""
-    done = CliRunner().invoke(app, ["info", str(path)])
-    assert done.exit_code == code, done.output
-    return done
-
-
 def stop():
     raise KeyboardInterrupt
 
@@ -380,7 +369,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
         ("no pounding", "none", "one", 1, 1),
         ("no pounding", "none", "two", 1, 0),
     ]
-    said = info(parts).stdout
+    said = call("info", parts).stdout
     assert "(which of them have to is known after the runs without pounding)" in said
     assert re.search(r"^no pounding +none +two +1 +0 +1 +1 +0 +1$", said, re.MULTILINE)
 
@@ -397,14 +386,14 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     missing = sum(part.scenarios - part.scenarios_done for part in lost.parts)
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing > 0
-    said = info(tmp_path / "out.nc").stdout
+    said = call("info", tmp_path / "out.nc").stdout
     assert "Variables" in said
     assert "unfinished" not in said
 
     with pytest.raises(KeyboardInterrupt):  # beside a cube that is finished
         sweep.run(tmp_path / "out.nc", overwrite=True, scheduler="synchronous", progress=At("scenarios", stop, 20))
     done, planned = (sum(getattr(p, name) for p in survey(parts).parts) for name in ("scenarios_done", "scenarios"))
-    said = info(tmp_path / "out.nc")
+    said = call("info", tmp_path / "out.nc")
     last = f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
     assert (said.stdout.splitlines()[-1], said.stderr) == (last, "")
 
@@ -414,6 +403,6 @@ def test_folders_that_are_not_half_finished(tmp_path):
         OutputError, match=r"no folder of finished chunks: it has no manifest\.jsonl; give OUT\.nc\.parts"
     ):
         survey(tmp_path)
-    assert "it has no manifest.jsonl" in info(tmp_path, code=2).stderr
+    assert "it has no manifest.jsonl" in call("info", tmp_path, code=2).stderr
     ChunkStore(tmp_path, {"package": "1"}).flush()
-    assert "no run came as far as its first stage" in info(tmp_path).stdout
+    assert "no run came as far as its first stage" in call("info", tmp_path).stdout

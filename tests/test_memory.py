@@ -189,6 +189,3 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
     assert sweep.last_outcome.run == 0
     assert sweep.last_outcome.reused > 0
     assert sorted(p.name for p in tmp_path.iterdir()) == [out.name, "out.nc.log"]
-
-
-# -- writing of chunks -------------------------------------------------------------------------------------------------

@@ -12,12 +12,10 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import motions, row
-from typer.testing import CliRunner
+from scenes import OUTPUTS, call, motions, row
 
 from pounding_sweep import Sweep
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output import merge as merging
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.describe import describe
@@ -28,7 +26,6 @@ from pounding_sweep.spec.spec import digest, to_json
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
-OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 LAWS = ["linear", "none", "kelvin_voigt"]
 GAPS = [0.0005, 0.002, 0.01, 0.02]
 WHOLE = {"laws": LAWS, "gaps": GAPS, "restitutions": [0.3, 0.7], "records": motions(), "scales": [1.0, 1.5]}
@@ -335,21 +332,16 @@ def test_values_that_one_part_has_side_by_side_are_meant(tmp_path):
 
 def test_command(whole, tmp_path):
     files = saved(tmp_path, part(whole, law=LAWS[:1], gap=GAPS[:1]), part(whole, law=LAWS[1:]))
-    run = CliRunner().invoke
-    arguments = ["merge", *map(str, files), "-o", str(tmp_path / "all.nc")]
-    made = run(app, arguments)
-    assert made.exit_code == 0, made.output
-    assert "missing    24 (status not_run): law=linear gap=0.002 " in made.stdout
-    assert made.stdout.splitlines()[-1] == str(tmp_path / "all.nc")
-    assert run(app, arguments).exit_code == 2
-    assert run(app, [*arguments, "--overwrite", "--tolerance", "0"]).exit_code == 0
+    asked = ("merge", *files, "-o", tmp_path / "all.nc")
+    said = call(*asked).stdout
+    assert "missing    24 (status not_run): law=linear gap=0.002 " in said
+    assert said.splitlines()[-1] == str(tmp_path / "all.nc")
+    call(*asked, code=2)
+    call(*asked, "--overwrite", "--tolerance", "0")
     write_cube(part(whole, law=LAWS[1:]).assign_attrs(package_sha256="f" * 64), files[1], overwrite=True)
-    refused = run(app, [*arguments, "--overwrite"])
-    assert refused.exit_code == 2
-    assert "package_sha256 is " in refused.stderr
-    mixed = run(app, [*arguments, "--overwrite", "--mix-sources"])
-    assert mixed.exit_code == 0, mixed.output
-    assert "sources    2, by source, numba, llvmlite and numpy (see merged_from)" in mixed.stdout
+    assert "package_sha256 is " in call(*asked, "--overwrite", code=2).stderr
+    mixed = call(*asked, "--overwrite", "--mix-sources").stdout
+    assert "sources    2, by source, numba, llvmlite and numpy (see merged_from)" in mixed
 
 
 #: Listed cases, with and without building properties; the third and the last are the same scenario in two spellings.
@@ -442,5 +434,4 @@ def test_cases_and_axes_do_not_mix(whole, cases, tmp_path):
     with pytest.raises(InputError, match=r"the list of axes is \['case'\] in the first and \['law', 'gap'"):
         merged(tmp_path, some(cases, [0]), part(whole))
     files = saved(tmp_path, some(cases, [1]), some(cases, [0]).assign_attrs(sweep="{"))
-    made = CliRunner().invoke(app, ["merge", *map(str, files), "-o", str(tmp_path / "none.nc")])
-    assert (made.exit_code, "its attribute 'sweep' is damaged" in made.output) == (2, True)
+    assert "its attribute 'sweep' is damaged" in call("merge", *files, "-o", tmp_path / "none.nc", code=2).output

@@ -12,13 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import own_law
-from scenes import OUTPUTS, motions, pair
-from typer.testing import CliRunner
+from scenes import OUTPUTS, call, motions, pair
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.law_check import check_law, solved_restitution
 from pounding_sweep.base.errors import InputError, LawError, OutputError, SweepError
-from pounding_sweep.cli.app import app
 from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
@@ -382,8 +380,7 @@ def test_a_law_is_checked_by_kernels_solver_and_twin(key):
 @pytest.mark.slow
 def test_the_command_checks_a_law(tmp_path):
     path = law_file(tmp_path)
-    got = CliRunner().invoke(app, ["laws", "--check", f"{path}:my_law", "--e", "0.6"])
-    assert got.exit_code == 0, got.stderr
+    got = call("laws", "--check", f"{path}:my_law", "--e", "0.6")
     assert f"from {path}:my_law, Python of your own that was run" in got.stderr
     assert "All agree" in got.stdout
     assert re.search(r"published +0\.6 +0\.6 +0\.71195\d+ +0\.71195\d+ +0\.71195\d+", got.stdout)
@@ -394,11 +391,9 @@ def test_commands_say_which_file_they_run(tmp_path):
     path = law_file(tmp_path)
     file = tmp_path / "one.toml"
     file.write_text('[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = "linear"\n')
-    for words in (["plan", str(file), "--json"], ["run", str(file), "-o", str(tmp_path / "c.nc"), "--json"]):
-        got = CliRunner().invoke(app, [*words, "--law", f"{path}:my_law", "--law", "hertz"])
-        assert got.exit_code == 0, got.stderr
+    for words in (("plan", file, "--json"), ("run", file, "-o", tmp_path / "c.nc", "--json")):
+        got = call(*words, "--law", f"{path}:my_law", "--law", "hertz")
         assert f"law 'my_law' from {path}:my_law, Python of your own that was run (SHA-256 " in got.stderr
         assert list(json.loads(got.stdout)["own_laws"]) == ["my_law"]
-    got = CliRunner().invoke(app, ["plan", str(file), "--law", f"{path}:mylaw"])
-    assert got.exit_code == 2
-    assert "there is no 'mylaw'; laws in it: my_law" in got.stderr
+    refused = call("plan", file, "--law", f"{path}:mylaw", code=2).stderr
+    assert "there is no 'mylaw'; laws in it: my_law" in refused

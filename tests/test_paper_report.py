@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from paper_study import along, histories, make_study, outputs
-from typer.testing import CliRunner
+from scenes import call
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.comparisons.responses import energy_transfer
-from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import PAPER_FIGURES, save_figures
 from pounding_sweep.paper.published import READINGS, sweep_of
 from pounding_sweep.paper.report import contents_of, summary, write_report
@@ -146,9 +145,7 @@ def test_the_command_refuses_what_it_cannot_use(tmp_path):
         ((tmp_path / "none.nc", "-o", tmp_path / "new"), "does not exist"),
         (("-o", tmp_path / "file"), "is not a folder"),
     ):
-        done = CliRunner().invoke(app, ["paper", *map(str, words)])
-        assert done.exit_code == 2
-        assert message in done.stderr
+        assert message in call("paper", *words, code=2).stderr
 
 
 def cli(*args):

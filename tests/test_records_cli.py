@@ -7,12 +7,11 @@ import re
 from dataclasses import asdict
 
 import pytest
+from scenes import call
 from test_cli import TINY, at2, write
-from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.cli.app import app
 from pounding_sweep.records import RECORD_SETS, find_record, record_measures
 
 PULSE = '{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }'
@@ -28,14 +27,6 @@ def asking(*records):
 def _no_records(monkeypatch):
     monkeypatch.delenv("POUNDING_SWEEP_RECORDS", raising=False)
     monkeypatch.setenv("COLUMNS", "100")
-
-
-def call(*args, code=0):
-    """Run the command line in this process; returns what it printed, having checked its exit code."""
-    done = CliRunner().invoke(app, list(map(str, args)))
-    assert done.exit_code == code, done.output
-    assert code == 0 or done.stdout == ""
-    return done
 
 
 @pytest.fixture

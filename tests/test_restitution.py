@@ -11,14 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import two_mass_restitution
-from scenes import EVERY
+from scenes import EVERY, call
 from test_naive import REALISED
-from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.certificate import certify, deviation
 from pounding_sweep.base.errors import InputError, LawError, SweepError
-from pounding_sweep.cli.app import app
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import (
     LAWS,
@@ -196,9 +194,9 @@ def test_no_finite_damping_stops_the_masses(law):
 
 def test_unknown_basis():
     law = get_law("hertz_damped")
-    for call in (damping_number, realised_restitution):
+    for relation in (damping_number, realised_restitution):
         with pytest.raises(LawError, match=r"unknown restitution basis 'realized'; did you mean 'realised'\?"):
-            call(law, 0.5, "realized")
+            relation(law, 0.5, "realized")
 
 
 # -- the kernels -------------------------------------------------------------------------------------------------------
@@ -405,8 +403,7 @@ def test_the_stability_limit_knows_the_basis():
 @pytest.mark.usefixtures("certificate")
 def test_the_certificate_as_text(monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
-    got = CliRunner().invoke(app, ["laws", "--restitution", "--e", "0.3,0.6"])
-    assert got.exit_code == 0, got.output
+    got = call("laws", "--restitution", "--e", "0.3,0.6")
     lines = {tuple(line.split()[:2]): line.split()[2:] for line in got.stdout.splitlines() if line.strip()}
     assert lines["hertz_damped", "0.6"] == ["0.48", "0.7561487", "0.7561487", "0.974872", "0.6000000"]
     assert lines["linear", "any"][1] == "1.0000000"
@@ -423,7 +420,6 @@ def test_the_certificate_as_text(monkeypatch):
     ],
 )
 def test_wrong_use_of_the_certificate(words, said):
-    got = CliRunner().invoke(app, ["laws", *words])
-    assert got.exit_code == 2
+    got = call("laws", *words, code=2)
     assert said in got.stderr
     assert not got.stdout

@@ -8,14 +8,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import xarray as xr
-from scenes import pair
-from typer.testing import CliRunner
+from scenes import call, pair
 
 from pounding_sweep import Sweep, pulse_record
 from pounding_sweep.analysis import sensitivity
 from pounding_sweep.analysis.comparisons.sensitivity import bootstrap_intervals, index_rows, sobol_indices
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.spec.build import build_spec
 
@@ -171,9 +169,8 @@ def test_what_can_not_be_done(cube, stub_engine, make, arguments, message):
 
 
 def test_command(cube, tmp_path):
-    path, out = str(write_cube(cube, tmp_path / "a.nc")), tmp_path / "out"
-    result = CliRunner().invoke(app, ["compare", path, "--what", "sensitivity", "-o", str(out), "--json"])
-    assert result.exit_code == 0, result.output
+    path, out = write_cube(cube, tmp_path / "a.nc"), tmp_path / "out"
+    result = call("compare", path, "--what", "sensitivity", "-o", out, "--json")
     rows = json.loads(result.stdout)["sensitivity"]["rows"]
     assert {row["variable"] for row in rows} == {"displacement_max", "impact_force_max"}
     assert rows == index_rows(sensitivity(cube))

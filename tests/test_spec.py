@@ -26,7 +26,6 @@ from pounding_sweep.spec.spec import SweepSpec, digest, to_json
 from pounding_sweep.spec.toml import key_lines, line_of, load_spec
 
 ROOT = Path(__file__).resolve().parent.parent
-NAN = float("nan")
 INF = float("inf")
 PULSE = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
 STEP = Record("step", dt=0.02, acceleration=[1.0, 1.0])
@@ -53,10 +52,6 @@ def only(**change):
     (problem,) = caught.value.problems
     assert str(caught.value) == problem
     return problem
-
-
-def bare_scene(**contact):
-    return Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])], [0.01], ContactProperties(**contact))
 
 
 @pytest.mark.parametrize(

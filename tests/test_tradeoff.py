@@ -11,15 +11,12 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.text import Text
-from scenes import EVERY, pair
-from typer.testing import CliRunner
+from scenes import EVERY, call, pair
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import tradeoff as module
 from pounding_sweep.accuracy.tradeoff import draw, measure, summarise, table_of, tradeoff
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli import main  # noqa: F401  registers the commands
-from pounding_sweep.cli.app import app
 from pounding_sweep.figures import FIGURES, plot
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.describe import describe
@@ -383,10 +380,6 @@ def test_what_can_not_be_measured_is_refused(settings, arguments, text):
         tradeoff(make_sweep(**settings), **arguments)
 
 
-def command(*arguments):
-    return CliRunner().invoke(app, ["tradeoff", *map(str, arguments)])
-
-
 @pytest.fixture
 def tiny(tmp_path):
     path = tmp_path / "tiny.toml"
@@ -397,24 +390,20 @@ def tiny(tmp_path):
 def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_rendered, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     out, figure = tmp_path / "trade.nc", tmp_path / "trade.png"
-    done = command(tiny, "-o", out, "--steps", "2e-3", "--scenarios", "2", "--plot", figure, "--quiet")
-    assert done.exit_code == 0, done.output
+    done = call("tradeoff", tiny, "-o", out, "--steps", "2e-3", "--scenarios", "2", "--plot", figure, "--quiet")
     lines = done.stdout.splitlines()
     assert done.stdout.split()[:3] == ["scheme", "located", "precision"]
     assert sum(line.startswith(("rk4", "newmark")) for line in lines) == 8
     assert "2 of 2 touching scenarios are measured" in done.stdout
     assert lines[-2:] == [str(figure), str(out)]
-    drawn = CliRunner().invoke(app, ["plot", str(out), "work-precision", "-o", str(tmp_path / "again.png")])
-    assert drawn.exit_code == 0, drawn.output
+    call("plot", out, "work-precision", "-o", tmp_path / "again.png")
     assert figure.exists()
     assert len(not_rendered) == 2
-    assert command(tiny, "-o", out).exit_code == 2
+    call("tradeoff", tiny, "-o", out, code=2)
 
 
 def test_the_command_prints_json(tiny):
-    done = command(tiny, "--steps", "2e-3", "--scenarios", "2", "--json", "--quiet")
-    assert done.exit_code == 0, done.output
-    report = json.loads(done.stdout)
+    report = json.loads(call("tradeoff", tiny, "--steps", "2e-3", "--scenarios", "2", "--json", "--quiet").stdout)
     assert (report["sample_scenarios"], len(report["configurations"])) == (2, 10)
     first = report["configurations"][0]
     assert first["scheme"] == "rk4"
@@ -425,6 +414,4 @@ def test_the_command_prints_json(tiny):
 
 @pytest.mark.parametrize("steps", ["1e-3,fast", ""])
 def test_the_command_names_wrong_steps(tiny, steps):
-    done = command(tiny, "--steps", steps)
-    assert done.exit_code == 2
-    assert "is no list of numbers" in done.stderr
+    assert "is no list of numbers" in call("tradeoff", tiny, "--steps", steps, code=2).stderr

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from functools import lru_cache
 
 import numpy as np
 import pytest
-from scenes import motions, pair
-from typer.testing import CliRunner
+from scenes import call, motions, pair
+from test_export import read
 
 from pounding_sweep import Sweep, simulate
 from pounding_sweep.analysis.rebuild import with_intensities
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.cli.app import app
 from pounding_sweep.output import export as tables
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
@@ -59,11 +57,6 @@ def made(name):
 )
 def cube(stub_module, request):
     return made(request.param)
-
-
-def read(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def same(text, value):
@@ -175,8 +168,7 @@ def test_chosen_intensities_are_columns(name, tmp_path):
 def test_a_part_and_a_file(tmp_path):
     path = write_cube(made("axes"), tmp_path / "a.nc")
     at = ["--at", "law=kelvin_voigt", "--at", "record=two"]
-    result = CliRunner().invoke(app, ["export", str(path), "-o", str(tmp_path / "t.csv"), "--table", *at])
-    assert result.exit_code == 0, result.output
+    call("export", path, "-o", tmp_path / "t.csv", "--table", *at)
     rows = read(tmp_path / "t.csv")
     assert len(rows) == 8
     assert {row["law"] for row in rows} == {"kelvin_voigt"}
