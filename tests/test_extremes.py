@@ -447,7 +447,9 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
 
 def test_a_batch_is_judged_at_each_of_its_steps():
     batch = suite.make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
-    verdicts = pd.DataFrame(suite.run_judged(batch)).groupby(["method", "dt"], sort=False).error
+    verdicts = (
+        pd.concat(suite.run_judged(batch, "float64", measured_schemes())).groupby(["method", "dt"], sort=False).error
+    )
     assert list(verdicts.groups) == [(method, dt) for method in measured_schemes() for dt in batch.steps]
     for method in measured_schemes():
         coarse, finest = (verdicts.get_group((method, dt)).to_numpy() for dt in (batch.steps[0], batch.steps[-1]))

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, LawError
-from pounding_sweep.engine.compile import prepare
+from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, damping_number, find_law, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
@@ -49,6 +49,13 @@ def _closed_form(law: Law, basis: str, e: float) -> tuple[float, float]:
     except LawError:
         return np.nan, np.nan
     return float(realised_restitution(law, e, basis)), float(damping_number(law, e, basis))
+
+
+def prepare_kernels(kernels: Iterable[RowKernel], workers: int | None, progress: Progress) -> None:
+    """Make kernels ready to run, by one process per core where no number of `workers` is given."""
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
+    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
+    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
 
 def certify(
@@ -112,11 +119,8 @@ def certify(
     closing = APPROACH / 2.0, -APPROACH / 2.0
     one = RowKernel(scene, chosen[0], numerics, frozenset({"energy"}), initial_velocity=closing)
     kernels = [replace(one, law=law, basis=basis) for law, basis in pairs]
-    measured = np.full((len(pairs), nominal.size), np.nan)
-    progress = progress or Progress()
-    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
-    progress.stage("kernels", len(shapes))
-    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
+    measured = np.full(number.shape, np.nan)
+    prepare_kernels(kernels, workers, progress or Progress())
     for kernel, row, valid in zip(kernels, measured, np.isfinite(number), strict=True):
         if valid.any():
             ones, law = np.ones(valid.sum()), kernel.law

@@ -6,7 +6,6 @@ A batch is run as a chunk of a sweep is. `judge` has the demands, which docs/ext
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,9 +17,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from pounding_sweep.accuracy.certificate import prepare_kernels
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.files import read_data
-from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
@@ -347,7 +346,7 @@ CONVERGED = 0.1 * OK_CLAIM
 #: Most energy that contacts may create in an ok scenario, relative to the largest energy of its balance.
 CREATED_BOUND = 0.01
 #: Most energy of a scenario, relative to what the ground can bring in: ok, and any other with values.
-ENERGY_BOUND = {True: 1.01, False: 1.1}
+ENERGY_BOUNDS = 1.01, 1.1
 #: Seconds of CPU time that a run of a few scenarios may take.
 TIME_LIMIT = 60.0
 #: Longest reference run (steps of the record).
@@ -449,7 +448,7 @@ def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.asarray(np.abs(work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
 
 
-def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
+def judge(run: Run, reference: Reference) -> pd.DataFrame:
     """Judge what a run of a batch gave; a row per scenario.
 
     ``error``: largest relative one of a peak, NaN where it is not judged; ``missed``: ok, but off by more than the
@@ -459,12 +458,13 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     """
     batch, values, status = run.batch, run.values, run.values["status"]
     ok, has_values, has_reference = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
-    finite, empty = np.ones(len(batch), bool), np.ones(len(batch), bool)
-    for name, array in values.items():
-        if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force):
-            is_finite = np.isfinite(array[:, _exists(batch, name, array)])
-            finite &= is_finite.all(axis=1)
-            empty &= ~is_finite.any(axis=1)
+    checked = [
+        array[:, _exists(batch, name, array)]
+        for name, array in values.items()
+        if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force)
+    ]
+    is_finite = np.isfinite(np.hstack(checked))
+    finite, empty = is_finite.all(axis=1), ~is_finite.any(axis=1)
     sound = has_values & finite
     with np.errstate(invalid="ignore", over="ignore"):
         created = np.where(sound, created_energy(values), 0.0)
@@ -472,33 +472,29 @@ def judge(run: Run, reference: Reference) -> list[dict[str, Any]]:
     judged = ok & sound & has_reference
     error = np.where(judged, peak_error(values, reference.peaks), np.nan)
     missed = judged & (error > OK_CLAIM)
-    sensitive, unsettled = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
+    sensitive, unsettled = np.zeros((2, len(batch)), bool)
     if len(rows := np.flatnonzero(missed)):
         sensitive[rows], unsettled[rows] = sensitive_rows(batch, reference, rows), unsettled_rows(run, rows)
     off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
-    beyond = share > np.where(ok, ENERGY_BOUND[True], ENERGY_BOUND[False])
+    first = np.arange(len(batch)) == 0
     demands = (
         (has_values & ~finite, "has values that are not finite", share),
         (~has_values & ~empty, "has no result by its status, but finite values", share),
         (status == Status.NOT_RUN, "was not run", share),
         ((status == Status.DIVERGED) & SCHEMES[run.method].implicit, "diverged, though its contact is implicit", share),
         (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
-        (beyond, "holds {:.4g} times the energy that can have come in", share),
+        (share > np.where(ok, *ENERGY_BOUNDS), "holds {:.4g} times the energy that can have come in", share),
         (missed & ~unsettled & ~sensitive, off, error),
-        ((np.arange(len(batch)) == 0) & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
+        (first & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
-    about: dict[str, Any] = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
+    faults = [[text.format(number[i]) for rows, text, number in demands if rows[i]] for i in range(len(batch))]
+    about = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
     about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
-    columns = {name: getattr(batch.table, name) for name in ("gaps", "stiffness", "restitution", "scale")}
+    columns = {name: getattr(batch.table, name) for name in ("stiffness", "restitution", "scale")}
     columns |= {"error": error, "missed": missed, "unsettled": unsettled, "sensitive": sensitive, "created": created}
-    columns |= {"unknown": ok & sound & ~has_reference, "energy": share}
-    rows_of = zip(*(column.tolist() for column in columns.values()), strict=True)
-    return [
-        about
-        | {"status": STATUS[int(status[i])].label, **dict(zip(columns, cells, strict=True))}
-        | {"faults": [text.format(float(number[i])) for rows, text, number in demands if rows[i]]}
-        for i, cells in enumerate(rows_of)
-    ]
+    columns |= {"unknown": ok & sound & ~has_reference, "energy": share, "gaps": batch.table.gaps.tolist()}
+    labels = [STATUS[code].label for code in status.astype(int)]
+    return pd.DataFrame({**columns, "status": labels, "faults": faults}).assign(**about)
 
 
 def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
@@ -512,10 +508,10 @@ def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     return np.ones(values.shape[1:], bool)
 
 
-def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[dict[str, Any]]:
+def run_judged(batch: Batch, precision: str, methods: Sequence[str]) -> list[pd.DataFrame]:
     """Run a batch in each scheme at every step, and judge all runs against one reference."""
     runs, wanted, shortest = [], np.zeros(len(batch), bool), np.full(len(batch), np.inf)
-    for method in batch.schemes(measured_schemes() if methods is None else methods):
+    for method in batch.schemes(methods):
         for dt in batch.steps:
             start = time.process_time()  # machines may be busy with other work
             values = batch.run(method, dt, precision)
@@ -524,7 +520,7 @@ def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] 
             wanted |= ok
             shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
     reference = make_reference(batch, wanted, shortest)
-    return [verdict for run in runs for verdict in judge(run, reference)]
+    return [judge(run, reference) for run in runs]
 
 
 #: Name of the family of random scenes, and how many there are where no number is given.
@@ -565,18 +561,20 @@ def run_extremes(
             raise InputError(unknown("family", key, valid))
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
-    formats = dict.fromkeys(("float64", precision))
-    kernels = [b.kernel(method, b.steps[0], f) for b in batches for method in b.schemes(schemes) for f in formats]
-    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
-    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
-    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
+    kernels = [
+        batch.kernel(method, batch.steps[0], form)
+        for batch in batches
+        for method in batch.schemes(schemes)
+        for form in ("float64", precision)
+    ]
+    prepare_kernels(kernels, workers, progress)
     ready = time.perf_counter()
-    verdicts: list[dict[str, Any]] = []
+    verdicts: list[pd.DataFrame] = []
     progress.stage("batches", len(batches))
     for batch in batches:
         verdicts += run_judged(batch, precision, schemes)
         progress.advance(1)
-    results = summarise(pd.DataFrame(verdicts)) if verdicts else []
+    results = summarise(pd.concat(verdicts, ignore_index=True)) if verdicts else []
     return {
         "claim": OK_CLAIM,
         "results": results,
@@ -632,10 +630,12 @@ def stability_map(
     )
     runs = [[batch.run(method, dt, precision) for dt in steps] for method, precision in SHOWN]
     status = np.array([[run["status"] for run in line] for line in runs], np.int8)
-    shortest = np.full(len(batch), np.inf)
-    for (method, _), line in zip(SHOWN, runs, strict=True):
-        for dt, run in zip(steps, line, strict=True):
-            shortest = np.fmin(shortest, run["steps_per_contact"] * batch.step(method, dt))
+    contacts = [
+        run["steps_per_contact"] * batch.step(method, dt)
+        for (method, _), line in zip(SHOWN, runs, strict=True)
+        for dt, run in zip(steps, line, strict=True)
+    ]
+    shortest = np.fmin.reduce([np.full(len(batch), np.inf), *contacts])
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
     references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
     name = "impact_force_max"

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -19,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from pounding_sweep.accuracy.certificate import prepare_kernels
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite
-from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import global_attributes
@@ -192,9 +191,7 @@ def measure(
     timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
     kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
-    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
-    progress.stage("kernels", len(shapes))
-    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
+    prepare_kernels(kernels, workers, progress)
 
     def run(numerics: Numerics, part: Scenarios, is_refused: np.ndarray | None = None) -> Values:
         values = run_rows(plan, part, numerics, outputs, is_refused)
@@ -496,6 +493,8 @@ def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...
 
 #: Outputs that a reader looks at first, and their names in tables.
 LEADING = {"impact_force_max": "force", "displacement_max": "displ."}
+#: What is told of an error: its name, the variable and its type.
+_CELL = {"value": ("error", float), "resolution": ("resolution", float), "pareto": ("pareto", bool)}
 #: Smallest order of convergence that is shown: errors of rounding do not fall with the step.
 LEAST_ORDER = 0.05
 
@@ -514,38 +513,29 @@ def leading_outputs(trade: xr.Dataset) -> list[str]:
     return [*(name for name in LEADING if name in outputs), *(name for name in outputs if name not in LEADING)][:2]
 
 
-def _nested(trade: xr.Dataset, cell: Callable[[tuple[int, int, int]], Any]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the cell of each output, population and statistic, by their indices."""
-    outputs, populations, names = (trade[dim].values.tolist() for dim in ("output", "population", "statistic"))
-    return {
-        output: {
-            population: {name: cell((i, j, k)) for k, name in enumerate(names)}
-            for j, population in enumerate(populations)
-        }
-        for i, output in enumerate(outputs)
-    }
+def _by_label(values: Any, *labels: Sequence[str]) -> Any:
+    """Return nested lists as dictionaries by the labels of each of their dimensions."""
+    if not labels:
+        return finite(values)
+    return {label: _by_label(part, *labels[1:]) for label, part in zip(labels[0], values, strict=True)}
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
     """Return one row per configuration."""
     check_trade(trade)
     trade, rows = trade.load(), []
+    labels = [trade[dim].values.tolist() for dim in ("output", "population", "statistic")]
     for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
         one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
         if SCHEMES[one["scheme"].item()].flies_exactly and not one["located"]:
             continue  # there is no such thing: it flies exactly between located touches
-        error, resolution, pareto = (one[name].values for name in ("error", "resolution", "pareto"))
-
-        def cell(place: tuple[int, int, int], error: Any = error, least: Any = resolution, on: Any = pareto) -> Any:
-            value, limit = finite(error[place].item()), finite(least[place].item())
-            return {"value": value, "resolution": limit, "pareto": bool(on[place])}
-
+        cells = [one[name].values.astype(kind).astype(object) for name, kind in _CELL.values()]
         rows.append(
             {name: one[name].item() for name in CONFIGURATION}
             | {"located": bool(one["located"]), "time_steps": one["time_step"].to_series().to_dict()}
             | {name: finite(one[name].item()) for name in ("cost", "cost_median")}
             | {"statuses": {label: count for label, count in one["status_count"].to_series().items() if count}}
-            | {"errors": _nested(trade, cell)}
+            | {"errors": _by_label(np.stack(cells, axis=-1).tolist(), *labels, list(_CELL))}
         )
     return rows
 
@@ -553,11 +543,11 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
 def report(trade: xr.Dataset) -> dict[str, Any]:
     """Return every output, population and statistic of a trade, for JSON."""
     counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
-    errors = trade["reference_error"].transpose("output", "population", "statistic").values
+    errors = trade["reference_error"].transpose("output", "population", "statistic")
     return {
         **{name: int(trade.attrs[name]) for name in counts},
         "reference_step": float(trade.attrs["reference_step"]),
-        "reference_errors": _nested(trade, lambda place: finite(errors[place].item())),
+        "reference_errors": _by_label(errors.values.tolist(), *(errors[dim].values.tolist() for dim in errors.dims)),
         "configurations": trade_rows(trade),
     }
 
