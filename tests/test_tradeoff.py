@@ -207,8 +207,7 @@ def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
 def test_a_change_of_the_inputs_is_what_finds_them():
     """A floor that only just touches: the smallest change of the inputs is a large one of the penetration."""
     grazing = float(run_without_pounding().closing_max.max()) * (1.0 - 1e-6)
-    with pytest.warns(RuntimeWarning, match="converged solution of 2 of 2 scenarios differs"):
-        found = tradeoff(make_sweep(gaps=[grazing]), steps=[2e-3], **ONE)
+    found = tradeoff(make_sweep(gaps=[grazing]), steps=[2e-3], **ONE)
     assert found.attrs["sensitive_scenarios"] == 2
 
 
@@ -226,16 +225,6 @@ def test_errors_below_the_converged_solution_are_marked(measured):
     assert all(row[headings.index("force worst")].startswith("<3.0e-03") for row in rows)
     front = found.pareto.sel(population="all", statistic="worst", output="impact_force_max")
     assert (front == (found.cost == found.cost.min())).all()
-
-
-def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured):
-    module.warn_of_doubt(measured)  # says nothing: warnings are errors here
-    second = measured.scenario == 2
-    doubtful = measured.assign(scenario_reference_error=measured.scenario_reference_error.where(~second, 2e-3))
-    with pytest.warns(RuntimeWarning, match=r"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt"):
-        module.warn_of_doubt(doubtful)
-    with pytest.warns(RuntimeWarning, match="of 1 of 6"):  # however sensitive
-        module.warn_of_doubt(doubtful.assign(sensitivity=measured.sensitivity.where(~second, 1.0)))
 
 
 @pytest.mark.slow

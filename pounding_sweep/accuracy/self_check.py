@@ -39,14 +39,17 @@ def self_check() -> dict[str, Any]:
     count, errors = 0, [0.0]
     for item in scenarios:
         scenario = cube.sel(law=item["law"], gap=item["gap"])
-        for name, values in item["values"].items():
-            expected = np.concatenate([np.array(part, dtype=float) for part in values])
+        for name, stored_values in item["values"].items():
+            expected = np.concatenate([np.array(part, dtype=float) for part in stored_values])
+            values = scenario[name].transpose(..., "storey").values.ravel()
             count += expected.size
-            errors.append(_difference(scenario[name].transpose(..., "storey").values.ravel(), expected))
+            off, largest = (float(np.nanmax(abs(part), initial=0.0)) for part in (values - expected, expected))
+            same = np.array_equal(np.isnan(values), np.isnan(expected))
+            errors.append(off / (largest or 1.0) if same else math.inf)
             if not errors[-1] <= TOLERANCE:
-                where = f"{name} of law {item['law']!r} at a gap of {item['gap']} m"
                 faults.append(
-                    f"{where} is off by {errors[-1]:.1e} of its largest value; at most {TOLERANCE:g} is right"
+                    f"{name} of law {item['law']!r} at a gap of {item['gap']} m is off by {errors[-1]:.1e} of its "
+                    f"largest value; at most {TOLERANCE:g} is right"
                 )
     return {
         "scenarios": len(scenarios),
@@ -59,11 +62,3 @@ def self_check() -> dict[str, Any]:
         "faults": faults,
         "passed": not faults,
     }
-
-
-def _difference(values: np.ndarray, expected: np.ndarray) -> float:
-    """Largest difference over the largest value; infinite where another value is missing."""
-    if not np.array_equal(np.isnan(values), np.isnan(expected)):
-        return math.inf
-    off, scale = (float(np.nanmax(np.abs(part), initial=0.0)) for part in (values - expected, expected))
-    return off / (scale or 1.0)

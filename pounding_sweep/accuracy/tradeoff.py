@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import time
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -48,8 +47,6 @@ TIMED_GROUPS = 2
 REFINEMENT, REFERENCE_SHARE = 8, 0.125
 #: Errors below this many times the converged solution's own error are not resolved.
 RESOLUTION = 3.0
-#: A converged solution with a larger error of its own is worth a warning.
-DOUBTFUL = 1e-5
 #: Shares of the scenarios whose error is at most the statistic.
 STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
 #: Sets of scenarios that statistics are made of.
@@ -104,7 +101,7 @@ def run_rows(
     closing: bool = False,
 ) -> Values:
     """Run scenarios of a plan as a sweep does, but for the `refused` ones; variables of shape (rows, *inner)."""
-    able = np.ones(len(table), bool) if refused is None else ~refused
+    able = np.full(len(table), True) if refused is None else ~refused
     values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
     values["status"] = np.full(len(table), int(Status.BEYOND_STABILITY_LIMIT))
     for law, record in {*zip(table.law[able].tolist(), table.record[able].tolist(), strict=True)}:
@@ -446,24 +443,7 @@ def tradeoff(
         "step": _distinct_steps(sweep.spec, steps),
     }
     sizes = {"scenarios": scenarios, "seed": seed, "repeats": repeats}
-    measured = measure(sweep.spec, axes, workers=workers, progress=progress or Progress(), **sizes)
-    warn_of_doubt(measured)
-    return summarise(measured)
-
-
-def warn_of_doubt(measured: xr.Dataset) -> None:
-    """Warn, with the worst case by law and output, where the converged solution is not converged."""
-    error = measured.scenario_reference_error.fillna(0.0)
-    if doubtful := int((error.max("output") > DOUBTFUL).sum()):
-        worst = error[error.argmax(...)]
-        warnings.warn(
-            f"the converged solution of {doubtful} of {measured.sizes['scenario']} scenarios differs from that of "
-            f"twice its step by more than {DOUBTFUL:g}, so their smaller errors can't be told; worst "
-            f"{worst.item():.1e} in {worst.output.item()} of law {worst.scenario_law.item()}. "
-            "Compare a smaller finest step",
-            RuntimeWarning,
-            stacklevel=3,
-        )
+    return summarise(measure(sweep.spec, axes, workers=workers, progress=progress or Progress(), **sizes))
 
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
@@ -559,9 +539,8 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
     for row in trade_rows(trade):
         statuses = dict(row["statuses"])
         ok = statuses.pop(Status.OK.label, 0)
-        is_refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label, 0) == trade.sizes["scenario"]
+        is_refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label) == trade.sizes["scenario"]
         steps = sorted(set(row["time_steps"].values()))
-        errors = [_error_text(row["errors"][name][population][statistic], is_refused) for name, statistic in columns]
         others = ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items())
         rows.append(
             [
@@ -570,7 +549,7 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
                 row["precision"],
                 " to ".join(f"{step:.4g}" for step in dict.fromkeys((steps[0], steps[-1]))),
                 "-" if row["cost"] is None else f"{row['cost']:.3g}",
-                *errors,
+                *(_error_text(row["errors"][name][population][statistic], is_refused) for name, statistic in columns),
                 str(ok),
                 others or "-",
             ]

@@ -146,22 +146,18 @@ def _print_extremes(report: dict[str, Any]) -> None:
 
     results = report["results"]
     labels = [s.label for s in STATUS if any(s.label in result["statuses"] for result in results)]
-    counts = [[r["scenarios"], *(r["statuses"].get(label, 0) for label in labels)] for r in results]
-    judged = [
-        [
-            *(r[name] for name in ("missed", "sensitive", "unknown")),
-            *(f"{r[name]:.1e}" for name in ("worst_error", "worst_created_energy")),
-            len(r["violations"]),
-            f"{r['seconds']:.2f}",
-        ]
-        for r in results
-    ]
-    for headings, table in (
-        (["scenarios", *(label.replace("_", " ") for label in labels)], counts),
-        (["missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"], judged),
-    ):
-        rows = [[r["family"], r["method"], *map(str, cells)] for r, cells in zip(results, table, strict=True)]
-        print_table(["family", "scheme", *headings], rows, right=range(2, len(headings) + 2))
+    columns = [{"scenarios": "{scenarios}"} | {label.replace("_", " "): f"{{{label}}}" for label in labels}]
+    columns.append(
+        {name: f"{{{name}}}" for name in ("missed", "sensitive", "unknown")}
+        | {"worst error": "{worst_error:.1e}", "created energy": "{worst_created_energy:.1e}"}
+        | {"violations": "{faults}", "s": "{seconds:.2f}"}
+    )
+    for forms in columns:
+        rows = []
+        for result in results:
+            values = dict.fromkeys(labels, 0) | result["statuses"] | result | {"faults": len(result["violations"])}
+            rows.append([form.format(**values) for form in ("{family}", "{method}", *forms.values())])
+        print_table(["family", "scheme", *forms], rows, right=range(2, len(forms) + 2))
         print()
     for fault in [fault for result in results for fault in result["violations"]][:SHOWN]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
