@@ -488,7 +488,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
         (first & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
     faults = [[text.format(number[i]) for rows, text, number in demands if rows[i]] for i in range(len(batch))]
-    about = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
+    about: dict[str, Any] = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
     about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
     columns = {name: getattr(batch.table, name) for name in ("stiffness", "restitution", "scale")}
     columns |= {"error": error, "missed": missed, "unsettled": unsettled, "sensitive": sensitive, "created": created}
