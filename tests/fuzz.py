@@ -13,17 +13,8 @@ HANGING = 30.0
 
 NUMBERS = [b"1e999", b"-1e308", b"9" * 400, b"1e-400", b"nan", b"-inf", b"0", b"-0.0", b"1_0", b"0x1f", b"1e", b"--1"]
 WORDS = [b"NPTS", b"DT=", b"units", b"[sweep]", b"[[scene.row]]", b"true", b"inf", b"time", b"g", b'"""', b"'''"]
-NOT_TEXT = [
-    b"\x00",
-    b"\xff\xfe",
-    b"\xc3\x28",
-    b"\xed\xa0\x80",
-    b"\xef\xbb\xbf",
-    b"\x1a",
-    b"\x7f",
-    b"\x85",
-    b"\xe2\x80\xa8",
-]
+NOT_TEXT = [b"\x00", b"\xff\xfe", b"\xc3\x28", b"\xed\xa0\x80", b"\xef\xbb\xbf", b"\x1a", b"\x7f", b"\x85"]
+NOT_TEXT += [b"\xe2\x80\xa8"]
 MARKS = list(b"0123456789.+-eEdD,;:= \t\r\n\"'#[]{}()_/\\")
 NESTS = (b"[", b"{a=", b"[[", b"a.", b"(")
 Fault = Callable[[bytearray, random.Random], None]

@@ -184,12 +184,7 @@ KINDS = {
     "dashpots": Kind(DASHED, {}, _EXACT, ("linear", "modified_kelvin", *EACH_SORT)),
     "tied": Kind(TIED, {}, _EXACT, ("linear", "modified_kelvin", *EACH_SORT)),
     "linked towers": Kind(
-        TOWER,
-        {},
-        {"rk4": (5e-4, 2e-6), "newmark": (2e-4, 5e-3), **_EXACT},
-        WITHOUT_AND_WITH,
-        points=51,
-        scale=3.0,
+        TOWER, {}, {"rk4": (5e-4, 2e-6), "newmark": (2e-4, 5e-3), **_EXACT}, WITHOUT_AND_WITH, points=51, scale=3.0
     ),
     "elastic towers": Kind(HIGH, {}, _EXACT, WITHOUT_AND_WITH, points=51, scale=3.0),
     "linked and yielding": Kind(YIELDING_LINKED, {}, _EXACT, WITHOUT_AND_WITH, points=51, scale=3.0, acts=yields),
@@ -272,12 +267,7 @@ FEATURES = {
     ),
     "foundations": (FOUNDED, pair(), {"foundations": (0,), "n_moving": 6}, {"foundation"}),
     "bumpers": (BUMPED, pair(), {"bumped": (1, 1, 0, 0, 2, 0)}, set()),
-    "columns": (
-        STAGGERED,
-        replace(pair(), contacts="floors and columns"),
-        {"struck": (1, 0, 0, -1)},
-        set(),
-    ),
+    "columns": (STAGGERED, replace(pair(), contacts="floors and columns"), {"struck": (1, 0, 0, -1)}, set()),
     "weights": (LEANING_YIELDS, pair(), {"p_delta": True}, set()),
     "smooth": (SMOOTH, pair(), {"smooth": ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0)), "bilinear": ()}, set()),
 }  # fmt: skip
@@ -318,20 +308,9 @@ SWEEPS = {
     **{
         f"the pair, {method}": (
             _BUMPED_SWEEP
-            | {
-                "scene": pair(),
-                "gaps": [0.0005, 0.5, 0.002],
-                "scales": 3.0,
-                "dt": 0.002,
-                "method": method,
-                "audit": 0.0,
-            }
-            | {
-                "laws": ["none", "kelvin_voigt"],
-                "period_factors": {"a": [0.8, 1.5]},
-                "damping_ratios": [0.02, 0.05],
-                "outputs": EVERY,
-            },
+            | {"scene": pair(), "scales": 3.0, "dt": 0.002, "method": method, "audit": 0.0, "outputs": EVERY}
+            | {"laws": ["none", "kelvin_voigt"], "gaps": [0.0005, 0.5, 0.002]}
+            | {"period_factors": {"a": [0.8, 1.5]}, "damping_ratios": [0.02, 0.05]},
             near,
         )
         for method, near in (("rk4", 1e-10), ("exact", 1e-3))
@@ -341,13 +320,8 @@ SWEEPS = {
     "linked, float32": (_LINKED_SWEEP | {"precision": "float32"}, 2e-3),
     "founded": (
         _LINKED_SWEEP
-        | {
-            "scene": FOUNDED,
-            "method": "rk4",
-            "damping_ratios": [0.02, 0.06],
-            "period_factors": {"a": [1.0, 1.3]},
-            "outputs": ["displacement_max", "drift_max", "foundation_sway_max", "energy_damping", "impact_count"],
-        },
+        | {"scene": FOUNDED, "method": "rk4", "damping_ratios": [0.02, 0.06], "period_factors": {"a": [1.0, 1.3]}}
+        | {"outputs": ["displacement_max", "drift_max", "foundation_sway_max", "energy_damping", "impact_count"]},
         1e-8,
     ),
     **{f"bumped, {method}": (_BUMPED_SWEEP | {"method": method}, 2e-6) for method in ("rk4", "exact")},

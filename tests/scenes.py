@@ -15,6 +15,7 @@ from pounding_sweep.output import dataset
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import Record
+from pounding_sweep.run.sweep import Sweep
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 #: Outputs that need every reducer but the closing displacement: those of `simulate`.
@@ -37,6 +38,21 @@ def row(gaps=(0.01, 0.02)):
         gaps=gaps,
         contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
     )
+
+
+def make(**changes):
+    """The small sweep of that row."""
+    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
+
+
+def same(found, expected):
+    """Compare two cubes bit for bit."""
+    assert list(found.data_vars) == list(expected.data_vars)
+    assert set(found.coords) == set(expected.coords)
+    for name in expected.variables:
+        a, b = found[name], expected[name]
+        assert (a.dims, a.dtype) == (b.dims, b.dtype), name
+        assert a.values.tobytes() == b.values.tobytes(), name
 
 
 def pair(gap=0.006):

@@ -11,6 +11,7 @@ from naive import NaiveBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
 from test_naive import NOMINAL, REALISED
+from test_simulate import PAIR, A, B, shake, shaking
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
@@ -30,16 +31,9 @@ ONE = ps.Scene([ps.Building("one", [MASS], [STIFFNESS], ZETA)])
 ACCURACY = {name: {4: 1e-7, 2: 3e-5}[scheme.order] for name, scheme in SCHEMES.items()}
 STEP = {name: {4: 1e-3, 2: 2e-4}[scheme.order] for name, scheme in SCHEMES.items()}
 
-A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
-B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
-
 
 def quiet(seconds, dt=0.01):
     return ps.Record("quiet", dt, np.zeros(round(seconds / dt) + 1))
-
-
-def shaking(seconds=2.0, dt=0.02, pga=4.0, seed=5):
-    return ps.synthetic_record(seed, duration=seconds, dt=dt, pga=pga)
 
 
 def near(got, want, relative):
@@ -249,21 +243,6 @@ def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
 
 
 # -- laws of mechanics -------------------------------------------------------------------------------------------------
-
-
-PAIR = ps.Scene([A, B], gaps=[0.006])
-
-
-def shake(law="linear", scene=PAIR, record=None, *, e=0.6, k=None, **options):
-    k = k or (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
-    return ps.simulate(
-        scene,
-        record or shaking(),
-        law=law,
-        stiffness=k if LAWS[law].has_contact else None,
-        restitution=e if LAWS[law].takes_restitution else None,
-        **options,
-    )
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import warnings
 from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -121,6 +122,15 @@ def bad(*args, **more):
     assert "Traceback" not in done.stderr
     assert done.stderr.startswith("pounding-sweep: error: ")
     return done.stderr.removeprefix("pounding-sweep: error: ").rstrip("\n")
+
+
+def wait_until(reached, process):
+    """Wait until something is reached by a process."""
+    limit = time.monotonic() + 300
+    while not reached():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < limit
+        time.sleep(0.002)
 
 
 def write(folder, text, name="sweep.toml"):

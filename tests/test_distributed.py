@@ -11,7 +11,6 @@ import subprocess
 import sys
 import textwrap
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,15 +20,15 @@ import numpy as np
 import psutil
 import pytest
 from dask_cluster import DaskCluster
-from test_cli import HEEDING, LONG, environment, write
-from test_execute import make, same
+from scenes import make, same
+from test_cli import HEEDING, LONG, environment, wait_until, write
+from test_limits import done
 
 import pounding_sweep
 from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan.scenarios import ChunkTask
-from pounding_sweep.resume import MANIFEST
 from pounding_sweep.run import cluster as far_workers
 from pounding_sweep.run.execute import Dispatcher, Progress
 
@@ -201,21 +200,13 @@ def test_an_interrupt_while_processes_start(interrupted):
     assert found["reused"] == 0
 
 
-def wait_for_chunks(process, folder):
-    """Wait until some chunks of a run are kept."""
-    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 300
-    while process.poll() is None and not (manifest.exists() and manifest.read_text().count('"key"') > 1):
-        assert time.monotonic() < limit
-        time.sleep(0.01)
-
-
 @pytest.mark.slow
 def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path):
     """A terminal sends it to the workers too; they end with their client, which keeps what is done."""
     workers = []
 
     def event(process):
-        wait_for_chunks(process, tmp_path)
+        wait_until(lambda: done(tmp_path) > 1, process)
         workers.extend(started_by(process.pid))
         os.killpg(process.pid, signal.SIGINT)
 

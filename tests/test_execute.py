@@ -16,38 +16,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
+from scenes import AXES, OUTPUTS, make, motions, row, same
 
-import pounding_sweep as ps
 from pounding_sweep import resume
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, cut
-from pounding_sweep.records import Record
 from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run.execute import Dispatcher, Progress
-from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import to_json
-
-
-def make(**changes):
-    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
-
-
-def same(found, expected):
-    """The data of two cubes, bit for bit."""
-    assert list(found.data_vars) == list(expected.data_vars)
-    for name in expected.variables:
-        a, b = found[name], expected[name]
-        assert a.dims == b.dims, name
-        assert a.dtype == b.dtype, name
-        if a.dtype.kind == "f":
-            np.testing.assert_array_equal(a.values, b.values, err_msg=str(name))
-            assert (np.signbit(a.values) == np.signbit(b.values)).all(), name
-        else:
-            assert (a.values == b.values).all(), name
 
 
 def scenarios_of(cube):
@@ -111,7 +90,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from test_execute import make
+from scenes import make
 
 from pounding_sweep.output.netcdf import open_cube
 
@@ -339,22 +318,6 @@ def test_what_was_held_is_written_where_a_run_is_interrupted(reference, tmp_path
 
 
 @pytest.mark.usefixtures("small_chunks")
-def test_a_damaged_chunk_is_computed_again(reference, tmp_path):
-    out, sweep = tmp_path / "out.nc", make()
-    first, second, *others = sorted(interrupted(out, 4).glob("chunk-*.npy"))
-    finished = rows_in(others)
-    content = bytearray(first.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    first.write_bytes(content)
-    second.unlink()  # one that is simply gone is made again without a word
-    with pytest.warns(RuntimeWarning, match="is damaged.*computed again") as caught:
-        cube = sweep.run(out)
-    assert len([w for w in caught if "computed again" in str(w.message)]) == 1
-    same(cube, reference)
-    assert sweep.last_outcome.reused == finished > 0
-
-
-@pytest.mark.usefixtures("small_chunks")
 def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatch):
     out = tmp_path / "out.nc"
     parts = interrupted(out, 2)
@@ -479,43 +442,6 @@ def test_the_cube_says_what_it_is(tmp_path):
         assert dict(meanings) == {s.label: int(s) for s in Status}
         for name in OUTPUTS:
             assert file[name].units == get_variable(name).units
-
-
-@pytest.mark.slow
-def test_simulate_gives_the_numbers_of_the_sweep():
-    """In the sweep, the linear law runs in the kernel of the damped one; alone, it has its own."""
-    gaps, strong = [0.0005, 0.005, 0.5], [Record(r.name, r.dt, 10.0 * r.acceleration) for r in motions()]
-    changes = {"laws": ["linear", "kelvin_voigt"], "gaps": gaps, "records": strong, "outputs": EVERY}
-    cube = scenarios_of(make(scene=pair(), **changes).run(scheduler="synchronous"))
-    assert (cube["impact_count"].sel(law="linear", gap=gaps[:2]).max(["pair", "storey"]) > 0).all()
-    for record, gap in itertools.product(strong, gaps):
-        one = ps.simulate(pair().with_gaps([gap]), record, law="linear", stiffness=8e5, dt=0.005)
-        at = {"law": "linear", "gap": gap, "stiffness_factor": 1.0, "restitution": 0.5, "record": record.name}
-        among = cube.sel({**at, "scale": 1.0})
-        for name in one.data_vars.keys() & among.data_vars.keys():
-            np.testing.assert_array_equal(one[name].values, among[name].values, err_msg=f"{name} {at}")
-        # histories agree with the peaks: samples never exceed them
-        peak = one["displacement"].max("time")
-        assert (peak <= one["displacement_max"]).all()
-        np.testing.assert_allclose(peak, one["displacement_max"], rtol=2e-2)
-
-
-@pytest.mark.usefixtures("small_chunks")
-def test_a_full_disk_stops_the_run_and_keeps_what_is_done(reference, tmp_path, monkeypatch):
-    true_write, left, sweep = ChunkStore.write, iter(range(4)), make()
-
-    def write(self, key, *more, **line):
-        if next(left, None) is None:
-            raise OutputError("no space left on device")
-        true_write(self, key, *more, **line)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(ChunkStore, "write", write)
-        with pytest.raises(OutputError, match="no space left"):
-            sweep.run(tmp_path / "out.nc", workers=2)
-    finished = rows_in((tmp_path / "out.nc.parts").glob("chunk-*.npy"))
-    same(sweep.run(tmp_path / "out.nc"), reference)
-    assert sweep.last_outcome.reused == finished > 0
 
 
 @pytest.mark.parametrize(("call", "guarded"), [("run()", False), ('if "__main__" == __name__:\n    run()', True)])

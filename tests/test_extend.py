@@ -145,21 +145,6 @@ def test_the_output_itself_may_be_extended(whole, tmp_path):
     assert not (tmp_path / "study.nc.parts").exists()
 
 
-@pytest.mark.slow  # by day scenarios without a result are run, and merged cubes extended, above and below
-def test_a_merged_cube_is_filled(whole, ran, tmp_path):
-    """Parts with holes between them: what no part has is run."""
-    a, b = {"gaps": [0.002, 0.01], "restitutions": [0.3]}, {"gaps": [0.0005, 0.5, 0.02], "restitutions": [0.7]}
-    for name, part in (("a.nc", a), ("b.nc", b)):
-        sweep(**part).run(tmp_path / name, workers=1).close()
-    assert merge_cubes([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "ab.nc").missing > 0
-    ran.clear()
-    same(sweep().run(extend=tmp_path / "ab.nc", workers=1), whole)
-    assert {(law, e, gaps[0]) for law, *_, e, gaps in ran} == {  # the other law ignores the restitution
-        *(("kelvin_voigt", 0.7, gap) for gap in (0.002, 0.01)),
-        *(("kelvin_voigt", 0.3, gap) for gap in (0.0005, 0.02)),
-    }
-
-
 def test_scenarios_without_result_are_run(whole, ran, tmp_path):
     with sweep().run(tmp_path / "old.nc", workers=1) as old:
         failed = old.load().copy(deep=True)
@@ -203,16 +188,12 @@ def test_building_properties(tmp_path):
         sweep(**axes).run(extend=tmp_path / "old.nc")
 
 
-def louder():
-    one, two = motions()
-    return [Record("one", one.dt, one.acceleration * 1.01), two]
-
-
 def test_a_record_of_the_same_name_is_another_if_its_motion_is(ran, tmp_path):
     few = {"laws": "kelvin_voigt", "scales": 1.0, "stiffness_factors": 1.0}
     sweep(**few).run(tmp_path / "old.nc", workers=1).close()
     ran.clear()
-    job = sweep(**few, records=louder())
+    one, two = motions()
+    job = sweep(**few, records=[Record("one", one.dt, one.acceleration * 1.01), two])
     found = job.run(extend=tmp_path / "old.nc", workers=1)
     assert {record for _, record, *_ in ran} == {"one"}
     same(found, job.run(workers=1))

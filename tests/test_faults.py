@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 import pytest
-from test_cli import LONG, ROOT, TINY, cli, environment, write
+from test_cli import LONG, ROOT, TINY, cli, environment, wait_until, write
 
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume import HOLDER, MANIFEST
@@ -62,12 +62,9 @@ def test_a_run_that_is_killed_and_damaged_again_and_again(tmp_path):
 
     damaged = set()
     for kind in ("byte flipped", "file truncated", "line cut", "stale holder", "none"):
-        before, limit = finished(), time.monotonic() + 300
+        before = finished()
         with subprocess.Popen([sys.executable, "-c", START, *RUN], cwd=tmp_path, env=environment()) as run:
-            while finished() <= before:
-                assert run.poll() is None
-                assert time.monotonic() < limit
-                time.sleep(0.001)
+            wait_until(lambda before=before: finished() > before, run)
             time.sleep(draw.uniform(0.0, 0.05))
             run.kill()
         assert run.returncode == -signal.SIGKILL

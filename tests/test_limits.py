@@ -11,14 +11,13 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import AXES, call, motions, row
-from test_cli import HEEDING, LONG, TINY, cli, environment, write
+from scenes import call, make
+from test_cli import HEEDING, LONG, TINY, cli, environment, wait_until, write
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
 from pounding_sweep.base.files import LOCK
@@ -26,7 +25,7 @@ from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume import HOLDER, MANIFEST, ChunkStore, locked, running, survey
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.sweep import Sweep, load_sweep
+from pounding_sweep.run.sweep import load_sweep
 
 #: In this process; those that are started, and what they are compared with, have kernels.
 pytestmark = pytest.mark.usefixtures("stub_by_day")
@@ -52,18 +51,15 @@ def begin(folder, *, finished, start=("-c", HEEDING)):
     """Start a run, and return its process, held by SIGSTOP, when so many chunks are finished."""
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = subprocess.Popen([sys.executable, *start, *RUN], cwd=folder, env=environment(), text=True, **pipes)
-    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 300
-    while not (manifest.exists() and done(folder) >= finished):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < limit
-        time.sleep(0.005)
+    wait_until(lambda: done(folder) >= finished, process)
     process.send_signal(signal.SIGSTOP)
     return process
 
 
 def done(folder):
     """Finished chunks, by the manifest."""
-    return (folder / "out.nc.parts" / MANIFEST).read_text().count('"key"')
+    manifest = folder / "out.nc.parts" / MANIFEST
+    return manifest.read_text().count('"key"') if manifest.exists() else 0
 
 
 # -- signals and locks -------------------------------------------------------------------------------------------------
@@ -279,7 +275,7 @@ def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, sta
     monkeypatch.setattr("pounding_sweep.resume.BUFFER_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
-    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    sweep = make()
     gone = "was removed or moved during the run; run again, and leave it"
     unlogged = r"the log .* can't be written \(No such file or directory\)"
     with pytest.warns(RuntimeWarning, match=unlogged), pytest.raises(WriteError, match=gone):
@@ -299,7 +295,7 @@ def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch):
         data[-9] ^= 4
         path.write_bytes(data)
 
-    sweep = Sweep(scene=row(), records=motions(), **AXES, audit=0.0)  # an audit would have read some
+    sweep = make(audit=0.0)  # an audit would have read some
     whole = sweep.run(tmp_path / "whole.nc")
     damaged = r"chunk '\w+' in '.*out\.nc\.parts' is damaged: its CRC-32 .* made anew by the"
     with pytest.raises(WriteError, match=damaged):
@@ -333,7 +329,7 @@ def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
 
 def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch):
     out = tmp_path / "out.nc"
-    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    sweep = make()
     sweep.run(out).close()
     before = out.read_bytes()
     real = execute.run_chunk
@@ -359,7 +355,7 @@ def stop():
 
 def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
-    sweep, parts = Sweep(scene=row(), records=motions(), **AXES, title="Row"), tmp_path / "out.nc.parts"
+    sweep, parts = make(title="Row"), tmp_path / "out.nc.parts"
     with pytest.raises(KeyboardInterrupt):
         sweep.run(tmp_path / "out.nc", scheduler="synchronous", progress=At("no pounding", stop, 1))
     first = survey(parts)

@@ -10,20 +10,16 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from scenes import AXES, motions, row
+from scenes import make
 from test_cli import TINY, cli, write
 
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.log import run_log
-from pounding_sweep.run.sweep import Sweep, load_sweep
+from pounding_sweep.run.sweep import load_sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
-
-
-def make(**changes):
-    return Sweep(**{"scene": row(), "records": motions(), **AXES, "title": "Row", **changes})
 
 
 def lines(path):
@@ -109,15 +105,6 @@ def test_warnings_are_in_the_logs_of_runs_that_overlap(tmp_path):
     assert shown == ["one", "two", "two", "three", "four"]
     assert lines(tmp_path / "first")[6:-1] == ["warning: one", "warning: two"]
     assert lines(tmp_path / "second")[6:-1] == ["warning: two", "warning: three"]
-
-
-def test_chunks_that_fail_are_in_the_log(tmp_path, monkeypatch):
-    monkeypatch.setattr(execute, "run_chunk", lambda kernel, *more: "on purpose")
-    with pytest.warns(RuntimeWarning, match="on purpose"):
-        make().run(tmp_path / "out.nc", scheduler="synchronous").close()
-    told = "\n".join(lines(tmp_path / "out.nc.log"))
-    assert re.search(r"warning: \d+ chunks have no result \(status not_run\): on purpose", told)
-    assert re.search(r"result: 0 scenarios run, .* [1-9]\d* chunks failed", told)
 
 
 def test_a_log_that_cannot_be_written_stops_nothing(tmp_path):

@@ -12,7 +12,7 @@ from collections import namedtuple
 import netCDF4
 import numpy as np
 import pytest
-from scenes import AXES, OUTPUTS, motions, row
+from scenes import OUTPUTS, make, same
 
 from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.output import describe as describing
@@ -20,25 +20,11 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import cube_variables
 from pounding_sweep.run.diagnosis import FreeMemory
-from pounding_sweep.run.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
 
 MIB = 2**20
-
-
-def make(**changes):
-    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
-
-
-def equal(found, expected):
-    """The data of two cubes, bit for bit."""
-    assert list(found.data_vars) == list(expected.data_vars)
-    assert set(found.coords) == set(expected.coords)
-    for name in expected.variables:
-        assert found[name].dtype == expected[name].dtype, name
-        assert found[name].values.tobytes() == expected[name].values.tobytes(), name
 
 
 # -- memory ------------------------------------------------------------------------------------------------------------
@@ -124,8 +110,8 @@ def reference(stub_module):
 def test_slabs_change_no_bit(reference, tmp_path):
     sweep = make(stiffness_factors=[1.0, 1e3])
     with sweep.run(tmp_path / "out.nc", workers=2) as stored:
-        equal(stored, reference)
-    equal(sweep.run(workers=2), reference)
+        same(stored, reference)
+    same(sweep.run(workers=2), reference)
     write_cube(reference, tmp_path / "whole.nc")
     with netCDF4.Dataset(tmp_path / "out.nc") as file, netCDF4.Dataset(tmp_path / "whole.nc") as whole:
         assert set(file.ncattrs()) == set(whole.ncattrs())
@@ -159,7 +145,7 @@ import os, signal, sys
 sys.path.insert(0, sys.argv[2])
 from pounding_sweep.output import netcdf as writing
 import stub_engine
-from test_memory import make
+from scenes import make
 
 stub_engine.install()
 writing.SLAB_BYTES, writing.BLOCK_BYTES = 2000, 100
@@ -185,7 +171,7 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
     assert [p for p in parts.iterdir() if p.name.startswith(".pounding_sweep")]
     sweep = make(stiffness_factors=[1.0, 1e3])
     with pytest.warns(RuntimeWarning, match="was killed .* goes on"), sweep.run(out) as cube:
-        equal(cube.drop_attrs(), reference.drop_attrs())
+        same(cube.drop_attrs(), reference.drop_attrs())
     assert sweep.last_outcome.run == 0
     assert sweep.last_outcome.reused > 0
     assert sorted(p.name for p in tmp_path.iterdir()) == [out.name, "out.nc.log"]

@@ -9,10 +9,9 @@ import threading
 
 import pytest
 from rich.console import Console
-from scenes import AXES, motions, row
+from scenes import make
 
 from pounding_sweep.cli.progress import BETWEEN_LINES, ProgressDisplay
-from pounding_sweep.run.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -104,7 +103,7 @@ def test_lines_have_no_control_characters(monkeypatch):
     monkeypatch.setattr("pounding_sweep.cli.progress.BETWEEN_LINES", 0.0)
     stream = io.StringIO()
     progress = ProgressDisplay(Console(file=stream, force_terminal=False))
-    Sweep(scene=row(), records=motions(), **AXES).run(progress=progress)
+    make().run(progress=progress)
     said = stream.getvalue()
     assert re.search(r"^cube 180 of 180 \(100%\)$", said, re.MULTILINE)
     assert said.replace("\n", "").isprintable()

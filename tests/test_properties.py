@@ -29,7 +29,6 @@ from pounding_sweep.plan.advice import approach_speeds, highest_frequency, short
 from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import to_json
 from pounding_sweep.spec.toml import load_spec
@@ -216,41 +215,18 @@ WHOLE = {
     "audit": 0,
     "outputs": EVERY,
 }
-COUNTED = ("status", "impact_count")
 
 
-def same_values(found, want, rtol, told=""):
-    for name in want.data_vars:
-        x, y = found[name].values, want[name].values
-        if name in COUNTED:
-            np.testing.assert_array_equal(x, y, err_msg=f"{told} {name}")
-        else:
-            np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.nanmax(np.abs(y), initial=0.0), err_msg=told)
-
-
-@pytest.mark.slow
-def test_listed_cases_equal_scenes_built_so():
-    scene, records = tall(), motions()
-    more = {"dt": 0.002, "audit": 0, "outputs": [*OUTPUTS, "storey_shear_max", "energy_input", "energy_kinetic"]}
-    cases = [
-        Case("kelvin_voigt", record="one"),
-        Case("kelvin_voigt", record="one", period_factors={"b": 1.4}),
-        Case("kelvin_voigt", record="two", mass_factors={"a": 0.5, "b": 2.0}, damping_ratio=0.1, gap=0.001),
-        {"law": "none", "record": "two", "period_factors": {"a": 0.7}, "mass_factors": {"a": 3.0}},
-    ]
-    cube = Sweep(scene, records, cases=cases, **more).run(scheduler="synchronous")
-    by_name = {record.name: record for record in records}
-    for i, case in enumerate(cases):
-        given = case if isinstance(case, dict) else vars(case)
-        f, g = (dict(given.get(name) or {}) for name in ("period_factors", "mass_factors"))
-        other = built(scene, f, g, given.get("damping_ratio"))
-        alone = {"law": given["law"], **({"gap": given["gap"]} if given.get("gap") else {})}
-        own = Sweep(other, by_name[given["record"]], cases=[alone], **more).run(scheduler="synchronous")
-        same_values(cube.isel(case=[i]), own, 1e-11, str(i))
-        np.testing.assert_allclose(cube["fundamental_period"][i], [b.periods[0] for b in other.buildings], rtol=1e-12)
-        assert cube["period_factor"][i].values.tolist() == [f.get("a", 1.0), f.get("b", 1.0)]
-        assert cube["mass_factor"][i].values.tolist() == [g.get("a", 1.0), g.get("b", 1.0)]
-    np.testing.assert_array_equal(cube["damping_ratio"], [np.nan, np.nan, 0.1, np.nan])
+def test_listed_cases_are_labelled_with_their_properties(stub_engine):
+    """Their numbers are those of axes: `test_building_properties` of `test_extend`."""
+    one = {"law": "none", "record": "one"}
+    varied = {"period_factors": {"b": 1.4}, "mass_factors": {"a": 0.5}, "damping_ratio": 0.1}
+    cube = Sweep(tall(), motions(), cases=[one, one | varied], outputs=["displacement_max"]).run(workers=1)
+    np.testing.assert_array_equal(cube["period_factor"], [[1.0, 1.0], [1.0, 1.4]])
+    np.testing.assert_array_equal(cube["mass_factor"], [[1.0, 1.0], [0.5, 1.0]])
+    np.testing.assert_array_equal(cube["damping_ratio"], [np.nan, 0.1])
+    periods = [[b.periods[0] for b in scene.buildings] for scene in (tall(), built(tall(), {"b": 1.4}))]
+    np.testing.assert_allclose(cube["fundamental_period"], periods, rtol=1e-12)
 
 
 def test_results_do_not_depend_on_how_scenarios_are_cut(stub_engine, monkeypatch):

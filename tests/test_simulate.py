@@ -26,7 +26,13 @@ CONTACT_LAWS = [law for law in LAWS if LAWS[law].exponent is not None]  # those 
 A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
 B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
 PAIR = ps.Scene([A, B], gaps=[0.006])
-SHAKING = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
+
+
+def shaking(seconds=2.0, seed=5):
+    return ps.synthetic_record(seed, duration=seconds, dt=0.02, pga=4.0)
+
+
+SHAKING = shaking()
 
 
 def shake(law="kelvin_voigt", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **options):

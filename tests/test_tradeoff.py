@@ -37,14 +37,10 @@ TINY = """\
 [scene]
 gaps = [0.006]
 contact = { linear_stiffness = 8e5, restitution = 0.6 }
-[[scene.row]]
-name = "a"
-masses = [120.0, 90.0]
-stiffnesses = [1.5e5, 1.2e5]
-[[scene.row]]
-name = "b"
-masses = [80.0, 110.0]
-stiffnesses = [2.4e5, 2.0e5]
+row = [
+    { name = "a", masses = [120.0, 90.0], stiffnesses = [1.5e5, 1.2e5] },
+    { name = "b", masses = [80.0, 110.0], stiffnesses = [2.4e5, 2.0e5] },
+]
 [sweep]
 records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = 1.2 }]
 laws = ["kelvin_voigt", "none"]
