@@ -74,7 +74,7 @@ def test_a_listed_case(asked):
     cases = [{"law": "none"}, {"law": "hertz", "gap": [0.01, 0.03], "stiffness": 3e6}, {"law": "linear"}]
     spec = build_spec(scene=made.scene(right_wall=True), records=pulses("one"), cases=cases)
     for number in (None, 2):
-        assert simulate_one(spec, case=number).attrs["scenario"] == "case 2; stiffness 3e+06 kN m-1.5"
+        assert simulate_one(spec, case=number).attrs["scenario"] == "case 2; stiffness 3e+06 kN/m^1.5"
         (scene, _), given_ = asked[-1]
         assert (scene.gaps, given_["law"].key, given_["stiffness"]) == ((0.01, 0.03), "hertz", 3e6)
     simulate_one(spec, case=1)
@@ -88,7 +88,7 @@ def test_a_stiffness_is_not_taken_in_another_unit(asked):
         scene=made.scene(), records=pulses("one"), laws=["kelvin_voigt", "none"], stiffnesses=[1e6, 2e6, 4e6]
     )
     listed = build_spec(scene=made.scene(), records=pulses("one"), cases=[{"law": "linear", "stiffness": 2e6}])
-    words = r"2e\+06 kN m-1, is that of law '{}', and law 'hertz' takes kN m-1.5; give a stiffness \(kN m-1.5\)"
+    words = r"2e\+06 kN/m, is that of law '{}', and law 'hertz' takes kN/m\^1.5; give a stiffness \(kN/m\^1.5\)"
     for spec, own in ((product, "kelvin_voigt"), (listed, "linear")):
         with pytest.raises(InputError, match=words.format(own)):
             simulate_one(spec, law="hertz")

@@ -307,9 +307,9 @@ def simulate_one(
     number, before = values.get("stiffness"), spec.law(scenario["law"])
     if "stiffness" not in choice and number and before.exponent and law.exponent not in (None, before.exponent):
         raise InputError(
-            f"the stiffness of this scenario, {number:g} {before.stiffness_unit}, is that of law {before.key!r}, and "
-            f"law {law.key!r} takes {law.stiffness_unit}; give a stiffness ({law.stiffness_unit}), or a stiffness "
-            "factor on the scene's reference"
+            f"the stiffness of this scenario, {number:g} {_stiffness_unit(before)}, is that of law {before.key!r}, "
+            f"and law {law.key!r} takes {_stiffness_unit(law)}; give a stiffness ({_stiffness_unit(law)}), or a "
+            "stiffness factor on the scene's reference"
         )
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
     settings = ["method", "dt", "accuracy", "locate", "force_unstable", "restitution_basis", "precision"]
@@ -341,6 +341,11 @@ def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: 
     return one
 
 
+def _stiffness_unit(law: Law) -> str:
+    """Return the unit of a law's contact stiffness as titles and messages spell it."""
+    return "kN/m" if law.exponent == 1 else f"kN/m^{law.exponent:g}"
+
+
 def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mapping[str, Any]) -> Iterator[str]:
     """Say what tells a scenario from others of its sweep, and what was chosen in place of the sweep's."""
     if "case" in values:
@@ -353,5 +358,5 @@ def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mappi
         differs = name in choice or len({*spec.axes.get(name, listed)}) > 1 or (building and spec.cases is not None)
         if differs and name not in ignored and values.get(name) is not None:
             what = name if building is None else f"{FACTOR_KINDS[field]} of {building}"
-            unit = f" {law.stiffness_unit}" if name == "stiffness" else ""
+            unit = f" {_stiffness_unit(law)}" if name == "stiffness" else ""
             yield f"{what.replace('_', ' ')} {values[name]:g}{unit}"
