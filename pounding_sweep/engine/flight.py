@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout, nodes
 from pounding_sweep.kernel.modal_steps import step
-from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import CoupledModes, Variants, coupled_modes
 
 #: Most points of the grid in a long step.
@@ -28,14 +24,6 @@ LONGEST = 4
 LINE = 128
 #: Memory of each thread.
 _KEPT = threading.local()
-
-
-@dataclass(frozen=True, eq=False)
-class Fixed:
-    """What of the tables of rows of buildings holds at any time."""
-
-    shared: np.ndarray  # the same of all rows of buildings
-    own: np.ndarray  # those of each; shape (rows, numbers)
 
 
 @dataclass(frozen=True)
@@ -57,126 +45,91 @@ def aligned(numbers: int, precision: str) -> np.ndarray:
     return room[first : first + numbers]
 
 
-def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) -> np.ndarray:
-    """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
-    # those that do not `stay` stand until the thread's next call
-    precision, count = str(fixed.own.dtype), len(fixed.own)
-    rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
-    numbers = layout.start + rows * int(layout.size(stops))
-    tables = aligned(numbers, precision) if stay else _room(numbers, precision, precision)
-    tables[: layout.start] = fixed.shared
-    tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
-    return tables
-
-
-def filled_tables(fixed: Fixed) -> np.ndarray | None:
-    """Return the tables that this thread's latest call to fill some has filled with these `fixed` ones."""
-    last, tables = getattr(_KEPT, "filled", (None, None))
-    return tables if last is fixed else None
-
-
-def keep_filled(fixed: Fixed, tables: np.ndarray) -> None:
-    """Keep tables that a call has filled for this thread's next one."""
-    _KEPT.filled = fixed, tables
-
-
-def fixed_tables(
-    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
-) -> tuple[Fixed, np.ndarray]:
-    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
-    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
-    coupled = coupled_modes(row, precision) if layout.coupled else None
-    if coupled is None:
-        shared, push, first_masses = _shared_tables(layout, row.scene, h, precision)
-        every = range(len(row.scene.buildings))
-        w = np.concatenate([row.frequencies[b].T for b in every]).T  # each mode's side by side
-        a, b = (
-            np.repeat(each.T, [b.n_storeys for b in row.scene.buildings], axis=0).T for each in row.rayleigh_factors
-        )
-        modes = _Modes(w, a + b * w**2, push, first_masses)
+def flight_tables(
+    layout: Layout, row: Variants, stops: int, ground: np.ndarray, h: float, precision: str, substeps: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return tables of flight over so many points or blocks, and what a kernel fills the rest of them from."""
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`;
+    # both stand until the thread's next call
+    count = len(row)
+    if layout.coupled:
+        coupled = coupled_modes(row, precision)
+        modes = _Modes(coupled.w, coupled.c, coupled.push)
+        values = _values_of_coupled(layout, row, coupled, h, precision)
     else:
-        shared, modes = np.zeros(layout.start, precision), _Modes(coupled.w, coupled.c, coupled.push)
-    fixed = Fixed(shared, np.zeros((len(row), layout.given), precision))
+        modes, values = _values_of_single(layout, row, h, precision)
+    values |= {"slowness": 1.0 / modes.w, "square": (modes.w * h) ** 2, "damping": modes.c * h}
+    values |= {"step": np.array([h]), "inverse": np.array([1.0 / h**2])}
+    values["sized"] = np.array([float(each.sized) for each in layout.watched])
+    values["shaken"] = _shakes(layout).astype(float)
+    rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
+    tables = _room(layout.start + rows * int(layout.size(stops)), precision, precision)
+    own = tables[layout.start :].reshape(rows, -1)[:count, : layout.given]
+    tables[: layout.start], own[:] = 0.0, 0.0
+    for name, numbers in values.items():  # each last axis is padded to the width of its table
+        by_row = name in layout.fixed
+        if numbers.size and (by_row or name in layout.shared):
+            table, many = (own, layout.fixed) if by_row else (tables[None], layout.shared)
+            part = numbers if by_row else numbers[None]
+            _, first = layout.places[name]
+            place = table[:, first : first + many[name]].reshape(*part.shape[:-1], -1)
+            place[..., : part.shape[-1]] = part
+    if layout.strides:
+        return tables, _in_lanes(layout, modes, ground, h, substeps)
+    return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
 
-    def put(name: str, values: np.ndarray) -> None:
-        """Put in values of each row of buildings, shape (variants, ..., columns), padded to the width of the table."""
-        _put(layout, name, fixed.own, values)
 
-    w, c = modes.w, modes.c
-    put("slowness", 1.0 / w)
-    put("square", (w * h) ** 2)
-    put("damping", c * h)
-    if coupled is not None:
-        _put_shared(layout, shared, h)
-        put("push", modes.participation * h**2)
-        _put_coupled(layout, row, coupled, h, precision, put)
-        return fixed, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
+def _shakes(layout: Layout) -> np.ndarray:
+    """Whether each quantity that is watched is a total acceleration."""
+    return np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+
+
+def _values_of_single(layout: Layout, row: Variants, h: float, precision: str) -> tuple[_Modes, dict[str, np.ndarray]]:
+    """Return the modes of buildings that move by themselves, and what they do to floors and to what is watched."""
+    buildings, storeys, n = row.scene.buildings, [b.n_storeys for b in row.scene.buildings], row.scene.n_dof
+    floors, masses = np.zeros((n, n)), np.concatenate([b.masses for b in buildings])
+    for building, at in zip(buildings, row.scene.offsets, strict=False):
+        here = slice(at, at + building.n_storeys)
+        floors[here, here] = building.modes[1]
+    push = masses @ floors
+    shape = np.array([each.weights for each in layout.watched]).reshape(-1, n) @ floors
+    shakes, widened = _shakes(layout), np.abs(shape.T) * (1.0 + 10.0 * MARGIN[precision])
+    w = np.concatenate([row.frequencies[b].T for b in range(len(buildings))]).T  # each mode's side by side
+    alpha, beta = (np.repeat(factors.T, storeys, axis=0).T for factors in row.rayleigh_factors)
+    modes = _Modes(w, alpha + beta * w**2, push[None], np.repeat([b.masses[0] for b in buildings], storeys)[None])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
-    ratio, square = c / w, w**2
+    ratio, square = modes.c / w, w**2
     near = np.sqrt(1.0 + ratio**2)
     far = np.sqrt(near**2 + (1.0 + ratio * near) ** 2)
-    put("bend", square * near * (h**2 / 8.0))
-    put("missed", square**2 * near * far * (h**4 / 384.0))
-    if layout.strides:  # of what a block leaves chords by; else the kernel finds it
+    values = {
+        "push": push * h**2,
+        "floors": floors.T,
+        "modal": floors * masses[:, None],
+        "shape": shape,
+        "across": shape.T,
+        "bound": np.where(shakes, 0.0, widened),
+        "bound_shaken": np.where(shakes, widened, 0.0),
+        "bend": square * near * (h**2 / 8.0),
+        "missed": square**2 * near * far * (h**4 / 384.0),
+        "shake": square * near,
+        "shake_bend": square**2 * near * far * (h**2 / 8.0),
+    }
+    if layout.strides and layout.ranges:  # of what a block leaves chords by; else the kernel finds it
         most = [(square * near)[:, low : low + many].max(axis=1) for low, many in layout.ranges]
-        put("missed0", np.stack(most, axis=1) * (h**2 / 48.0) if most else np.zeros((len(w), 1)))
-    if "shake" in layout.fixed:
-        put("shake", square * near)
-        put("shake_bend", square**2 * near * far * (h**2 / 8.0))
-    if layout.strides:
-        return fixed, _in_lanes(layout, modes, ground, h, substeps)
-    return fixed, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
+        values["missed0"] = np.stack(most, axis=1) * (h**2 / 48.0)
+    return modes, values
 
 
-def _put(layout: Layout, name: str, tables: np.ndarray, values: np.ndarray) -> None:
-    """Put values into a table of a name, padded to its width; shape (rows of buildings, ..., columns)."""
-    width = layout.fixed.get(name) or layout.shared[name]
-    _, first = layout.places[name]
-    where = tables[:, first : first + width]
-    where.reshape(*values.shape[:-1], -1)[..., : values.shape[-1]] = values
-
-
-def _put_shared(layout: Layout, shared: np.ndarray, h: float, **by_modes: np.ndarray) -> None:
-    """Put in what is the same of all rows of buildings."""
-    values: dict[str, Any] = {"step": [h], "inverse": [1.0 / h**2], **by_modes}
-    values |= {"sized": [float(each.sized) for each in layout.watched]}
-    values |= {"shaken": [float(each.kind == ACCELERATION) for each in layout.watched]}
-    for name, each in values.items():
-        if name in layout.shared and np.size(each):
-            _put(layout, name, shared[None], np.asarray(each)[None])
-
-
-@lru_cache(maxsize=16)
-def _shared_tables(layout: Layout, scene: Scene, h: float, precision: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what all variants of a scene share; what pushes their modes; masses of first floors."""
-    buildings, storeys = scene.buildings, [b.n_storeys for b in scene.buildings]
-    floors, at = np.zeros((sum(storeys), sum(storeys))), 0
-    for building in buildings:
-        here = slice(at, at := at + building.n_storeys)
-        floors[here, here] = building.modes[1]
-    masses = np.concatenate([b.masses for b in buildings])
-    push, first = masses @ floors, np.repeat([b.masses[0] for b in buildings], storeys)
-    shape = np.array([each.weights for each in layout.watched]).reshape(-1, sum(storeys)) @ floors
-    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
-    widened = np.abs(shape.T) * (1.0 + 10.0 * MARGIN[precision])
-    by_modes = {"push": push * h**2, "floors": floors.T, "modal": floors * masses[:, None]}
-    by_modes |= {"shape": shape, "across": shape.T}
-    by_modes |= {"bound": np.where(shakes, 0.0, widened), "bound_shaken": np.where(shakes, widened, 0.0)}
-    shared = np.zeros(layout.start, precision)
-    _put_shared(layout, shared, h, **by_modes)
-    return shared, push[None], first[None]
-
-
-def _put_coupled(
-    layout: Layout, row: Variants, modes: CoupledModes, h: float, precision: str, put: Callable[[str, np.ndarray], None]
-) -> None:
-    """Put in what coupled modes do to floors and to what is watched; those of velocities are times the step."""
+def _values_of_coupled(
+    layout: Layout, row: Variants, modes: CoupledModes, h: float, precision: str
+) -> dict[str, np.ndarray]:
+    """Return what coupled modes do to floors and to what is watched; those of velocities are times the step."""
     w, c, n, q = modes.w, modes.c, layout.modes, len(layout.watched)
     uq, up, vq, vp = np.moveaxis(modes.floors, 1, 0)
+    values = {"push": modes.push * h**2}
     for k, (floors, modal) in enumerate(zip(TO_FLOORS, TO_MODES, strict=True)):
-        put(floors, np.swapaxes(modes.floors[:, k], 1, 2))
-        put(modal, np.swapaxes(modes.modal[:, k], 1, 2))
-    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+        values |= {floors: np.swapaxes(modes.floors[:, k], 1, 2), modal: np.swapaxes(modes.modal[:, k], 1, 2)}
+    shakes = _shakes(layout)
     moved = np.array([each.weights for each in layout.watched]).reshape(q, n)
     pulled = np.array([each.rates or (0.0,) * n for each in layout.watched]).reshape(q, n)
 
@@ -185,10 +138,8 @@ def _put_coupled(
         return np.where(shakes[:, None], moved @ a, moved @ u + pulled @ v)
 
     by_q, by_p = along(uq, vq, -(w**2)[:, None] * vp), along(up, vp, vq - c[:, None] * vp)
-    for name, values in (("", by_q), ("_rate", by_p / h)) if q else ():
-        put(f"shape{name}", values)
-        if "across" in layout.fixed:
-            put(f"across{name}", np.swapaxes(values, 1, 2))
+    for name, by_mode in (("", by_q), ("_rate", by_p / h)):
+        values |= {f"shape{name}": by_mode, f"across{name}": np.swapaxes(by_mode, 1, 2)}
     # (w q, p) moves by `turn`; what a mode of unit amplitude reaches at most, and its second and fourth rates
     turn = np.zeros((*w.shape, 2, 2))
     turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1] = w, -w, -c
@@ -196,13 +147,14 @@ def _put_coupled(
     both = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
     widened = 1.0 + 10.0 * MARGIN[precision]
     for name, share in (("bound", 1.0), ("bulge", h**2 / 8.0), ("missed", h**4 / 384.0)):
-        put(name, np.linalg.norm(both, axis=3) * (widened * share))
+        values[name] = np.linalg.norm(both, axis=3) * (widened * share)
         both = both @ twice
     if layout.powers:
-        put("powers", _power_shapes(layout, row, modes).reshape(len(w), -1))
-        put("nodes", _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1))
+        values["powers"] = _power_shapes(layout, row, modes).reshape(len(w), -1)
+        values["nodes"] = _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1)
     if "sets" in layout.fixed:
-        put("sets", _sets(row).reshape(len(w), -1))
+        values["sets"] = _sets(row).reshape(len(w), -1)
+    return values
 
 
 def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import Fixed, filled_tables, fixed_tables, flight_tables, keep_filled, stops_of
+from pounding_sweep.engine.flight import flight_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -180,14 +180,6 @@ def _ground(record: Record, steps: int) -> np.ndarray:
     return np.append(inner.ravel(), motion[-1])
 
 
-@lru_cache(maxsize=8)
-def _fixed_of_scene(shape: KernelSpec, scene: Scene, record: Record, n: int) -> tuple[Fixed, np.ndarray]:
-    """Return `fixed_tables` of a scene: all its runs under a record share them, whatever their sub-steps."""
-    return fixed_tables(
-        _layout(shape, scene), variants_of(scene), _ground(record, n), record.dt / n, shape.precision, n
-    )
-
-
 @dataclass(frozen=True)
 class RowKernel:
     """A scene under one law and one scheme, ready to run."""
@@ -274,7 +266,7 @@ class RowKernel:
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, count, shared = self._tables(record, flight_substeps, part, groups - first, twin)
+            tables, buildings, count = self._tables(record, flight_substeps, part, groups - first)
             mine = slice(first * LANES, (first + count) * LANES)
             lanes = self._lanes(buildings, row[mine], record.is_rough, *(values[mine] for values in brought))
             kernel(
@@ -290,8 +282,6 @@ class RowKernel:
                 *tables,
                 len(scale[mine]),
             )
-            if shared is not None:
-                keep_filled(shared, tables[0])
             first += count
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
@@ -306,32 +296,24 @@ class RowKernel:
         return raw
 
     def _tables(
-        self, record: Record, flight_substeps: int, row: Variants, most_groups: int, twin: bool
-    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
-        """Return tables of flight, their number for each scenario, how many groups they serve, and their `Fixed`.
-
-        The last is None where a thread's next call does not find them filled.
-        """
+        self, record: Record, n: int, row: Variants, most_groups: int
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
+        """Return tables of flight in `n` steps an interval, which each scenario has, and how many groups they serve."""
         shape, precision = self.shape, self.numerics.precision
         if not shape.flies_exactly:
-            return (np.zeros(1, precision), np.zeros(1), 0), np.zeros(1), most_groups, None
+            return (np.zeros(1, precision), np.zeros(1), 0), np.zeros(1), most_groups
         layout = _layout(shape, self.scene)
-        stops = stops_of(layout, (record.n_points - 1) * flight_substeps + 1, flight_substeps)
-        if not (self.varied or shape.blocks):
-            fixed, decays = _fixed_of_scene(shape, self.scene, record, flight_substeps)
-            if not twin and (filled := filled_tables(fixed)) is not None:
-                return (filled, decays, 0), np.zeros(1), most_groups, None
-            tables = flight_tables(layout, stops, fixed, stay=not twin)
-            return (tables, decays, 1), np.zeros(1), most_groups, None if twin else fixed
+        stops = stops_of(layout, (record.n_points - 1) * n + 1, n)
+        row = row if self.varied else variants_of(self.scene)
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
         groups = max(1, int(late[0]) // LANES) if len(late) else most_groups
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
-        some, n = row[needed] if len(needed) < len(row) else row, flight_substeps
-        fixed, decays = fixed_tables(layout, some, _ground(record, n), record.dt / n, precision, n)
-        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
+        some = row[needed] if len(needed) < len(row) else row
+        tables = flight_tables(layout, some, stops, _ground(record, n), record.dt / n, precision, n)
+        return (*tables, len(needed)), which, groups
 
     def _lanes(
         self,

@@ -469,12 +469,7 @@ _VARIABLES = (
     _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
     _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),
     _yielding(
-        "residual_drift",
-        "m",
-        "residual interstorey drift",
-        _residual,
-        needs=["residual"],
-        relative_to=("drift_max",),
+        "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=("drift_max",)
     ),
     _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
     _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
@@ -629,37 +624,16 @@ REDUCERS: dict[str, Reducer] = {
         Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count),
         Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
         Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
-        Reducer(
-            "first_time",
-            (Slot("tfirst", "contact", lambda group, j: -1.0),),
-            where="touch",
-            touch=_first,
-        ),
-        Reducer(
-            "approach_speed",
-            (Slot("vmax", "contact"),),
-            where="touch",
-            touch=_fastest,
-        ),
-        Reducer(
-            "time",
-            (Slot("tclosed", "contact"),),
-            where="touch",
-            substep=_closed_substep,
-            plain=_closed,
-        ),
+        Reducer("first_time", (Slot("tfirst", "contact", lambda group, j: -1.0),), where="touch", touch=_first),
+        Reducer("approach_speed", (Slot("vmax", "contact"),), where="touch", touch=_fastest),
+        Reducer("time", (Slot("tclosed", "contact"),), where="touch", substep=_closed_substep, plain=_closed),
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
         Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
         Reducer(
             "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
         ),
         Reducer("work", (Slot("work", "contact"),), where="touch"),
-        Reducer(
-            "transfer",
-            (Slot("tmax", "building"), Slot("tmin", "building")),
-            where="touch",
-            looks="ends",
-        ),
+        Reducer("transfer", (Slot("tmax", "building"), Slot("tmin", "building")), where="touch", looks="ends"),
     )
 }
 _REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
