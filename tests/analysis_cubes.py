@@ -19,8 +19,7 @@ PGA = {"one": 3.0, "two": 2.0, "three": 4.0}
 def low_and_high():
     """Two storeys beside one, and a wall: a storey that does not exist, a pair that meets at one floor only."""
     return Scene(
-        [Building("a", [100.0, 80.0], [2e4, 1e4]), Building("b", [90.0], [3e4], 0.02), Wall()],
-        gaps=[0.01, 0.02],
+        [Building("a", [100.0, 80.0], [2e4, 1e4]), Building("b", [90.0], [3e4], 0.02), Wall()], gaps=[0.01, 0.02]
     )
 
 

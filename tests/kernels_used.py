@@ -34,12 +34,8 @@ SIMULATED = {
     "central_difference": frozenset({"hertz_damped"}),
 }
 #: A law with a force for each scheme, out of those.
-LAW_OF = {
-    "rk4": "kelvin_voigt",
-    "exact": "kelvin_voigt",
-    "newmark": "hertz_damped",
-    "central_difference": "hertz_damped",
-}
+LAW_OF = {"rk4": "kelvin_voigt", "exact": "kelvin_voigt"}
+LAW_OF |= {"newmark": "hertz_damped", "central_difference": "hertz_damped"}
 #: Laws that a sweep's scenarios are held against one by one, each in a kernel of its own.
 ALONE = ("none", "linear", "hertz")
 #: The law and scheme that run with steps that are not split at contacts.
@@ -78,13 +74,11 @@ LEANING_YIELDS = ps.Scene(
 #: The row that leans, with storeys of Bouc and Wen; and the schemes that run it.
 SMOOTH = ps.Scene(
     [
-        replace(
-            LEANING.buildings[0],
-            yield_strengths=[150.0, 90.0],
-            hardening=0.1,
-            bouc_wen={"n": 1.0, "beta": 0.6, "gamma": 0.3},
-        ),
-        replace(LEANING.buildings[1], yield_strengths=[180.0, 140.0], hardening=0.05, bouc_wen={"n": 2.0}),
+        replace(building, yield_strengths=strengths, hardening=hardening, bouc_wen=law)
+        for building, strengths, hardening, law in (
+            (LEANING.buildings[0], [150.0, 90.0], 0.1, {"n": 1.0, "beta": 0.6, "gamma": 0.3}),
+            (LEANING.buildings[1], [180.0, 140.0], 0.05, {"n": 2.0}),
+        )
     ],
     [0.005],
     LEANING.contact,
@@ -100,20 +94,7 @@ LINKED = ps.Scene(
 LINKING = ("rk4", "newmark", "exact")
 #: The pair, the left building on a foundation; and the schemes that run it.
 FOUNDED = ps.Scene(
-    [
-        replace(
-            pair().buildings[0],
-            foundation=ps.Foundation(
-                mass=70.0,
-                inertia=500.0,
-                sway_stiffness=2.5e5,
-                rocking_stiffness=6e6,
-                sway_damping=900.0,
-                rocking_damping=8e3,
-            ),
-        ),
-        pair().buildings[1],
-    ],
+    [replace(pair().buildings[0], foundation=ps.Foundation(70.0, 500.0, 2.5e5, 6e6, 900.0, 8e3)), pair().buildings[1]],
     [0.003],
     pair().contact,
 )

@@ -97,10 +97,8 @@ def test_what_is_asked_for_is_reached(converged, asked, least):
 @pytest.mark.parametrize("law", ["hertz_damped", "linear"])
 def test_noise_of_a_few_points_is_within_it_too(law):
     """What excites high modes at every point: peaks between these, twice in a step, and steps beside contacts."""
-    outputs, errors = (
-        ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "approach_speed_max"],
-        [],
-    )
+    outputs = ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "approach_speed_max"]
+    errors = []
     for seed in range(1000, 1030):
         rng = np.random.default_rng(seed)
         record = Record("noise", float(rng.choice([0.01, 0.02])), rng.normal(0.0, 4.0, rng.integers(8, 40)))

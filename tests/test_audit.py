@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AXES, OUTPUTS, motions, row
+from scenes import AXES, OUTPUTS, make, motions, row
 
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -29,10 +29,6 @@ from pounding_sweep.spec.build import build_spec
 
 #: Several groups of lanes in the audit, by this title of both laws that touch.
 LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0, "title": "two"}
-
-
-def make(**changes):
-    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -230,18 +226,10 @@ def test_a_broken_promise_is_told(monkeypatch):
     ("largest", "changes", "says"),
     [
         ([0.04, 0.04], {}, ""),
-        (
-            [0.04, 0.06],
-            {},
-            "found 1 with status ok whose error is beyond 5%, the worst 0.06 in drift_max; use",
-        ),
+        ([0.04, 0.06], {}, "found 1 with status ok whose error is beyond 5%, the worst 0.06 in drift_max; use"),
         ([0.04, 0.06], {"undecided": np.array([False, True])}, ""),
         ([0.04, 0.06], {"status": np.array([Status.OK, Status.UNDER_RESOLVED_CONTACT])}, ""),
-        (
-            [0.04, 0.06],
-            {"tolerance": 1e-2, "for_accuracy": True},
-            "found 2 .* the 0.01 asked for, .* smaller acc",
-        ),
+        ([0.04, 0.06], {"tolerance": 1e-2, "for_accuracy": True}, "found 2 .* the 0.01 asked for, .* smaller acc"),
         ([np.inf, 0.04], {}, "the worst inf in drift_max"),
     ],
 )

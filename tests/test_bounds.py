@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from scenes import call
 
 from pounding_sweep.base import errors
-from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, repr_short, unknown
+from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, repr_short, unknown
 from pounding_sweep.base.text import print_json, print_pairs, print_table
-from pounding_sweep.figures import plot
 from pounding_sweep.model.scene import Building, Wall
 from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan
@@ -83,9 +82,7 @@ def test_deep_values_are_refused(tmp_path, depth, form):
 
 @pytest.mark.parametrize("key", ["sweep.gaps", "scene.preset"])
 @pytest.mark.parametrize(
-    "value",
-    ['"' + "x" * 300_000 + '"', "[" + "7," * 20_000 + "[]]", "0x" + "f" * 9000],
-    ids=["text", "list", "number"],
+    "value", ['"' + "x" * 300_000 + '"', "[" + "7," * 20_000 + "[]]", "0x" + "f" * 9000], ids=["text", "list", "number"]
 )
 def test_long_values_make_short_messages(tmp_path, key, value):
     usual = {"scene.preset": "'mate2015'", "sweep.records": "['el_centro']", "sweep.laws": "['linear']"}
@@ -230,10 +227,3 @@ def test_home_folders_that_are_not_known(tmp_path, monkeypatch):
     monkeypatch.delenv("POUNDING_SWEEP_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     assert cache_folder() == tmp_path / ".cache" / "pounding_sweep" / "kernels"
-
-
-@pytest.mark.parametrize("dpi", [0.0, -1.0, 1e9, float("nan"), float("inf")])
-def test_a_figure_of_impossible_resolution(tmp_path, dpi):
-    with pytest.raises(InputError, match=r"dpi is .*; it must be from 10 to 1200") as caught:
-        plot(xr.Dataset(), "profiles", tmp_path / "x.png", dpi=dpi)
-    assert not isinstance(caught.value, OutputError)

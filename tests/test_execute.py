@@ -122,14 +122,6 @@ def test_cubes_are_read_while_others_are_written(tmp_path):
     subprocess.run(program, cwd=Path(__file__).parent, check=True, timeout=600)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("small_chunks")
-def test_processes(reference):
-    sweep = make()
-    same(sweep.run(scheduler="processes", workers=2), reference)
-    assert not sweep.last_outcome.failures
-
-
 @pytest.mark.parametrize(
     ("scheduler", "workers", "says"),
     [

@@ -206,7 +206,9 @@ def test_a_sweep_file_that_is_none(tmp_path):
     with huge.open("wb") as file:
         file.truncate(MAX_FILE_BYTES + 1)
     impossible = dict.fromkeys(["\0", "~nobody-of-this-name/x.toml", "x" * 5000], "can't be read")
+    (tmp_path / "latin.toml").write_bytes('title = "\xfc"'.encode("latin-1"))
     others = {tmp_path / "pipe.toml": "not a regular", "/dev/zero": "not a regular", tmp_path: "Is a directory"}
+    others |= {tmp_path / "absent.toml": "can't be read: No such file", tmp_path / "latin.toml": "is not UTF-8"}
     for path, why in (impossible | others).items():
         with pytest.raises(SweepError, match=why):
             ps.load_sweep(path)

@@ -159,6 +159,3 @@ def test_a_row_in_words_tells_how_near_it_is_to_falling():
     near = ps.Building("a", [100.0], [1e3], storey_heights=[2.5], p_delta=True)
     found = doubts(ps.Sweep(ps.Scene([near]), motion(51), laws="none").spec)
     assert any(text.startswith("stability coefficient P / (k h) of a storey 0.3924 (a, storey 1)") for text in found)
-
-
-# -- refusals ----------------------------------------------------------------------------------------------------------

@@ -217,18 +217,6 @@ WHOLE = {
 }
 
 
-def test_listed_cases_are_labelled_with_their_properties(stub_engine):
-    """Their numbers are those of axes: `test_building_properties` of `test_extend`."""
-    one = {"law": "none", "record": "one"}
-    varied = {"period_factors": {"b": 1.4}, "mass_factors": {"a": 0.5}, "damping_ratio": 0.1}
-    cube = Sweep(tall(), motions(), cases=[one, one | varied], outputs=["displacement_max"]).run(workers=1)
-    np.testing.assert_array_equal(cube["period_factor"], [[1.0, 1.0], [1.0, 1.4]])
-    np.testing.assert_array_equal(cube["mass_factor"], [[1.0, 1.0], [0.5, 1.0]])
-    np.testing.assert_array_equal(cube["damping_ratio"], [np.nan, 0.1])
-    periods = [[b.periods[0] for b in scene.buildings] for scene in (tall(), built(tall(), {"b": 1.4}))]
-    np.testing.assert_allclose(cube["fundamental_period"], periods, rtol=1e-12)
-
-
 def test_results_do_not_depend_on_how_scenarios_are_cut(stub_engine, monkeypatch):
     axes = {"period_factors": {"a": ps.Range(0.5, 2.0, 9)}, "damping_ratios": RATIOS}
     more = {**WHOLE, "records": motions()[0], "laws": "kelvin_voigt", "gaps": [0.0005, 0.002, 0.003]}
@@ -390,13 +378,8 @@ def test_a_cube_says_what_its_buildings_are(stub_engine, tmp_path):
 
 
 def test_a_ratio_of_two_varied_neighbours_has_both_their_axes(stub_engine):
-    sweep = Sweep(
-        row(),
-        motions()[0],
-        "none",
-        outputs=["displacement_max"],
-        period_factors={"a": [1.0, 2.0], "b": [1.0, 3.0, 4.0]},
-    )
+    factors = {"a": [1.0, 2.0], "b": [1.0, 3.0, 4.0]}
+    sweep = Sweep(row(), motions()[0], "none", outputs=["displacement_max"], period_factors=factors)
     ratio = sweep.run(scheduler="synchronous")["period_ratio_a_b"]
     assert ratio.dims == ("period_factor_a", "period_factor_b")
     own = row().buildings
@@ -406,17 +389,10 @@ def test_a_ratio_of_two_varied_neighbours_has_both_their_axes(stub_engine):
 
 def test_names_of_buildings_become_names_of_netcdf():
     scene = named("tower 1", "tower-1", "Süd")
-    spec = build_spec(
-        scene=scene,
-        records=motions()[0],
-        laws="none",
-        mass_factors={name: [1.0, 2.0] for name in ("Süd", "tower-1", "tower 1")},
-    )
-    assert [axis.dimension for axis in spec.property_axes] == [
-        "mass_factor_tower_1",
-        "mass_factor_tower_1_no2",
-        "mass_factor_S_d",
-    ]
+    factors = {name: [1.0, 2.0] for name in ("Süd", "tower-1", "tower 1")}
+    spec = build_spec(scene=scene, records=motions()[0], laws="none", mass_factors=factors)
+    names = ["tower_1", "tower_1_no2", "S_d"]
+    assert [axis.dimension for axis in spec.property_axes] == [f"mass_factor_{name}" for name in names]
     assert [axis.building for axis in spec.property_axes] == ["tower 1", "tower-1", "Süd"]  # as in the row
     assert spec.property_axes[0].key == "building.tower 1.mass_factor"
 

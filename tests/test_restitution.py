@@ -304,10 +304,7 @@ def test_realised_restitution_does_not_depend_on_the_masses_stiffness_or_speed(l
 # -- sweeps and cubes --------------------------------------------------------------------------------------------------
 
 ROW = ps.Scene(
-    [
-        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
-        ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
-    ],
+    [ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]), ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5])],
     gaps=[0.002],
     contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.4),
 )

@@ -360,16 +360,6 @@ def test_shipped_sweeps(name, scenarios):
         )
 
 
-def test_unreadable_files(tmp_path):
-    with pytest.raises(SweepError, match="can't be read: No such file"):
-        load_spec(tmp_path / "absent.toml")
-    with pytest.raises(SweepError, match="can't be read: Is a directory"):
-        load_spec(tmp_path)
-    (tmp_path / "latin.toml").write_bytes('title = "\xfc"'.encode("latin-1"))
-    with pytest.raises(SweepError, match="is not UTF-8"):
-        load_spec(tmp_path / "latin.toml")
-
-
 def test_record_paths_start_from_the_file(write, tmp_path, monkeypatch):
     path = write('[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["sub/a.csv"]\nlaws = "linear"\n')
     (tmp_path / "sub").mkdir()

@@ -99,10 +99,7 @@ TWICE = ps.Scene(
     contacts="floors and columns",
 )
 ONE_STOREY = [ps.Building("a", [630.0], [1.5e4]), ps.Building("b", [147.0, 145.0], [4460.0, 3420.0], 0.01)]
-ONE_STOREY += [
-    ps.Building("c", [147.0], [2.04e4], 0.01),
-    ps.Building("d", [269.0, 224.0], [2.53e5, 1.71e5], 0.01),
-]
+ONE_STOREY += [ps.Building("c", [147.0], [2.04e4], 0.01), ps.Building("d", [269.0, 224.0], [2.53e5, 1.71e5], 0.01)]
 FOUR = [
     ps.Building("a", [120.0735], [19008.455], 0.05),
     ps.Building("b", [43.88994, 60.60579], [5016.0765, 4832.2155], 0.05),

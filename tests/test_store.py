@@ -14,10 +14,7 @@ from pounding_sweep.base.files import LOCK
 from pounding_sweep.resume import HOLDER, MANIFEST, ChunkCorrupt, ChunkStore
 
 KIND = np.dtype([("drift_max", "f8", (1, 2)), ("impact_count", "i4"), ("status", "i1")], align=True)
-TABLE = np.array(
-    [([[0.1, np.nan]], 3, 0), ([[-0.0, 5e-324]], -1, 1), ([[np.inf, -1e308]], 2**31 - 1, -127)],
-    KIND,
-)
+TABLE = np.array([([[0.1, np.nan]], 3, 0), ([[-0.0, 5e-324]], -1, 1), ([[np.inf, -1e308]], 2**31 - 1, -127)], KIND)
 
 
 def one(*numbers):

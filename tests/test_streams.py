@@ -101,10 +101,7 @@ with reporting():
 """
 
 
-@pytest.mark.parametrize(
-    "names",
-    ["SIGINT SIGINT", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("names", ["SIGINT SIGINT", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)])
 def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     first, second = (signal.Signals[name] for name in names.split())
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -138,10 +135,7 @@ except typer.Exit as ended:
 """
 
 
-@pytest.mark.parametrize(
-    "names",
-    ["SIGINT SIGHUP", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("names", ["SIGINT SIGHUP", pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow)])
 def test_what_is_ignored_stays_ignored(tmp_path, names):
     """As SIGHUP under nohup, or SIGINT in the background of a script; the others end the command."""
     done = cli(*names.split(), cwd=tmp_path, code=130, start=("-c", SENT))
@@ -166,11 +160,7 @@ def terminate():
 @pytest.mark.parametrize(
     ("where", "older", "message"),
     [
-        (
-            (ChunkStore, "discard"),
-            False,
-            "the cube out.nc is complete",
-        ),
+        ((ChunkStore, "discard"), False, "the cube out.nc is complete"),
         pytest.param((describe, "summarize"), True, "the cube out.nc is complete", marks=pytest.mark.slow),
         (
             (cube_writer, "write_cube_of"),
