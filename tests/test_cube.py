@@ -172,7 +172,7 @@ class TestRegistry:
         group = make_group(shape, None, 2, np.zeros(property_slots(shape).size))
         march.begin(group, 0.0)
         assert (group.state["made"] == 7.0).all()
-        lanes, contact = np.array([True, False]), next(group.each_contact())
+        lanes, contact = np.array([True, False]), next(group.iter_contacts())
         forces.note_onset(contact, lanes, lanes, np.array([0.3, 0.4]), 0.01)
         assert group.state["made"].tolist() == [0.3, 7.0]
         group.state["h"] = 0.5

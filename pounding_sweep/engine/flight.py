@@ -64,7 +64,7 @@ def flight_tables(
     values["shaken"] = _shakes(layout).astype(float)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     tables = _room(layout.start + rows * int(layout.size(stops)), precision, precision)
-    own = tables[layout.start :].reshape(rows, -1)[:count, : layout.given]
+    own = tables[layout.start :].reshape(rows, -1)[:count, : layout.n_precomputed]
     tables[: layout.start], own[:] = 0.0, 0.0
     for name, numbers in values.items():  # each last axis is padded to the width of its table
         by_row = name in layout.fixed

@@ -31,7 +31,7 @@ from pounding_sweep.kernel.lanes import (
     when,
     where,
 )
-from pounding_sweep.kernel.spec import GIVEN, LANES, PARAMETERS, KernelSpec, history_slots, input_slots
+from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Course, Flights, run_scenarios
@@ -116,7 +116,7 @@ def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
     with tracing(trace := Tracer(builder, spec.precision, width(spec.precision))):
         frame = builder.inttoptr(place, _I64.as_pointer())
         values, shapes = _read_frame(trace, frame)
-        ledger = Ledger(builder.gep(frame, [_I64(GIVEN)], inbounds=True), begins=not spec.only_flight)
+        ledger = Ledger(builder.gep(frame, [_I64(N_ARGUMENTS)], inbounds=True), begins=not spec.only_flight)
         kind = ir.FunctionType(ir.VoidType(), [_I64]).as_pointer()
         fly = partial(builder.call, builder.inttoptr(values["flight"].value, kind), [place])
         _run(spec, trace, values, shapes, ledger, fly)
@@ -240,9 +240,9 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 elif group.spec.only_flight:
                     value = group.full(0.0)
                 elif group.spec.impulsive or not group.spec.located:
-                    value = s["f1", q]
+                    value = s["force_end", q]
                 else:
-                    contact = group.known_contacts()[q]
+                    contact = group.static_contacts()[q]
                     d, v = contact.penetration(), contact.between(group.floors("v"))
                     value = contact.law.pressing(contact.k_active, contact.c_active, d, v)
                 put(row, place.first[name] + q, value)

@@ -335,7 +335,7 @@ class RowKernel:
                 thickness = self.scene.thicknesses(thickness)
             values["gap"] = (gaps - thickness).T
         if shape.law is not None:
-            k = row.contact_stiffnesses(stiffness).T if shape.own_stiffness else stiffness[None, :]
+            k = row.contact_stiffnesses(stiffness).T if shape.stiffness_per_contact else stiffness[None, :]
             c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
             for j, bumper in enumerate(self.scene.bumper_of if shape.bumped else ()):
                 if bumper:

@@ -23,7 +23,7 @@ REACH = 0.5
 MAX_ROUNDS = 30
 
 
-def each_storey(group: Group) -> Iterator[Storey]:
+def iter_storeys(group: Group) -> Iterator[Storey]:
     """Go through the storeys of this law."""
     for i, _ in group.spec.smooth:
         yield group.storey(i)
@@ -56,11 +56,11 @@ class Flow:
 
     def __init__(self, group: Group) -> None:
         self._group = group
-        self._storeys = list(each_storey(group))
+        self._storeys = list(iter_storeys(group))
         self._now = [storey.slip0 for storey in self._storeys]
         self._start, self._rates = list(self._now), [[] for _ in self._storeys]  # type: ignore[var-annotated]
         #: Sums of weight x rate of what yielding has lost, in (1 - r) Vy, by storey.
-        self.lost: dict[int, Any] = {}
+        self.dissipated: dict[int, Any] = {}
 
     def hold(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
         """Make shears those of this stage, of displacements x and velocities y."""
@@ -70,10 +70,10 @@ class Flow:
             z = moved - slip
             rates.append(_share(storey, z, v) * v)
             storey.ct = -storey.hardened[1] * slip
-            if "hysteretic" in group.asked:
+            if "hysteretic" in group.requested:
                 part = weight * (z / storey.yield_drift * rates[-1])
                 i = storey.index
-                self.lost[i] = self.lost[i] + part if i in self.lost else part
+                self.dissipated[i] = self.dissipated[i] + part if i in self.dissipated else part
 
     def advance(self, after: Callable[..., tuple[Any, Any]], stage: int, h: Any) -> None:
         """Go on from a stage, as `after` does with velocities."""
@@ -93,20 +93,20 @@ def rounds(group: Group) -> Iterator[None]:
     #     p1 = p0 + D (q(z0, D) + q(z1, D)) / 2,
     # of which Newton's method finds p1 and d1 together: p1 = REST + FLOW d1. It loses (p1 - p0) (z0 + z1) / 2. As q
     # does not fall while z is loaded, p1 is the only one, with z1 within what `_tangent` allows.
-    s, storeys = group.state, list(each_storey(group))
+    s, storeys = group.state, list(iter_storeys(group))
     moves = s["h"] > 0.0
     for storey in storeys:
         storey.flow = _share(storey, *_end(storey, "0"))
         storey.rest = storey.slip0 - storey.flow * storey.drift("u0")
-    going, astray = Cell(moves), Cell(moves & ~moves)
-    for _ in while_any(lambda: going.now, at_most=MAX_ROUNDS):
+    active, astray = Cell(moves), Cell(moves & ~moves)
+    for _ in while_any(lambda: active.now, at_most=MAX_ROUNDS):
         for storey in storeys:
             soft = storey.hardened[1]
             storey.kt = fma(-soft, storey.flow, group.full(storey.stiffness))
             storey.ct = -soft * storey.rest
         yield
         # lanes that are there stay there, and do the same in each round that others need
-        mine, again, far, better = going.now, Cell(moves & ~moves), Cell(moves & ~moves), []
+        running, again, far, better = active.now, Cell(moves & ~moves), Cell(moves & ~moves), []
         for storey in storeys:
             d = storey.drift()
             p = where(moves, fma(storey.flow, d, storey.rest), storey.slip0)
@@ -116,9 +116,9 @@ def rounds(group: Group) -> Iterator[None]:
             better.append((storey, flow, then - flow * d))
             again.now |= ~(miss <= group.limit.swept * scale)
             far.now |= ~(miss <= group.limit.unswept * scale)
-        going.now, astray.now = mine & again.now, mine & far.now
+        active.now, astray.now = running & again.now, running & far.now
         for storey, flow, rest in better:
-            storey.put(going.now, flow=flow, rest=rest)
+            storey.put(active.now, flow=flow, rest=rest)
     # one that is tried as a whole step is tried again in shorter ones where it was too long
     short = (s["time_left"] > 0.0) | ~_too_long(group, s["h"])
     s.put(astray.now & short, 1.0, "unsolved")
@@ -134,14 +134,14 @@ def _tangent(storey: Storey, d: Any, p: Any) -> tuple[Any, Any]:
     z = minimum(maximum(d - p, -most), most)
     filled = size(z) / dy
     slope = power_of(filled, n - 1.0) * (gamma + where(z * change < 0.0, -beta, beta))
-    both = _share(storey, z0, change) + filled * slope
+    shares = _share(storey, z0, change) + filled * slope
     bends = (n / dy) * change * where(z < 0.0, -slope, slope)
     inverse = 1.0 / (1.0 + bends)
     at = d - z
-    return (0.5 * both + bends) * inverse, at - (at - p0 - change * both) * inverse
+    return (0.5 * shares + bends) * inverse, at - (at - p0 - change * shares) * inverse
 
 
-def add_lost(storey: Storey) -> None:
+def add_dissipated(storey: Storey) -> None:
     """Add what yielding has lost in an implicit step."""
     mean = 0.5 * (_end(storey, "0")[0] + _end(storey, "")[0])
     storey.travel = fma(storey.slip - storey.slip0, mean / storey.yield_drift, storey.travel)
@@ -149,7 +149,7 @@ def add_lost(storey: Storey) -> None:
 
 def settle(group: Group) -> None:
     """Make shears those of the present state."""
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         storey.kt = group.full(storey.stiffness)
         storey.ct = -storey.hardened[1] * storey.slip
 
@@ -157,7 +157,7 @@ def settle(group: Group) -> None:
 def part(group: Group, t: Any) -> None:
     """Make shears those at a part t of the sub-step just taken, between whose ends plastic drifts are cubics."""
     _s, h = group.state, group.state["h"]
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         p0, p1 = storey.slip0, storey.slip
         r0, r1 = (h * _share(storey, z, v) * v for z, v in (_end(storey, end) for end in ("0", "")))
         slip = cubic(p0, p1, r0, r1).value(t)
@@ -166,7 +166,7 @@ def part(group: Group, t: Any) -> None:
 
 def linearise(group: Group, end: str) -> None:
     """Make shears and their rates those of the start ("0") or the end ("") of the sub-step."""
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         z, v = _end(storey, end)
         less = storey.hardened[1] * _share(storey, z, v)
         slip = getattr(storey, f"slip{end}")
@@ -181,35 +181,35 @@ def _reach(storey: Storey) -> Any:
 
 def longest(group: Group, h: Any) -> Any:
     """Longest sub-step from the present state, h where it may be as long."""
-    found = group.cell(h)
-    for storey in each_storey(group):
+    length = group.cell(h)
+    for storey in iter_storeys(group):
         speed, reach = size(storey.drift("v")), _reach(storey)
-        found.now = minimum(found.now, where(speed * h > reach, reach / speed, h))
-    return found.now
+        length.now = minimum(length.now, where(speed * h > reach, reach / speed, h))
+    return length.now
 
 
 def may_change(group: Group, h: Any) -> Any:
     """Lanes in which a drift turned, or its z changed sign, in the step just taken, or that was too long."""
-    found = Cell(_too_long(group, h))
-    for storey in each_storey(group):
+    lanes = Cell(_too_long(group, h))
+    for storey in iter_storeys(group):
         (z0, v0), (z1, v1) = (_end(storey, end) for end in ("0", ""))
-        found.now |= (v0 * v1 < 0.0) | (z0 * z1 < 0.0)
-    return found.now
+        lanes.now |= (v0 * v1 < 0.0) | (z0 * z1 < 0.0)
+    return lanes.now
 
 
 def _too_long(group: Group, h: Any) -> Any:
     """Lanes in which a drift moved farther than it may in the step just taken."""
-    found = group.cell(False)
-    for storey in each_storey(group):
+    lanes = group.cell(False)
+    for storey in iter_storeys(group):
         fastest = maximum(size(storey.drift("v0")), size(storey.drift("v")))
-        found.now |= ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(storey))
-    return found.now
+        lanes.now |= ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(storey))
+    return lanes.now
 
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first kink is (1: none), in the lanes that ask."""
     h, first = group.state["h"], group.cell(1.0)
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         (z0, v0), (z1, v1) = (_end(storey, end) for end in ("0", ""))
         turns, crosses = asks & (v0 * v1 < 0.0), asks & (z0 * z1 < 0.0)
         with when_any(turns | crosses):

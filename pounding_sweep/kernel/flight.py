@@ -36,10 +36,10 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     constant,
     count_to,
-    each_lane,
     first_true,
     fma,
     fold,
+    iter_lanes,
     lane_of,
     lesser,
     maximum,
@@ -124,9 +124,9 @@ def watched(group: Group) -> list[Watched]:
     first = probe.state.first
     quantities = [
         Watched(TOUCH, weights(contact.between), first["gap"] + contact.sides[2], -1, False)
-        for contact in probe.each_contact()
+        for contact in probe.iter_contacts()
     ]
-    for storey in hysteresis.each_storey(probe):
+    for storey in hysteresis.iter_storeys(probe):
         quantities.append(Watched(ONSET, weights(storey.drift), -1, -1, False, storey.index))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
@@ -134,7 +134,7 @@ def watched(group: Group) -> list[Watched]:
         of = weights(motion.of if i < 0 else probe.storey(i).drift)  # of a shear the drift
         rates = weights(motion.of, "v") if motion.pulls else ()
         quantities.append(Watched(TURN, of, most, least, motion.sized and i < 0, i, rates))
-    if "acceleration" in group.asked:
+    if "acceleration" in group.requested:
         quantities += [Watched(ACCELERATION, tuple(x), first["acc"] + i, -1, True) for i, x in enumerate(np.eye(n))]
     return quantities
 
@@ -183,7 +183,7 @@ class Layout:
         self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
         self.modes = n = spec.n_dof
         #: How many watched quantities, the first of all, end a flight where they reach something.
-        self.touches = sum(each.kind in (TOUCH, ONSET) for each in self.watched)
+        self.touches = sum(quantity.kind in (TOUCH, ONSET) for quantity in self.watched)
 
         def padded(count: int) -> int:
             return -(-count // lanes) * lanes
@@ -211,12 +211,12 @@ class Layout:
         else:
             self.shared |= by_modes
             self.fixed |= dict.fromkeys(("bend", "missed"), m)
-            if any(each.kind == ACCELERATION for each in self.watched):
+            if any(quantity.kind == ACCELERATION for quantity in self.watched):
                 self.shared["bound_shaken"] = n * wide
                 self.fixed |= {"shake": m, "shake_bend": m}
                 self.bounds, self.bulges = (
-                    [*each, ("bound_shaken", name)]
-                    for each, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
+                    [*factors, ("bound_shaken", name)]
+                    for factors, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
                 )
         #: Motions whose powers are added up between the points of the grid, where modes are coupled.
         self.powers: list[Power] = []
@@ -228,12 +228,12 @@ class Layout:
                 self.fixed |= {"powers": 2 * n * len(self.powers), "nodes": NODE_STATE * n * self.nodes}
             self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
         #: How many numbers are known before a kernel runs.
-        self.given = sum(map(padded, self.fixed.values()))
+        self.n_precomputed = sum(map(padded, self.fixed.values()))
         self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
         if "energy" in spec.reducers and not self.coupled:
-            self.timed |= {"given": m, "adjoint_q": m, "adjoint_p": m}
+            self.timed |= {"input": m, "adjoint_q": m, "adjoint_p": m}
         self.series = {"x": n, "rate": n, "ground": 1}
         #: Rows of modes in double precision from which the motion without pounding follows.
         self.decays = [*MOVES, "square", "damping", "slowness", "push"]
@@ -255,12 +255,12 @@ class Layout:
             if block is self.shared:
                 #: Where the tables of the first row of buildings begin.
                 self.start = others
-        each_point = 0
+        per_point = 0
         for name, count in self.timed.items():
-            self.places[name], each_point = (each_point, others), each_point + padded(count)
+            self.places[name], per_point = (per_point, others), per_point + padded(count)
         for name, count in self.series.items():
-            self.places[name], each_point, others = (each_point, others), each_point + count, others + lanes * count
-        self._numbers = each_point, others
+            self.places[name], per_point, others = (per_point, others), per_point + count, others + lanes * count
+        self._numbers = per_point, others
 
     @property
     def scratch(self) -> dict[str, int]:
@@ -285,8 +285,8 @@ class Layout:
 
     def size(self, points: Any) -> Any:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
-        each_point, others = self._numbers
-        return (points * each_point + (others + self.lanes - 1)) // self.lanes * self.lanes
+        per_point, others = self._numbers
+        return (points * per_point + (others + self.lanes - 1)) // self.lanes * self.lanes
 
     def base(self, row: Any, points: Any) -> Any:
         """Where the tables of a row of buildings begin."""
@@ -294,8 +294,8 @@ class Layout:
 
     def place(self, name: str, points: Any) -> Any:
         """Where the numbers of a name begin, from where those of the row of buildings do."""
-        each_point, others = self.places[name]
-        return points * each_point + others if each_point else others
+        per_point, others = self.places[name]
+        return points * per_point + others if per_point else others
 
 
 class Flight:
@@ -322,7 +322,7 @@ class Flight:
         self.rows = Rows(self.trace, layout.scratch, self.lanes, memory)
         #: Where the tables of the scenario that flies begin, and the record's scale.
         self.base, self.scale = Cell(points), Cell(1.0)
-        self.at, self.hits, self.going, self.steps = Cell(points), Cell(False), Cell(True), Cell(points)
+        self.at, self.hits, self.active, self.steps = Cell(points), Cell(False), Cell(True), Cell(points)
         #: Whether rates, and what leaves hulls of cubics, are known in a window.
         self.rated, self.weighed = Cell(False), Cell(False)
         #: Blocks of the grid, where motions are known by them.
@@ -385,7 +385,7 @@ class Flight:
                     place = self.place_of("times") + ((part * lanes + m) * 4 + row) * lanes
                     self.tables.put_vector(place, series * h if row >= 2 else series)
 
-    def each(self, n: int, times: int = 1) -> Iterator[Any]:
+    def indices(self, n: int, times: int = 1) -> Iterator[Any]:
         """Count to n: in one straight line where that is short."""
         yield from range(n) if n * times <= STRAIGHT else count_to(n)
 
@@ -421,11 +421,11 @@ class Flight:
         for name in "qp":
             for part in self.mode_parts:
                 w[f"whole_{name}", part] = fma(scale, self._still(name, t, part), w[name, part])
-        whole = [partial(w.number, f"whole_{name}") for name in "qp"]
+        readers = [partial(w.number, f"whole_{name}") for name in "qp"]
         for motion, by in (("u", tables[:2]), ("v", tables[2:])):
-            for part, total in enumerate(self._mix(zip(by, whole, strict=True))):
+            for part, total in enumerate(self._mix(zip(by, readers, strict=True))):
                 w["floor", part] = total
-            for i in self.each(self.layout.modes):
+            for i in self.indices(self.layout.modes):
                 x = w.number("floor", i)
                 if motion == "u" and self.yields:
                     x = x + s.lane(s.first["set"] + i, lane)
@@ -437,7 +437,7 @@ class Flight:
         """Sum up what functions read, weighted by rows of tables ("": of none)."""
         terms = [(self.place_of(name), read) for name, read in readers if name]
         sums = [self.times.cell(0.0) for _ in self.mode_parts]
-        for i in self.each(self.layout.modes, len(sums) * len(terms)):
+        for i in self.indices(self.layout.modes, len(sums) * len(terms)):
             for at, read in terms:
                 value = read(i)
                 for part, total in enumerate(sums):
@@ -450,21 +450,21 @@ class Flight:
     def _account(self, lane: Any, t: Any, sign: float) -> None:
         """Energies of a flight that begins (1) or ends (-1) at point t: input, and what of it is not held any more."""
         group, w, m_wide = self.group, self.rows, self.layout.wide_modes
-        if "energy" not in group.asked:
+        if "energy" not in group.requested:
             return
-        for b, floors in enumerate(group.building_floors) if self.coupled else group.each_building():
-            held, gained = lane_of(kinetic(group, floors) + strain(group, floors), lane), constant(0.0)
+        for b, floors in enumerate(group.building_floors) if self.coupled else group.iter_buildings():
+            stored, gained = lane_of(kinetic(group, floors) + strain(group, floors), lane), constant(0.0)
             for m in () if self.coupled else floors:
                 q, p, at = w.number("q", m), w.number("p", m), t * m_wide + m
                 more = self.number("adjoint_q", at) * q + self.number("adjoint_p", at) * p
-                gained = gained + self.scale.now * (more - self.scale.now * self.number("given", at))
+                gained = gained + self.scale.now * (more - self.scale.now * self.number("input", at))
             if not self.coupled:
                 gained = sign * (gained * lane_of(group.full(group.prop("m", floors[0])), lane))
                 self._add("e_in", b, lane, gained)
             for _ in self._damped(b, lane):
                 if not self.coupled:
                     self._add("e_damp", b, lane, gained)
-                self._add("e_damp", b, lane, sign * held)
+                self._add("e_damp", b, lane, sign * stored)
 
     def _add(self, name: str, i: Any, lane: Any, x: Any) -> None:
         s = self.group.state
@@ -484,16 +484,16 @@ class Flight:
         group, w, layout, zero = self.group, self.rows, self.layout, self.times.full(0.0)
         s, spec, count = group.state, group.spec, layout.nodes
         table = Lookup([float(x) for x in np.concatenate(nodes(count))])
-        for m in self.each(layout.modes, 4):
+        for m in self.indices(layout.modes, 4):
             w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
         early = self.scale.now * self._free("ground", 0, t)
         late = shifted(early)
-        gained, given, lost = (
+        gained, link_energy, dissipated = (
             [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
         )
         for k in count_to(count):
             share, weight = table[k], table[k + count]
-            for m in self.each(layout.modes, 8):
+            for m in self.indices(layout.modes, 8):
                 c = [self.number("nodes", (m * count + k) * NODE_STATE + i) for i in range(NODE_STATE)]
                 q, rate = w["y", m], w["rate", m]
                 for name, first in (("node_q", 0), ("node_p", 4)):
@@ -514,9 +514,9 @@ class Flight:
                     left_set, right_set = (s.lane(s.first["set"] + floor, lane) for floor in spec.links[j])
                     spring = spring + group.prop("link_k", j) * (left_set - right_set)
                 pull = weight * fma(damping, rate, spring)
-                lost[j].now = fma(weight * damping * rate, rate, lost[j].now)
+                dissipated[j].now = fma(weight * damping * rate, rate, dissipated[j].now)
                 for floor, v, sign in zip(spec.links[j], (left, right), (1.0, -1.0), strict=True):
-                    cell = given[spec.building_of[floor]]
+                    cell = link_energy[spec.building_of[floor]]
                     cell.now = fma(sign * pull, v, cell.now)
         h, inside = self.number("step"), self._numbers_of(0) < real(steps)
 
@@ -524,22 +524,22 @@ class Flight:
             return h * fold(where(inside, cell.now, 0.0), add)
 
         for b in range(spec.n_buildings):
-            to_links = total(given[b])
-            if "links" in group.asked:
+            to_links = total(link_energy[b])
+            if "links" in group.requested:
                 self._add("e_link", b, lane, to_links)
-            if "energy" in group.asked:
+            if "energy" in group.requested:
                 put_in = total(gained[b]) * lane_of(group.full(group.prop("m", spec.home(b))), lane)
                 self._add("e_in", b, lane, put_in)
                 for _ in self._damped(b, lane):
                     self._add("e_damp", b, lane, put_in - to_links)
-        for j, cell in enumerate(lost if "links" in group.asked else ()):
+        for j, cell in enumerate(dissipated if "links" in group.requested else ()):
             self._add("link_lost", j, lane, total(cell))
 
     def _power(self, i: int, modes: tuple[int, int]) -> Any:
         """Return the factor of a power at a node."""
         n, (low, many) = self.layout.modes, modes
         at, total = 2 * n * i + low, self.times.cell(0.0)
-        for m in self.each(many, 2):
+        for m in self.indices(many, 2):
             total.now = fma(self.number("powers", at + m), self.rows["node_q", low + m], total.now)
             total.now = fma(self.number("powers", at + n + m), self.rows["node_p", low + m], total.now)
         return total.now
@@ -555,13 +555,13 @@ class Flight:
             return (1.0 - group.prop("hardening", i)) * s["slip", i]
 
         if group.spec.links:  # which hold back, too
-            for i in self.each(n):
+            for i in self.indices(n):
                 rest = group.cell(0.0)
-                for j in self.each(n):
+                for j in self.indices(n):
                     rest.now = fma(self.number("sets", i * n + j), drift(j), rest.now)
                 s["set", i] = rest.now
             return
-        for _, floors in group.each_building():
+        for _, floors in group.iter_buildings():
             for i, total in zip(floors, accumulate(map(drift, floors)), strict=True):
                 s["set", i] = total
 
@@ -575,7 +575,7 @@ class Flight:
             unit = self.number("step") if to_watched == "across_rate" else 1.0
             for part, total in enumerate(self._mix([(to_modes, lambda i: s.lane(s.first["set"] + i, lane))])):
                 w["amplitude", part] = unit * total
-            for m in self.each(self.layout.modes, len(sums)):
+            for m in self.indices(self.layout.modes, len(sums)):
                 q = w.number("amplitude", m)
                 for part, cell in enumerate(sums):
                     cell.now = fma(self.vector(to_watched, m * wide + part * self.lanes), q, cell.now)
@@ -602,7 +602,7 @@ class Flight:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
-        self.hits.now, self.going.now = False, True
+        self.hits.now, self.active.now = False, True
         windows, blocks = self.group.spec.windows, self.blocks
         leaps = note is None and windows and not self.layout.powers
         for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
@@ -611,24 +611,24 @@ class Flight:
             moves = any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0)
             for _ in when(not_(moves)):  # nothing but the record moves the row
                 self._begin() if leaps else self._survey()
-        for _ in while_any(lambda: self.going.now & (self.at.now < self.last)):
+        for _ in while_any(lambda: self.active.now & (self.at.now < self.last)):
             t = self.at.now
             self._bounds()
-            room, far = self.last - t, constant(False)
+            steps_left, far = self.last - t, constant(False)
             if blocks is not None:
                 block = blocks.of(t)
-                room = lesser(room, (block + 1) * blocks.length - t)
+                steps_left = lesser(steps_left, (block + 1) * blocks.length - t)
                 far = not_(self._near(block, "most", "least"))
                 for _ in when(far):  # pass what is left of the block
-                    left = Cell(room)
-                    for _ in when(room == blocks.length):
+                    left = Cell(steps_left)
+                    for _ in when(steps_left == blocks.length):
                         self._advance(self.lanes)
                         left.now = 0
                     for _ in while_any(lambda: left.now > 0):  # noqa: B023
                         steps = lesser(left.now, self.lanes - 1)
                         self._advance(steps)
                         left.now -= steps
-                    self.at.now += room
+                    self.at.now += steps_left
             elif leaps:
                 # by the bounds that modes have now
                 for _ in while_any(
@@ -640,8 +640,8 @@ class Flight:
                     self.at.now += WIDE
                 far = self.at.now > t
             for _ in when(not_(far)):
-                room = lesser(room, self.lanes - 1 if note is None else 1)
-                self.steps.now = room
+                steps_left = lesser(steps_left, self.lanes - 1 if note is None else 1)
+                self.steps.now = steps_left
                 if blocks is not None:
                     blocks.know(blocks.of(t))
                 for part in () if windows or blocks is not None else self.watched_parts:
@@ -653,8 +653,8 @@ class Flight:
                     self._gather(lane, t, steps)
                 self._advance(steps)
                 self.at.now = t + steps
-                self.hits.now = steps < room
-                self.going.now = not_(steps < room)
+                self.hits.now = steps < steps_left
+                self.active.now = not_(steps < steps_left)
                 if note is not None:
                     self.enter(lane, t + steps)
                     note(t + steps)
@@ -665,22 +665,22 @@ class Flight:
     def _lookups(self) -> list[Lookup]:
         """Rows of the state of each watched quantity's most and least value, its storey, and its modes."""
         columns = [
-            (each.most, each.least, each.storey, *modes)
-            for each, modes in zip(self.layout.watched, self.layout.ranges, strict=True)
+            (quantity.most, quantity.least, quantity.storey, *modes)
+            for quantity, modes in zip(self.layout.watched, self.layout.ranges, strict=True)
         ]
         return [Lookup(column) for column in zip(*columns or [(0,) * 5], strict=True)]
 
     def _runs(self, storeys: bool, kinds: Sequence[int]) -> Iterator[tuple[Any, Watched]]:
         """Go through the watched quantities of storeys, or all others, of some kinds: number, and one alike."""
 
-        def alike(q: int) -> tuple[int, bool, bool, bool]:
-            each = self.layout.watched[q]
-            return each.kind, each.least >= 0, each.sized, each.storey >= 0
+        def kind_of(q: int) -> tuple[int, bool, bool, bool]:
+            quantity = self.layout.watched[q]
+            return quantity.kind, quantity.least >= 0, quantity.sized, quantity.storey >= 0
 
-        for (kind, *_, of_storey), run in groupby(range(len(self.layout.watched)), alike):
+        for (kind, *_, of_storey), run in groupby(range(len(self.layout.watched)), kind_of):
             numbers = list(run)
             if of_storey == storeys and kind in kinds:
-                for q in self.each(len(numbers), 12 if storeys else 1):
+                for q in self.indices(len(numbers), 12 if storeys else 1):
                     yield q + numbers[0], self.layout.watched[numbers[0]]
 
     def _take_thresholds(self, lane: Any) -> None:
@@ -688,15 +688,15 @@ class Flight:
         s, w, far = self.group.state, self.rows, self.group.limit.far
         highs, lows = ([x] * self.layout.wide_watched for x in (far, -far))
         # numbers that are put in one by one are waited for where vectors are read
-        for q, each in enumerate(self.layout.watched):
-            if each.storey < 0:
-                highs[q] = x = s.lane(each.most, lane)
-                lows[q] = -x if each.sized else s.lane(each.least, lane) if each.least >= 0 else -far
+        for q, quantity in enumerate(self.layout.watched):
+            if quantity.storey < 0:
+                highs[q] = x = s.lane(quantity.most, lane)
+                lows[q] = -x if quantity.sized else s.lane(quantity.least, lane) if quantity.least >= 0 else -far
         for part in self.watched_parts:
             place = slice(part * self.lanes, (part + 1) * self.lanes)
             w["high", part], w["low", part] = (side_by_side(self.trace, numbers[place]) for numbers in (highs, lows))
-        for q, alike in self._runs(True, (ONSET, TURN)):
-            down, up = self._storey_limits(self._lookups[2][q], lane, alike.kind)
+        for q, storey in self._runs(True, (ONSET, TURN)):
+            down, up = self._storey_limits(self._lookups[2][q], lane, storey.kind)
             w.put_number("high", q, up)
             w.put_number("low", q, down)
 
@@ -707,9 +707,9 @@ class Flight:
             more = maximum(w.number("high", q) - up, down - w.number("low", q))
             k = group.full(self._storey_stiffness(storeys[q]))
             self._add("shear", storeys[q], lane, lane_of(k, lane) * more)
-        for q, alike in self._runs(False, (TURN, ACCELERATION)):
+        for q, quantity in self._runs(False, (TURN, ACCELERATION)):
             s.put_lane(most[q], lane, w.number("high", q))
-            if alike.least >= 0:
+            if quantity.least >= 0:
                 s.put_lane(least[q], lane, w.number("low", q))
 
     def _bounds(self) -> None:
@@ -720,12 +720,12 @@ class Flight:
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
 
-    def _own(self, name: str, part: int) -> Any:
+    def _free_excursion(self, name: str, part: int) -> Any:
         """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) without pounding."""
         return size(self.times.full(self.scale.now)) * self.part(name, part)
 
-    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "") -> None:
-        """Sum of the amplitudes, weighted for all that is watched; with the motion's `own`."""
+    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, excursion: str = "") -> None:
+        """Sum of the amplitudes, weighted for all that is watched; plus the free motion's `excursion`."""
         w, wide, zero = self.rows, self.layout.wide_watched, self.times.full(0.0)
         # all that follows waits for these sums: their parts do not wait for each other
         sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self.watched_parts]
@@ -733,14 +733,14 @@ class Flight:
             for part in self.mode_parts if factor else ():
                 w[f"amplitude_{factor}", part] = self.part(factor, part) * w["amplitude", part]
         places = [self.place_of(table) for table, _ in tables]
-        for m in self.each(self.layout.modes, len(sums) * len(tables)):
+        for m in self.indices(self.layout.modes, len(sums) * len(tables)):
             for at, (_, factor) in zip(places, tables, strict=True):
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
                 for part, chains in enumerate(sums):
                     total = chains[m % CHAINS if isinstance(m, int) else 0]
                     total.now = fma(self.tables.vector(at + (m * wide + part * self.lanes)), a, total.now)
         for part, chains in enumerate(sums):
-            first = self._own(own, part) if own else zero
+            first = self._free_excursion(excursion, part) if excursion else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
     def _begin(self) -> None:
@@ -754,7 +754,7 @@ class Flight:
                     high.now = middle
                 for _ in when(not_(met)):
                     low.now = middle
-            self.hits.now, self.going.now = True, False
+            self.hits.now, self.active.now = True, False
         for _ in when(not_(self.hits.now)):
             low.now = self.last
         self.at.now = low.now
@@ -828,7 +828,7 @@ class Flight:
                 block.now += 1
         for _ in when(block.now > 0):
             for part in self.watched_parts:
-                less = self._own("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds reach so far beyond points
+                less = self._free_excursion("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds beyond points
                 self._take_peaks(part, w["crest", part] - less, w["trough", part] + less)
 
     # looking -------------------------------------------------------------------------------------------------------
@@ -836,15 +836,15 @@ class Flight:
     def _look(self, t: Any) -> None:
         """Look at a window of `steps` from point t on, which become those before floors may touch, or storeys yield."""
         w, coupled = self.rows, self.coupled
-        for m in self.each(self.layout.modes, 4):
+        for m in self.indices(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
         self.rated.now = self.weighed.now = False
         if coupled:
             self._bend(t, shakes=False)
         self._weigh(self.layout.bulges, "bulge", "bulge0")
-        kinds = {each.kind for each in self.layout.watched}
+        kinds = {quantity.kind for quantity in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
-            for q in self._asked(kind):
+            for q in self._reaching(kind):
                 for _ in when(self._reaches(q, kind == ONSET)):
                     for _ in when(not_(self.weighed.now)):
                         self._know_rates(t)
@@ -853,13 +853,13 @@ class Flight:
                     self._end_before(q, kind == ONSET)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
             turning: Any = False
-            for _, asks in (each for kind in (TURN, ACCELERATION) for each in self._asking(kind)):
+            for _, asks in (row for kind in (TURN, ACCELERATION) for row in self._reaching_lanes(kind)):
                 turning = turning | any_lane(asks)
             for _ in when(turning) if not coupled else ():
                 self._bend(t, ACCELERATION in kinds)
-            for q in self._asked(TURN):
+            for q in self._reaching(TURN):
                 self._turn(q, MOVED)
-            for q in self._asked(ACCELERATION):
+            for q in self._reaching(ACCELERATION):
                 self._turn(q, MOVED if coupled else SHAKEN)
 
     def moved(self, m: Any, t: Any, row: int) -> Any:
@@ -871,7 +871,7 @@ class Flight:
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
         for _ in when(not_(self.rated.now)):
-            for m in self.each(self.layout.modes, 4):
+            for m in self.indices(self.layout.modes, 4):
                 self.rows["rate", m] = self.moved(m, t, 2)
             self.rated.now = True
 
@@ -882,7 +882,7 @@ class Flight:
         self._know_rates(t)
         ground = self.scale.now * self._free("ground", 0, t)
         rise = shifted(ground) - ground
-        for m in self.each(self.layout.modes, 4):
+        for m in self.indices(self.layout.modes, 4):
             stiff, damped, pushed = (self.number(name, m) for name in ("square", "damping", "push"))
             rate = w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
@@ -900,15 +900,15 @@ class Flight:
                 for name, x in zip(SHAKEN, (total, third, fourth, fifth, lift, lift5), strict=True):
                     w[name, m] = x * per
 
-    def _asked(self, kind: int) -> Iterator[Any]:
+    def _reaching(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
-        for part, asks in self._asking(kind):
-            for lane in each_lane(asks):
+        for part, asks in self._reaching_lanes(kind):
+            for lane in iter_lanes(asks):
                 yield lane + part * self.lanes
 
-    def _asking(self, kind: int) -> Iterator[tuple[int, Any]]:
+    def _reaching_lanes(self, kind: int) -> Iterator[tuple[int, Any]]:
         """Go through the rows of what is watched of a kind: their number, and which may reach something."""
-        those = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
+        those = [q for q, quantity in enumerate(self.layout.watched) if quantity.kind == kind]
         for part in range(those[0] // self.lanes, those[-1] // self.lanes + 1) if those else ():
             number = self._numbers_of(part)
             yield part, (self.rows["asks", part] > 0.5) & (number <= float(those[-1])) & (number >= float(those[0]))
@@ -919,7 +919,7 @@ class Flight:
         low, many = lows[q], {many for _, many in self.layout.ranges}
         total, names = self.times.cell(0.0), ("shape", "shape_rate")[: 1 + self.coupled]
         shape, *rates = (self.place_of(name) + (q * self.layout.modes + low) for name in names)
-        for k in self.each(many.pop()) if len(many) == 1 else count_to(counts[q]):
+        for k in self.indices(many.pop()) if len(many) == 1 else count_to(counts[q]):
             if row:
                 total.now = fma(self.tables.number(shape + k), self.rows[row, low + k], total.now)
             for at in rates:
@@ -949,8 +949,8 @@ class Flight:
         x1, s1 = shifted(x), shifted(s0)
         # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
         hull = self._past(x, q, onset)
-        for each in (x1, x + s0, x1 - s1):
-            hull = maximum(hull, self._past(each, q, onset))
+        for value in (x1, x + s0, x1 - s1):
+            hull = maximum(hull, self._past(value, q, onset))
         may = hull + self.rows.number("missed", q) > 0.0
         first = first_true(may & (self._numbers_of(0) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)

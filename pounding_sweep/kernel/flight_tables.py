@@ -88,7 +88,7 @@ class Tables(_Filler):
                     for k, name in enumerate(layout.decays)
                 }
                 self._move(c, part)
-                if "given" in layout.timed:
+                if "input" in layout.timed:
                     self._give_back(c, part)
             self._turn_over()
             for part in flight.watched_parts:
@@ -104,13 +104,13 @@ class Tables(_Filler):
     def _move(self, c: dict[str, Any], part: int) -> None:
         """Motions of the modes of one vector from point to point; what the ground puts in."""
         zero = c["push"] * 0.0
-        energies = "given" in self.layout.timed
-        q, p, given, most = Cell(zero), Cell(zero), Cell(zero), Cell(zero)
+        energies = "input" in self.layout.timed
+        q, p, energy, most = Cell(zero), Cell(zero), Cell(zero), Cell(zero)
         for t in count_to(self.points):
             self._put("q", t, part, q.now)
             self._put("p", t, part, p.now)
             if energies:
-                self._put("given", t, part, given.now)
+                self._put("input", t, part, energy.now)
             for _ in when(t < self.last):
                 g0, g1 = self._ground(t), self._ground(t + 1)
                 rise = (g1 - g0) * self.decays.number(1)
@@ -122,7 +122,7 @@ class Tables(_Filler):
                     h = self.decays.number(0)
                     area = (p1 - p.now) + c["damping"] * (q1 - q.now) + c["push"] * ((g0 + g1) * (0.5 * h))
                     gained = g0 * (q1 - q.now) + (g1 - g0) * (q1 + c["area"] * area)
-                    given.now = fma(c["weight"], gained, given.now)
+                    energy.now = fma(c["weight"], gained, energy.now)
                 q.now, p.now = q1, p1
         self.flight.rows["amplitude", part] = self.narrow(sqrt(most.now))
 
@@ -171,9 +171,9 @@ class Tables(_Filler):
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
         f, ground = self.flight, self.narrow(self._ground(t))
         sums = [f.times.cell(0.0) for _ in range(4)]
-        kinds = {each.kind for each in self.layout.watched[part * self.lanes : (part + 1) * self.lanes]}
+        kinds = {quantity.kind for quantity in self.layout.watched[part * self.lanes : (part + 1) * self.lanes]}
         h, per, shaken = f.number("step"), f.number("inverse"), f.part("shaken", part) > 0.5
-        for m in f.each(self.modes, 4):
+        for m in f.indices(self.modes, 4):
             q, p = (f.number(name, t * self.layout.wide_modes + m) for name in "qp")
             stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
             rate = h * p
@@ -186,7 +186,7 @@ class Tables(_Filler):
                 for value, cell in zip((rate, second, third, fourth), sums, strict=True):
                     cell.now = fma(self._across("across_rate", m, part), value, cell.now)
             elif ACCELERATION in kinds:
-                shake = [each * per for each in (total, third, fourth, -(stiff * third + damped * fourth))]
+                shake = [term * per for term in (total, third, fourth, -(stiff * third + damped * fourth))]
                 for k, x in enumerate(shake):
                     values[k] = where(shaken, x, f.times.full(values[k])) if len(kinds) > 1 else x
             for value, cell in zip(values, sums, strict=True):
@@ -197,7 +197,7 @@ class Tables(_Filler):
         """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
         f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(2)]
         per, shaken, full = f.number("inverse"), f.part("shaken", part) > 0.5, f.times.full
-        for m in f.each(self.modes):
+        for m in f.indices(self.modes):
             weight = self._across("across", m, part)
             stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
             if f.coupled:
@@ -222,7 +222,7 @@ class Tables(_Filler):
             now = self._watched_at(k + 1, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
             rise = self.narrow(self._ground(k + 1) - self._ground(k))
-            c, j = (each * rise for each in pushed)
+            c, j = (share * rise for share in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
             above, below = septic_extremes(f.times, f.times.full(True), start, end)
             peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)
@@ -284,11 +284,11 @@ class Blocks(_Filler):
         #: Where the states of the modes of one row of buildings are put together.
         self.desk = self.states_at + groups * (self.blocks * (self.modes * STATE * self.lanes))
         self.lows = Lookup([low for low, _ in layout.ranges] or [0])
-        self.shakes = any(each.kind == ACCELERATION for each in layout.watched)
+        self.shakes = any(quantity.kind == ACCELERATION for quantity in layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
-        self.known, self.owner = cell(0), cell(0)
+        self.filled, self.owner = cell(0), cell(0)
 
-    def _own(self, number: Any) -> Any:
+    def _modes_of(self, number: Any) -> Any:
         """Where the rows of modes of a row of buildings begin."""
         return self.modes_at + number * (len(self.layout.decays) * self.layout.wide_modes)
 
@@ -302,7 +302,7 @@ class Blocks(_Filler):
     def fill(self) -> None:
         """Fill all blocks of all rows of buildings, as many side by side as there are lanes."""
         f = self.flight
-        self.known.now = -1
+        self.filled.now = -1
         for name in ("above", "below", "swell"):
             for q in count_to(self.layout.wide_watched):
                 f.rows[name, q] = f.times.full(0.0)
@@ -323,10 +323,10 @@ class Blocks(_Filler):
             for _ in when(new):
                 self._move(group, block, m, steps)
             for _ in when(not_(new) & (block + 1 < self.blocks)):
-                here, there = (self._state(group - before, block + 1, m) for before in (0, 1))
+                to, source = (self._state(group - before, block + 1, m) for before in (0, 1))
                 for k in range(STATE):
-                    self.decays.put_vector(here + k * self.lanes, self.decays.vector(there + k * self.lanes))
-        kinds = [each.kind for each in self.layout.watched]
+                    self.decays.put_vector(to + k * self.lanes, self.decays.vector(source + k * self.lanes))
+        kinds = [quantity.kind for quantity in self.layout.watched]
         for (kind, many), run in groupby(range(len(kinds)), lambda q: (kinds[q], self.layout.ranges[q][1])):
             numbers = list(run)
             for q in count_to(len(numbers)):
@@ -378,7 +378,7 @@ class Blocks(_Filler):
         """Give each row of buildings how its modes move over one step, and how they decay over several."""
         f, n, lanes, wide = self.flight, self.modes, self.lanes, self.layout.wide_modes
         for k in count_to(len(MOVES)):
-            first, at = self._row(group, MOVES[0], k * n), self._own(group * lanes) + k * wide
+            first, at = self._row(group, MOVES[0], k * n), self._modes_of(group * lanes) + k * wide
             for part in f.mode_parts:
                 modes = [self.decays.vector(first + m * lanes) for m in range(part * lanes, min(n, (part + 1) * lanes))]
                 modes += [modes[0] * 0.0] * (lanes - len(modes))
@@ -386,7 +386,7 @@ class Blocks(_Filler):
                     self.decays.put_vector(at + part * lanes + len(MOVES) * wide * lane, x)
         for lane in count_to(lanes):
             f.base.now = self.layout.base(group * lanes + lane, self.blocks)
-            f.put_decays(self.decays, self._own(group * lanes + lane))
+            f.put_decays(self.decays, self._modes_of(group * lanes + lane))
 
     # through a block ---------------------------------------------------------------------------------------------
 
@@ -418,8 +418,8 @@ class Blocks(_Filler):
             return x, rate, total
 
         for k in count_to(steps):
-            here = start + k * self.stride
-            g0, g1 = self._ground(here), self._ground(here + self.stride)
+            at = start + k * self.stride
+            g0, g1 = self._ground(at), self._ground(at + self.stride)
             _, rate, total = keep(k)
             second = fma(push, self.narrow(g0), total)
             third = fma(slow_pull, rate, fma(slow_damp, second, slow_rising * self.narrow(g1 - g0)))
@@ -456,33 +456,33 @@ class Blocks(_Filler):
 
     def _hand_out(self, block: Any) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
-        f, lanes, apart = self.flight, self.lanes, self.layout.size(self.blocks)
+        f, lanes, stride = self.flight, self.lanes, self.layout.size(self.blocks)
         for part in f.watched_parts:
             for name, row in (("most", "above"), ("least", "below")):
                 those = transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
                 at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
                 for lane in range(lanes):
-                    f.tables.put_vector(at + apart * lane, those[lane])
+                    f.tables.put_vector(at + stride * lane, those[lane])
             # the most of all blocks so far lies there by what is watched, in the end by rows of buildings
             at, missed = (f.place_of(name) + part * lanes for name in ("bulge0", "missed0"))
             most = [f.rows["swell", part * lanes + q] for q in range(lanes)]
             for q in range(lanes):
-                before = f.tables.vector(at + apart * q)
+                before = f.tables.vector(at + stride * q)
                 most[q] = maximum(most[q], where(block == 0, 0.0, before))
-                f.tables.put_vector(at + apart * q, most[q])
+                f.tables.put_vector(at + stride * q, most[q])
             for _ in when(block + 1 == self.blocks):
                 for lane, swell in enumerate(transposed(most)):
                     bulge = swell * self.per_square
-                    share = f.tables.vector(missed + apart * lane)
-                    f.tables.put_vector(at + apart * lane, bulge)
-                    f.tables.put_vector(missed + apart * lane, share * bulge)
+                    share = f.tables.vector(missed + stride * lane)
+                    f.tables.put_vector(at + stride * lane, bulge)
+                    f.tables.put_vector(missed + stride * lane, share * bulge)
 
     # one of them -----------------------------------------------------------------------------------------------
 
     @property
     def start(self) -> Any:
         """First point of the block that is known."""
-        return self.known.now * self.length
+        return self.filled.now * self.length
 
     def of(self, t: Any) -> Any:
         """Block in which point t lies; of the last point, the one that ends there."""
@@ -491,9 +491,9 @@ class Blocks(_Filler):
     def know(self, block: Any) -> None:
         """Go through a block of the scenario that flies, point by point, where it is not the last one that was."""
         f = self.flight
-        same = (self.known.now == block) & (self.owner.now == f.base.now)
+        same = (self.filled.now == block) & (self.owner.now == f.base.now)
         for _ in when(not_(same)):
-            self.known.now, self.owner.now = block, f.base.now
+            self.filled.now, self.owner.now = block, f.base.now
             self._expand(block)
 
     def _expand(self, block: Any) -> None:
@@ -510,7 +510,7 @@ class Blocks(_Filler):
             parts = f.mode_parts[first : first + 2]
             moves = [
                 {
-                    name: self.decays.vector(self._own(number) + (k * layout.wide_modes + part * lanes))
+                    name: self.decays.vector(self._modes_of(number) + (k * layout.wide_modes + part * lanes))
                     for k, name in enumerate(layout.decays)
                 }
                 for part in parts

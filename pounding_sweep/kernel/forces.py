@@ -52,23 +52,23 @@ def longest_substep(group: Group, h: Any) -> Any:
     if not capped and not any(law.graded for law in group.laws):
         return group.full(h)
     longest, fastest = group.cell(h), group.cell(0.0)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         law = contact.law
         with when_any(closed := (contact.mode > OPEN) & (s["time_left"] > 0.0)):
             now, v = contact.penetration(), contact.between("v")
             lasts, k, mass = contact.duration, contact.k_active, contact.reduced
             if capped:
                 d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
-                fastest_here = law.elastic_slope(k, d) / mass
+                rate2 = law.elastic_slope(k, d) / mass
                 if law.shape.damper:
                     b = law.damper(contact.c_active, d) / mass
                     if group.spec.series:  # the size of the roots of x**2 + b x + w**2
-                        b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
-                    fastest_here = maximum(fastest_here, b * b)
+                        b = 0.5 * b + sqrt(0.25 * b * b + rate2)
+                    rate2 = maximum(rate2, b * b)
                 if group.spec.series:  # a run of another cap is not the same where contacts outlast steps
                     soft = SOFTEST / h
-                    fastest_here = maximum(fastest_here, group.full(soft * soft))
-                fastest.now = maximum(fastest.now, where(closed, fastest_here, 0.0))
+                    rate2 = maximum(rate2, group.full(soft * soft))
+                fastest.now = maximum(fastest.now, where(closed, rate2, 0.0))
             most = h / lasts
             if group.spec.staged:
                 most = minimum(most, GRADED * group.prop("cap"))
@@ -104,7 +104,7 @@ def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s = group.state
     h, look = s["h"], group.cell(False)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         law = contact.law
         mode, k, c = contact.mode, contact.k_active, contact.c_active
         v0, v1 = contact.between("v0"), contact.between("v")
@@ -131,9 +131,9 @@ def measure(group: Group) -> Any:
                     may = may | (h * law.damper(c, deep) > (2.0 * cap) * mass)
             parts.now = may
         meets = maximum(d1, minimum(early, late)) > 0.0
-        mine = where(closed, parts.now, meets)
-        contact.asks = where(mine, 1.0, 0.0)
-        look.now |= mine
+        may_happen = where(closed, parts.now, meets)
+        contact.may_change = where(may_happen, 1.0, 0.0)
+        look.now |= may_happen
     return look.now
 
 
@@ -146,9 +146,9 @@ def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
     first, cap = group.cell(1.0), group.cell(1.0)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         contact.put(asks, event=NEVER)
-        with when_any(busy := asks & (contact.asks > 0.0)):
+        with when_any(busy := asks & (contact.may_change > 0.0)):
             event, target = _event(contact, busy, cap)
             first.now = minimum(first.now, event)
             contact.put(busy, event=event, next=target)
@@ -194,8 +194,8 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     if law.shape.clips:
         when, target = _slack(contact, busy, (when, target), depth)
     if is_capped(group):
-        rate_there = contact_rate(law, contact.k_active, contact.c_active, group.full(contact.reduced), maximum(d0, d1))
-        fast, most = h * rate_there, group.prop("cap")
+        rate = contact_rate(law, contact.k_active, contact.c_active, group.full(contact.reduced), maximum(d0, d1))
+        fast, most = h * rate, group.prop("cap")
         deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
         cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
     return when, target
@@ -207,8 +207,8 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
     mode, k, c = contact.mode, contact.k_law, contact.c_law
 
     def press(t: Any) -> tuple[Any, Any, Any]:
-        both = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
-        d, slope = (reduce(lambda x, each: each + t * x, powers) for powers in both)
+        values = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
+        d, slope = (reduce(lambda x, coefficient: coefficient + t * x, powers) for powers in values)
         return law.pressing(k, c, d, slope / group.state["h"]), d, slope
 
     asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))
@@ -224,29 +224,29 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
             sign = where(ends.now, -1.0, 1.0)
             inside = (ends.now & (p0 > 0.0)) | (begins.now & (p0 <= 0.0))
             with when_any(inside):
-                found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t)[0])
-                first.now = where(inside, found, 0.0)
+                t0 = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t)[0])
+                first.now = where(inside, t0, 0.0)
     t, ends, begins = first.now, ends.now, begins.now
     sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, PRESSING), target)
 
 
-def ends(group: Group, whole: Any) -> None:
+def ends(group: Group, length: Any) -> None:
     """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
-    s, r, h = group.state, group.asked, group.state["h"]
+    s, r, h = group.state, group.requested, group.state["h"]
     implicit = group.spec.implicit
     needs_force = group.looks("force") or (implicit and bool(r & {"work", "impulse"}))
     follows = None
     if implicit:  # where contacts are too stiff for a sub-step, it is their end force that counts
-        follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
-    for contact in group.each_contact() if needs_force or "penetration" in r else ():
+        follows = (s["accepted"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
+    for contact in group.iter_contacts() if needs_force or "penetration" in r else ():
         d0, d1, v0, v1 = contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
         closed = contact.mode > OPEN
         if follows is not None:
             closed = closed & follows
         looks = closed & (h > 0.0)
         if group.looks("ends") and not implicit:
-            contact.put(None, f0=0.0, f1=0.0, q0=0.0, q1=0.0)
+            contact.put(None, force_start=0.0, force_end=0.0, force_rate_start=0.0, force_rate_end=0.0)
         counts = closed
         if group.spec.staged and not (group.looks("ends") or "penetration" in r):
             counts = looks
@@ -265,7 +265,7 @@ def ends(group: Group, whole: Any) -> None:
                     t = crossing(group, deepens, 0.0, 1.0, depth.rate, -1.0)
                     contact.dmax = maximum(contact.dmax, where(deepens, depth.value(t), 0.0))
             if needs_force:
-                _force_ends(contact, looks, whole, depth, follows)
+                _force_ends(contact, looks, length, depth, follows)
 
 
 def force_at(contact: Contact, t: Any) -> Any:
@@ -275,17 +275,17 @@ def force_at(contact: Contact, t: Any) -> Any:
     return where(contact.mode > OPEN, force, 0.0)
 
 
-def _force_ends(contact: Contact, looks: Any, whole: Any, depth: Series, follows: Any) -> None:
+def _force_ends(contact: Contact, looks: Any, length: Any, depth: Series, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     group, law, k, c, mode = contact.group, contact.law, contact.k_active, contact.c_active, contact.mode
     d0, d1, v0, v1 = contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
-    s, r, h, limit = group.state, group.asked, group.state["h"], group.limit
+    s, r, h, limit = group.state, group.requested, group.state["h"], group.limit
     a0, a1 = contact.between("a0"), depth.rate.rate.value(1.0) / (h * h)
     f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
     r0, r1 = law.pressing_rate(k, c, d0, v0, a0), law.pressing_rate(k, c, d1, v1, a1)
     mean = (f1 - f0) / maximum(h, limit.tiny)
     if not group.spec.staged:
-        short = ~(h >= limit.short * whole)
+        short = ~(h >= limit.short * length)
         r0, r1 = where(short, mean, r0), where(short, mean, r1)
     presses = (mode == PRESSING) | (mode == REBOUND)
     if follows is not None:
@@ -304,13 +304,13 @@ def _force_ends(contact: Contact, looks: Any, whole: Any, depth: Series, follows
             t = cubic_turn(f0, f1, h * r0, h * r1)
             t = where(grazes, turn.now, t) if group.spec.staged else t
             d, slope = depth.with_slope(t)
-            found = law.pressing(k, c, d, slope / h)
+            peak = law.pressing(k, c, d, slope / h)
             if group.spec.staged:  # long ones, in which a force with roots is no cubic: regula falsi on its rate
-                here = law.pressing_rate(k, c, d, slope / h, depth.rate.rate.value(t) / (h * h))
-                t = where(here > 0.0, t + (1.0 - t) * here / (here - r1), t * r0 / (r0 - here))
+                rate = law.pressing_rate(k, c, d, slope / h, depth.rate.rate.value(t) / (h * h))
+                t = where(rate > 0.0, t + (1.0 - t) * rate / (rate - r1), t * r0 / (r0 - rate))
                 d, slope = depth.with_slope(t)
-                found = maximum(found, where(grazes, found, law.pressing(k, c, d, slope / h)))
-            contact.fmax = maximum(contact.fmax, where(between, found, 0.0))
+                peak = maximum(peak, where(grazes, peak, law.pressing(k, c, d, slope / h)))
+            contact.fmax = maximum(contact.fmax, where(between, peak, 0.0))
     if follows is not None:
         if "impulse" in r:
             contact.put(presses, impulse=contact.impulse + 0.5 * h * (f0 + f1))
@@ -319,14 +319,14 @@ def _force_ends(contact: Contact, looks: Any, whole: Any, depth: Series, follows
     if group.looks("ends"):
         q0, q1 = where(size(r0) < limit.far, r0, mean), where(size(r1) < limit.far, r1, mean)
         if follows is None:
-            contact.f0, contact.f1, contact.q0, contact.q1 = f0, f1, q0, q1
+            contact.force_start, contact.force_end, contact.force_rate_start, contact.force_rate_end = f0, f1, q0, q1
         else:  # a lane that did not take its trial stays where it is
-            taken, stiff = s["taken"] > 0.0, s["stiff"] > 0.0
-            held = where(stiff & ~follows, contact.force, 0.0)
-            contact.f0 = where(taken, where(follows, f0, held), contact.f1)
-            contact.put(taken, f1=where(follows, f1, held))
-            contact.q0 = where(taken, where(follows, q0, 0.0), contact.q1)
-            contact.put(taken, q1=where(follows, q1, 0.0))
+            accepted, stiff = s["accepted"] > 0.0, s["stiff"] > 0.0
+            force = where(stiff & ~follows, contact.force, 0.0)
+            contact.force_start = where(accepted, where(follows, f0, force), contact.force_end)
+            contact.put(accepted, force_end=where(follows, f1, force))
+            contact.force_rate_start = where(accepted, where(follows, q0, 0.0), contact.force_rate_end)
+            contact.put(accepted, force_rate_end=where(follows, q1, 0.0))
 
 
 def is_due(contact: Contact, lands: Any) -> Any:
@@ -339,7 +339,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
     s = group.state
     switched = Cell(lands & ~lands)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         law, which = contact.law, contact.law_index
         due = is_due(contact, lands)
         switched.now |= due
@@ -382,10 +382,10 @@ def note_onset(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) 
 
 def is_closed(group: Group) -> Any:
     """Lanes in which any contact is closed."""
-    found = group.cell(False)
-    for contact in group.each_contact(straight=True):
-        found.now |= contact.mode > OPEN
-    return found.now
+    closed = group.cell(False)
+    for contact in group.iter_contacts(straight=True):
+        closed.now |= contact.mode > OPEN
+    return closed.now
 
 
 # contacts that yield -------------------------------------------------------------------------------------------------
@@ -402,11 +402,11 @@ def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> 
     speed = maximum(v, RESTING_SPEED)
     deepest = power(1.25 * contact.reduced * speed * speed / k, 0.4)
     effective = k * sqrt(deepest)
-    lost = 0.4 * loss * effective
+    loop = 0.4 * loss * effective
     contact.put(
         lanes,
-        k_law=effective - lost / (1.0 - YIELD_SHARE),
-        c_law=lost / (YIELD_SHARE * (1.0 - YIELD_SHARE)),
+        k_law=effective - loop / (1.0 - YIELD_SHARE),
+        c_law=loop / (YIELD_SHARE * (1.0 - YIELD_SHARE)),
         yield_depth=where(loss > 0.0, YIELD_SHARE * deepest, contact.group.limit.far),
         plastic=0.0,
     )
@@ -429,14 +429,14 @@ def slip(contact: Contact, lanes: Any, d: Any) -> None:
     contact.put(lanes, k_active=contact.k_law, c_active=where(deep, contact.c_law * contact.yield_depth, 0.0))
 
 
-def held_force(contact: Contact, d: Any) -> Any:
+def force_at_end(contact: Contact, d: Any) -> Any:
     """Force at penetration d, the plastic part being what it must be there."""
     stretch = minimum(maximum(d - contact.plastic, 0.0), contact.yield_depth)
     return where(d > 0.0, contact.k_law * d + contact.c_law * stretch, 0.0)
 
 
 def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
-    """Mode of a contact that went to the penetration d by `held_force`."""
+    """Mode of a contact that went to the penetration d by `force_at_end`."""
     stretch, top = d - contact.plastic, contact.yield_depth
     contact.put(lanes, plastic=where(stretch > top, d - top, where(stretch < 0.0, d, contact.plastic)))
     slips = lanes & (((stretch >= top) & (v > 0.0)) | ((stretch <= 0.0) & (v < 0.0)))
@@ -453,7 +453,7 @@ def _slips(contact: Contact, asks: Any, ends: tuple[Any, Any, Any, Any], depth: 
     grows = asks & slipping & ~slips & (v1 > 0.0)
     low = contact.plastic
     toward = where(falls, -1.0, 1.0)
-    found = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
+    event = where(falls | grows, crossing(group, falls | grows, 0.0, 1.0, depth.rate, toward), NEVER)
     # it sticks where v is zero and d at one of both limits: rounding there is no crossing
     margin = group.limit.at_release * contact.yield_depth
     for sign, limit, may in ((1.0, low + contact.yield_depth, asks), (-1.0, low, asks & (low > 0.0))):
@@ -461,5 +461,5 @@ def _slips(contact: Contact, asks: Any, ends: tuple[Any, Any, Any, Any], depth: 
         turns = ~crosses & (sign * v0 > 0.0) & (sign * v1 < 0.0)
         begun = depth.begun(sign * minimum(sign * (d0 - limit), 0.0))
         when = first_crossing(group, may & ~slipping, begun, sign, crosses, turns, least=margin)
-        found = minimum(found, when)
-    return found
+        event = minimum(event, when)
+    return event

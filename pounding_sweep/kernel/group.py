@@ -50,10 +50,10 @@ STEEP_SHARE = 1.0
 
 def power_of(x: Any, exponent: float) -> Any:
     """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
-    whole, quarters = divmod(4.0 * exponent, 4.0)
+    n, quarters = divmod(4.0 * exponent, 4.0)
     if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
         return power(maximum(x, 0.0), exponent)
-    factors = [x] * int(whole)
+    factors = [x] * int(n)
     if quarters:
         root = sqrt(maximum(x, 0.0))
         factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
@@ -84,11 +84,11 @@ class LaneLaw:
         factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + degree) / math.gamma(0.5 + degree)
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** degree, degree
 
-    def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
+    def _evaluate(self, text: str, d: Any, **variables: Any) -> Any:
         formula = read(text)
         if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
-            given["r"] = sqrt(maximum(d, 0.0))
-        return value(formula, {"d": d, **given}, _FUNCTIONS)
+            variables["r"] = sqrt(maximum(d, 0.0))
+        return value(formula, {"d": d, **variables}, _FUNCTIONS)
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""
@@ -104,8 +104,8 @@ class LaneLaw:
 
     def pressing(self, k: Any, c: Any, d: Any, v: Any) -> Any:
         """Force before any cut."""
-        found = self.elastic(k, c, d)
-        return found + self.damper(c, d) * v if self.shape.damper else found
+        force = self.elastic(k, c, d)
+        return force + self.damper(c, d) * v if self.shape.damper else force
 
     def pressing_rate(self, k: Any, c: Any, d: Any, v: Any, a: Any) -> Any:
         """Its derivative by time."""
@@ -135,12 +135,12 @@ class LaneLaw:
         pace = mass / k
         if n != 1.0:
             pace = pace / sqrt(v) if n == 1.5 else pace * roughly_power(v, 1.0 - n)
-        found = factor * (sqrt(pace) if n == 1.0 else roughly_power(pace, share))
+        time = factor * (sqrt(pace) if n == 1.0 else roughly_power(pace, share))
         if self.shape.is_power:
-            return found
+            return time
         # beside the power with which it begins, by the slopes where that one would turn
         deepest = roughly_power(0.5 * (n + 1.0) * mass * v * v / k, share)
-        return found * sqrt(n * k * roughly_power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
+        return time * sqrt(n * k * roughly_power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
 
 
 class Group:
@@ -160,7 +160,7 @@ class Group:
         memory: Any = None,
     ) -> None:
         self.spec, self.trace, self.lanes, self.constants = spec, trace, lanes, constants
-        self.scheme, self.reducers, self.asked = scheme, reducers, spec.reducers
+        self.scheme, self.reducers, self.requested = scheme, reducers, spec.reducers
         #: Whether motions are followed between the ends of steps.
         self.follows = any(reducer.follows for reducer in reducers)
         self.contacts = spec.contacts if spec.law is not None else ()
@@ -169,7 +169,7 @@ class Group:
         self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
         steep = [spec.staged and law.damper and 0.0 < law.damper_exponent < 1.0 for law in spec.laws]
-        shares = [STEEP_SHARE if each else GRADED_SHARE for each in steep]
+        shares = [STEEP_SHARE if is_steep else GRADED_SHARE for is_steep in steep]
         self.laws = [LaneLaw(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
@@ -184,19 +184,19 @@ class Group:
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
         if spec.implicit or self.eventful or spec.links:
             rows |= {"a0": n}
-        if "acceleration" in self.asked:
-            rows |= dict.fromkeys(("acc0", "acc1", "rate0", "rate1"), n)
+        if "acceleration" in self.requested:
+            rows |= dict.fromkeys(("acc_start", "acc_end", "acc_rate_start", "acc_rate_end"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
             if self.eventful or spec.links:
                 stages = [f"s{k}" for k in range(6 if spec.flies_exactly else 4)]
                 rows |= dict.fromkeys(("x", "y", "push", *stages), n) | dict.fromkeys(("dwork", "dimpulse"), nc)
-        if "links" in self.asked:  # sums over the stages of a step
-            rows |= {"dgiven": nb, "dlost": len(spec.links)}
+        if "links" in self.requested:  # sums over the stages of a step
+            rows |= {"dlink": nb, "dlink_loss": len(spec.links)}
         if spec.implicit and self.touching:
-            rows |= {"response": (n if spec.whole else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
+            rows |= {"response": (n if spec.solves_row else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
         if self.eventful:
-            rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "taken"), 1)
+            rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "accepted"), 1)
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
@@ -211,10 +211,11 @@ class Group:
             rows |= dict.fromkeys(("fastest", "age", "duration"), nc)
             # penetration (m), its rate (m/s), the force (kN) and its rate at both ends of a sub-step; that of an
             # implicit step, and whether an event may be in it
-            rows |= dict.fromkeys(("pen_start", "pen_end", "rate_start", "rate_end", "f0", "f1", "q0", "q1"), nc)
-            rows |= dict.fromkeys(("force", "asks"), nc)
-            if "transfer" in self.asked:  # energy given so far, in the step, and powers
-                rows |= dict.fromkeys(("now", "gain", "given", "given0", "given1"), nb)
+            rows |= dict.fromkeys(("pen_start", "pen_end", "rate_start", "rate_end"), nc)
+            rows |= dict.fromkeys(("force_start", "force_end", "force_rate_start", "force_rate_end"), nc)
+            rows |= dict.fromkeys(("force", "may_change"), nc)
+            if "transfer" in self.requested:  # energy given so far, in the step, and powers
+                rows |= dict.fromkeys(("now", "gain", "power", "power_start", "power_end"), nb)
         # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws
         if spec.implicit or spec.impulsive:
             rows |= {"a": n, "alone": n}
@@ -224,16 +225,16 @@ class Group:
         #: What no step leaves to the next follows, from this row on.
         self.passing = sum(rows.values())
         rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
-        rows |= {"peak": n, "there": n, "press": nc} if self.presses and "acceleration" in self.asked else {}
+        rows |= {"peak": n, "acc_inside": n, "press": nc} if self.presses and "acceleration" in self.requested else {}
         if spec.series:
             order, laws = spec.series, spec.laws
-            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "pick": order + 1}
-            rows |= {"fj": nc * order} if any(law.damper for law in laws) else {}
-            rows |= {"wj": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
+            rows |= {"taylor_u": n * (order + 1), "taylor_pen": nc * (order + 1), "event_poly": order + 1}
+            rows |= {"taylor_force": nc * order} if any(law.damper for law in laws) else {}
+            rows |= {"taylor_pen_rate": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
-            rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
+            rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
             rows |= {"ruled_out": 2 * (nc + n)}
-            rows |= {"swing": nb} if "transfer" in self.asked and self.touching else {}
+            rows |= {"swing": nb} if "transfer" in self.requested and self.touching else {}
         return rows
 
     @property
@@ -260,7 +261,7 @@ class Group:
         """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
         return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)
 
-    def own_damper(self, i: Any) -> bool:
+    def has_separate_damper(self, i: Any) -> bool:
         """Whether the damper of the storey below floor i is no share of its stiffness."""
         return self.yields(i) or self.dashed(i)
 
@@ -327,7 +328,7 @@ class Group:
                 number, width = q + first, len(items[first])
                 yield kind, number, [table[width * number + k] for k in range(width)]
 
-    def known_contacts(self, touching: bool = True) -> list[Contact]:
+    def static_contacts(self, touching: bool = True) -> list[Contact]:
         """Return all contacts, whose numbers are known."""
         contacts = enumerate(self.contacts if touching else self.spec.contacts)
         return [Contact(self, j, sides, *self._kind(j)) for j, sides in contacts]
@@ -339,21 +340,21 @@ class Group:
         grounded = side >= 0 and spec.bottom[spec.contacts[j][side]]
         return side, grounded, spec.bumped[j] if spec.bumped else 0
 
-    def each_contact(self, straight: bool = False, touching: bool = True) -> Iterator[Contact]:
+    def iter_contacts(self, straight: bool = False, touching: bool = True) -> Iterator[Contact]:
         """Go through the contacts, at run time (in a short row, if not `straight`); not `touching`: closings too."""
         contacts = self.contacts if touching else self.spec.contacts
         if self.trace is None or (straight and not self.long):
-            yield from self.known_contacts(touching)
+            yield from self.static_contacts(touching)
             return
 
-        def alike(j: int) -> tuple[tuple[bool, ...], tuple[int, bool, int]]:
+        def kind_of(j: int) -> tuple[tuple[bool, ...], tuple[int, bool, int]]:
             return tuple(i < 0 for i in contacts[j][:2]), self._kind(j)
 
-        for (walls, kind), j, (*sides, gap) in self._in_runs(contacts, alike):
+        for (walls, kind), j, (*sides, gap) in self._in_runs(contacts, kind_of):
             left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=True))
             yield Contact(self, j, (left, right, gap), *kind)
 
-    def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
+    def iter_links(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Go through the links and the floors that they join; in a long row at run time."""
         if not (self.long and self.spec.links):
             yield from enumerate(self.spec.links)
@@ -361,7 +362,7 @@ class Group:
         for _, j, (left, right) in self._in_runs(self.spec.links, lambda _: 0):
             yield j, (left, right)
 
-    def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
+    def iter_buildings(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
         if not self.long:
             yield from enumerate(self.building_floors)
@@ -372,7 +373,7 @@ class Group:
         for n, _, (b, home) in self._in_runs(homes, lambda k: spec.storeys[order[k]]):
             yield b, [home + s for s in range(n)]
 
-    def each_storey(self, those: Sequence[int], straight: bool = True) -> Iterator[Storey]:
+    def iter_storeys(self, those: Sequence[int], straight: bool = True) -> Iterator[Storey]:
         """Go through some storeys, in a short row at run time if not `straight`."""
         if not self.long and (straight or self.trace is None or self.spec.foundations):
             yield from (self.storey(i) for i in those)
@@ -386,12 +387,12 @@ class Group:
         """Return a storey whose number is known."""
         return Storey(self, i, self.spec.below(i))
 
-    def each_part(self, whole: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
-        """Go through what is worked out at once, and its degrees of freedom: buildings, or the `whole` row."""
-        if whole or self.spec.foundations:
+    def iter_parts(self, as_row: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
+        """Go through what is worked out at once, and its degrees of freedom: buildings, or the whole row (`as_row`)."""
+        if as_row or self.spec.foundations:
             yield list(enumerate(self.building_floors)), list(range(self.spec.n_moving))
             return
-        for b, floors in self.each_building():
+        for b, floors in self.iter_buildings():
             yield [(b, floors)], floors
 
     def deformation(self, i: Any, x: Any, p: Any) -> Any:
@@ -403,7 +404,7 @@ class Group:
         """Whether a degree of freedom is a rotation, which the ground does not accelerate."""
         return bool(self.spec.foundations) and i >= self.spec.n_dof and (i - self.spec.n_dof) % 2 == 1
 
-    def each(self, n: Any, straight: bool = True) -> Iterator[Any]:
+    def indices(self, n: Any, straight: bool = True) -> Iterator[Any]:
         """Count to n, at run time in a long row."""
         if self.long or not straight or isinstance(n, Count):
             yield from count_to(n)
@@ -456,7 +457,7 @@ class Contact(Indexed):
     @property
     def stiffness(self) -> Any:
         """Stiffness (kN/m**exponent)."""
-        return self.group.state["k", self.index] if self.group.spec.own_stiffness else self.group.state["k"]
+        return self.group.state["k", self.index] if self.group.spec.stiffness_per_contact else self.group.state["k"]
 
     @property
     def gap(self) -> Any:

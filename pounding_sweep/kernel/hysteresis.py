@@ -17,14 +17,14 @@ from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, 
 from pounding_sweep.kernel.roots import NEVER, course, crossing
 
 
-def each_storey(group: Group, straight: bool = False) -> Iterator[Storey]:
+def iter_storeys(group: Group, straight: bool = False) -> Iterator[Storey]:
     """Go through bilinear storeys; at run time if not `straight`."""
-    yield from group.each_storey(group.spec.bilinear, straight)
+    yield from group.iter_storeys(group.spec.bilinear, straight)
 
 
 def begin(group: Group, lanes: Any = None) -> None:
     """Let all storeys be elastic, in all lanes or some."""
-    for i in group.each(group.spec.n_dof):
+    for i in group.indices(group.spec.n_dof):
         for name in ("kt", "kd") if group.spec.tangent else ("kt",):
             group.state.put(lanes, group.full(group.prop("k", i)), name, i)
 
@@ -71,7 +71,7 @@ def _may_change(storey: Storey, h: Any) -> Any:
 def may_change(group: Group, h: Any) -> Any:
     """Lanes in which any storey may begin to yield, or turn, in the step just taken."""
     lanes = group.cell(False)
-    for storey in each_storey(group, straight=True):
+    for storey in iter_storeys(group, straight=True):
         lanes.now |= _may_change(storey, h)
     return lanes.now
 
@@ -79,7 +79,7 @@ def may_change(group: Group, h: Any) -> Any:
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first storey changes its phase (1: none), in the lanes that ask."""
     first = group.cell(1.0)
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         storey.put(asks, turn=NEVER)
         busy = asks & _may_change(storey, group.state["h"])
         with when_any(busy):
@@ -110,7 +110,7 @@ def _event(storey: Storey, busy: Any) -> None:
 def apply_events(group: Group, lands: Any) -> Any:
     """Switch the storeys whose event ends this sub-step; returns the lanes in which any did."""
     switched = Cell(lands & ~lands)
-    for storey in each_storey(group):
+    for storey in iter_storeys(group):
         turn = storey.turn
         due = lands & (turn < 1.0) & (turn <= group.state["fraction"] + group.limit.same_time)
         with when_any(due):
@@ -119,8 +119,8 @@ def apply_events(group: Group, lands: Any) -> Any:
             _follow(storey)
             k, (hard, soft) = storey.stiffness, storey.hardened
             elastic = phase == 0.0
-            held = phase * (soft * storey.yield_drift)
-            storey.put(due, kt=where(elastic, k, hard), ct=where(elastic, -soft * storey.slip, held))
+            yielding = phase * (soft * storey.yield_drift)
+            storey.put(due, kt=where(elastic, k, hard), ct=where(elastic, -soft * storey.slip, yielding))
             if group.spec.tangent:
                 storey.put(due, kd=where(elastic, k, k - storey.tangent * soft))
         switched.now |= due
@@ -132,19 +132,19 @@ def _follow(storey: Storey) -> None:
     phase, p = storey.phase, storey.slip
     slip = where(phase == 0.0, p, storey.drift() - phase * storey.yield_drift)
     storey.slip = slip
-    if "hysteretic" in storey.group.asked:
+    if "hysteretic" in storey.group.requested:
         storey.travel += size(slip - p)
 
 
 def follow(group: Group) -> None:
     """Let the plastic drifts of storeys that yield follow the motion to the present state."""
-    for storey in each_storey(group, straight=True):
+    for storey in iter_storeys(group, straight=True):
         _follow(storey)
 
 
 def is_yielding(group: Group) -> Any:
     """Lanes in which any storey yields."""
     lanes = group.cell(False)
-    for storey in each_storey(group, straight=True):
+    for storey in iter_storeys(group, straight=True):
         lanes.now |= ~(storey.phase == 0.0)
     return lanes.now

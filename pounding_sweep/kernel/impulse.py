@@ -31,30 +31,31 @@ LEAST_SHARE = 1.0e-3
 def join_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
     """Give resting floors one rate, in rows of the state or of another `memory`; keep what it took."""
     s: Any = group.state if memory is None else memory
-    values, taken = join(group, [s[name, i] for i in range(group.spec.n_moving)], resting(group))
+    values, forces = join(group, [s[name, i] for i in range(group.spec.n_moving)], resting(group))
     touched = {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}
     for i in touched:
         s[name, i] = values[i]
-    for j, x in enumerate(taken):
+    for j, x in enumerate(forces):
         s[keeps, j] = x
 
 
 def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
     """Give resting floors one rate: the mean by mass along each row of them; returns rates and what it took."""
-    spec, contacts, found = group.spec, group.contacts, list(x)
+    spec, contacts, joined = group.spec, group.contacts, list(x)
     before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
     after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
     total: list[Any] = []
     mass: list[Any] = []
     for left, _, _ in contacts:
         if left >= 0:
-            own, heavy = group.prop("m", left) * x[left], group.full(group.prop("m", left))
+            momentum, heavy = group.prop("m", left) * x[left], group.full(group.prop("m", left))
         else:
-            own, heavy = group.full(0.0), group.full(WALL_MASS)
+            momentum, heavy = group.full(0.0), group.full(WALL_MASS)
         if left in before:
             b = before[left]
-            own, heavy = where(resting[b], own + total[b], own), where(resting[b], heavy + mass[b], heavy)
-        total.append(own)
+            momentum = where(resting[b], momentum + total[b], momentum)
+            heavy = where(resting[b], heavy + mass[b], heavy)
+        total.append(momentum)
         mass.append(heavy)
     common: list[Any] = [None] * len(contacts)
     force: list[Any] = [None] * len(contacts)
@@ -71,14 +72,14 @@ def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[A
     for j, (left, right, _) in enumerate(contacts):
         for i in (left, right):
             if i >= 0:
-                found[i] = where(resting[j], common[j], found[i])
-    assert spec.n_moving == len(found)
-    return found, force
+                joined[i] = where(resting[j], common[j], joined[i])
+    assert spec.n_moving == len(joined)
+    return joined, force
 
 
 def resting(group: Group) -> list[Any]:
     """Lanes in which the floors of each contact rest on each other."""
-    return [contact.k_active > 0.0 for contact in group.known_contacts()]
+    return [contact.k_active > 0.0 for contact in group.static_contacts()]
 
 
 def rest(group: Group, lanes: Any) -> None:
@@ -86,10 +87,10 @@ def rest(group: Group, lanes: Any) -> None:
     s = group.state
     put_accelerations(group, "alone", "u", "v", s["g1"])
     join_rows(group, "alone", "joining")
-    for i in group.each(group.spec.n_moving):
+    for i in group.indices(group.spec.n_moving):
         s.put(lanes, s["alone", i], "a", i)
-    for contact in group.each_contact(straight=True):
-        contact.put(lanes, f1=contact.joining)
+    for contact in group.iter_contacts(straight=True):
+        contact.put(lanes, force_end=contact.joining)
 
 
 def measure(group: Group) -> Any:
@@ -99,12 +100,12 @@ def measure(group: Group) -> Any:
     closed = is_closed(group)
     with when_any(closed):
         rest(group, closed)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         v0, v1 = contact.between("v0"), contact.between("v")
         d0, d1 = contact.penetration("u0"), contact.penetration()
         contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end = d0, d1, v0, v1
         meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
-        look.now |= where(contact.mode == OPEN, meets, contact.f1 < 0.0)
+        look.now |= where(contact.mode == OPEN, meets, contact.force_end < 0.0)
     return look.now
 
 
@@ -112,12 +113,12 @@ def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
     _s, h = group.state, group.state["h"]
     first = group.cell(1.0)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         mode, d0, d1, v0, v1 = contact.mode, contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
-        closed, late = mode > OPEN, contact.f1
+        closed, late = mode > OPEN, contact.force_end
         pulls = closed & (late < 0.0)
-        held = maximum(contact.f0, 0.0)
-        share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
+        early = maximum(contact.force_start, 0.0)
+        share = maximum(early / (early - late), LEAST_SHARE)  # a force may rise before it falls
         contact.put(asks, event=where(pulls, share, NEVER), next=where(pulls, OPEN, mode))
         # what a penetration at either end of the trial is the difference of
         floors = [i for i in contact.sides[:2] if not is_wall(i)]
@@ -134,26 +135,26 @@ def first_event(group: Group, asks: Any) -> Any:
     return first.now
 
 
-def ends(group: Group, whole: Any) -> None:
+def ends(group: Group, length: Any) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
-    del whole
-    _s, r, h = group.state, group.asked, group.state["h"]
-    for contact in group.each_contact() if group.spec.implicit and "impulse" in r else ():
-        contact.impulse += 0.5 * h * (contact.f0 + contact.f1)
+    del length
+    _s, r, h = group.state, group.requested, group.state["h"]
+    for contact in group.iter_contacts() if group.spec.implicit and "impulse" in r else ():
+        contact.impulse += 0.5 * h * (contact.force_start + contact.force_end)
 
 
 def hold(group: Group, end: str) -> None:
     """Rates of the forces of resting floors at an end of the sub-step, from those of accelerations without them."""
     s = group.state
     slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
-    _, taken = join(group, [x - slope for x in group.floors(f"rate{end}")], resting(group))
-    for contact, x in zip(group.known_contacts(), taken, strict=True):
-        setattr(contact, f"q{end}", x)
+    _, rates = join(group, [x - slope for x in group.floors(f"acc_rate_{end}")], resting(group))
+    for contact, x in zip(group.static_contacts(), rates, strict=True):
+        setattr(contact, f"force_rate_{end}", x)
 
 
 def _note_onset(contact: Contact, lanes: Any, v: Any, h: Any) -> None:
     """Tell of an impact at the rate v; mark what is told."""
-    group, r = contact.group, contact.group.asked
+    group, r = contact.group, contact.group.requested
     fast = v > COUNTED * RESTING_SPEED
     if "count" in r:
         fast = fast | (contact.count == 0.0)
@@ -169,7 +170,7 @@ def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
     """Let the velocity of a floor jump; its building gives its contacts the kinetic energy that it loses."""
     s, before = group.state, group.state["v", i]
     s["v", i] = after = where(lanes, v, before)
-    if "transfer" in group.asked:
+    if "transfer" in group.requested:
         b = group.home_of(i)[2]
         s["now", b] += 0.5 * group.prop("m", i) * (before - after) * (before + after)
 
@@ -177,7 +178,7 @@ def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
 def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
     group = contact.group
-    s, r, m = group.state, group.asked, contact.reduced
+    s, r, m = group.state, group.requested, contact.reduced
     left, right, _ = contact.sides
     p = (1.0 + e) * m * v
     if not is_wall(left):
@@ -196,10 +197,10 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
-        mine, more = again.now, Cell(again.now & ~again.now)
-        for contact in group.each_contact():
+        mask, more = again.now, Cell(again.now & ~again.now)
+        for contact in group.iter_contacts():
             v, c = contact.between("v"), contact.c
-            hits = mine & (contact.next > 0.0) & (v > PARTED * RESTING_SPEED)
+            hits = mask & (contact.next > 0.0) & (v > PARTED * RESTING_SPEED)
             bounces = where(c * v > RESTING_SPEED, c, 0.0)
             with when_any(hits):
                 _note_onset(contact, hits & ((contact.mode == OPEN) | (bounces > 0.0)), v, h)
@@ -210,16 +211,16 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
 
 def _halt(group: Group, lanes: Any) -> None:
     """Floors at this instant that do not part stop to approach: what `_collide` has left of it."""
-    _s, r = group.state, group.asked
-    for contact in group.each_contact():
+    _s, r = group.state, group.requested
+    for contact in group.iter_contacts():
         v = contact.between("v")
         contact.put(lanes, rate_end=v)
         stays = (contact.next > 0.0) & (v >= -PARTED * RESTING_SPEED)
         contact.put(lanes, k_active=where(stays, 1.0, 0.0))
-    speeds, taken = join(group, group.floors("v"), resting(group))
+    speeds, impulses = join(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
-    for contact, p in zip(group.known_contacts(), taken, strict=True):
+    for contact, p in zip(group.static_contacts(), impulses, strict=True):
         if "impulse" in r:
             contact.impulse += where(lanes, p, 0.0)
         if "work" in r:
@@ -230,33 +231,33 @@ def _halt(group: Group, lanes: Any) -> None:
 
 def _choose(group: Group, lanes: Any) -> None:
     """Let those of the contacts marked in ``k_active`` rest that are pressed; the others are unmarked."""
-    going = Cell(lanes)
-    for _ in while_any(lambda: going.now, at_most=len(group.contacts) + 1):
-        mine = going.now
-        rest(group, mine)
+    active = Cell(lanes)
+    for _ in while_any(lambda: active.now, at_most=len(group.contacts) + 1):
+        mask = active.now
+        rest(group, mask)
         least, at = group.cell(-group.limit.released), group.cell(-1.0)
-        for contact in group.each_contact():
-            pressed = contact.f1 / contact.reduced
+        for contact in group.iter_contacts():
+            pressed = contact.force_end / contact.reduced
             worse = (contact.k_active > 0.0) & (pressed < least.now)
             least.now, at.now = where(worse, pressed, least.now), where(worse, real(contact.index), at.now)
-        for contact in group.each_contact():
-            contact.put(mine & (at.now == real(contact.index)), k_active=0.0)
-        going.now = mine & (at.now >= 0.0)
+        for contact in group.iter_contacts():
+            contact.put(mask & (at.now == real(contact.index)), k_active=0.0)
+        active.now = mask & (at.now >= 0.0)
 
 
 def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
     _s, released = group.state, group.limit.released
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         due = is_due(contact, lanes)
         opened = contact.mode == OPEN
-        pressed = ~opened & (contact.f1 > released * contact.reduced)
+        pressed = ~opened & (contact.force_end > released * contact.reduced)
         takes_part = pressed | (due & opened) | (~due & ~opened)
         contact.put(lanes, next=where(takes_part, 1.0, 0.0))
     _collide(group, lanes, h)
     _halt(group, lanes)
     _choose(group, lanes)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         mode = where(contact.k_active > 0.0, 1.0, 0.0)
         comes = lanes & (mode > contact.mode)
         with when_any(comes):

@@ -30,8 +30,8 @@ def has_wide_registers() -> bool:
     """Whether code is compiled for a processor with registers of 64 bytes, and some for masks (AVX-512)."""
     from numba.core import config
 
-    given = config.CPU_FEATURES  # type: ignore[attr-defined]
-    return "+avx512f" in (given if given is not None else get_host_cpu_features().flatten()).split(",")
+    features = config.CPU_FEATURES  # type: ignore[attr-defined]
+    return "+avx512f" in (features if features is not None else get_host_cpu_features().flatten()).split(",")
 
 
 class Tracer:
@@ -45,7 +45,7 @@ class Tracer:
         self.builder, self.lanes, self.module = builder, lanes, builder.module
         self.real = _DOUBLE if precision == "float64" else _SINGLE
         self.size = 8 if precision == "float64" else 4
-        self.vector, self.truths, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
+        self.vector, self.truths, self.integers = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
         #: A mask: of processors that keep masks in vectors, as wide as numbers, all bits of a lane alike.
         self.mask = self.truths if has_wide_registers() else ir.VectorType(ir.IntType(8 * self.size), lanes)
 
@@ -68,12 +68,12 @@ class Tracer:
         """Return lanes of two vectors in an order, those of the second counted after those of the first."""
         return self.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_I32, self.lanes), [*order]))
 
-    def call(self, name: str, *given: Any) -> Any:
+    def call(self, name: str, *arguments: Any) -> Any:
         """Call an LLVM intrinsic of one vector type."""
         full = f"llvm.{name}.v{self.lanes}f{8 * self.size}"
-        kind = ir.FunctionType(self.vector, [self.vector] * len(given))
+        kind = ir.FunctionType(self.vector, [self.vector] * len(arguments))
         function = self.module.globals.get(full) or ir.Function(self.module, kind, full)
-        return self.builder.call(function, given)
+        return self.builder.call(function, arguments)
 
     def load(self, pointer: Any, kind: Any, align: int, fixed: bool = False) -> Any:
         """Load a value; a `fixed` one never changes while the kernel runs."""
@@ -98,8 +98,8 @@ class Tracer:
 
 def _lifted(a: Any, b: Any) -> tuple[Tracer, Any, Any, Any]:
     """Return two values, of which one is traced, in the same form, after its tracer and this form."""
-    some = b if not isinstance(a, Value) or (isinstance(b, Value) and b.per_lane) else a
-    trace, form = some.trace, _FORMS[some.kind, some.per_lane]
+    traced = b if not isinstance(a, Value) or (isinstance(b, Value) and b.per_lane) else a
+    trace, form = traced.trace, _FORMS[traced.kind, traced.per_lane]
     return trace, form, form.lift(trace, a), form.lift(trace, b)
 
 
@@ -107,17 +107,17 @@ def _operator(**instructions: str) -> tuple[Any, Any]:
     """Return an operator and the one of its other side: an instruction for each kind of value."""
 
     def apply(a: Any, b: Any) -> Any:
-        trace, form, *both = _lifted(a, b)
-        return form(trace, getattr(trace.builder, instructions[form.kind])(*both))
+        trace, form, *operands = _lifted(a, b)
+        return form(trace, getattr(trace.builder, instructions[form.kind])(*operands))
 
     return apply, lambda self, other: apply(other, self)
 
 
 def _comparison(sign: str) -> Any:
     def compare(a: Any, b: Any) -> Any:
-        trace, form, *both = _lifted(a, b)
-        found = getattr(trace.builder, "fcmp_ordered" if form.kind == "number" else "icmp_signed")(sign, *both)
-        return Mask.compared(trace, found) if form.per_lane else Flag(trace, found)
+        trace, form, *operands = _lifted(a, b)
+        truth = getattr(trace.builder, "fcmp_ordered" if form.kind == "number" else "icmp_signed")(sign, *operands)
+        return Mask.compared(trace, truth) if form.per_lane else Flag(trace, truth)
 
     return compare
 
@@ -133,11 +133,11 @@ class Value:
     kind: str
     per_lane: bool
 
-    __add__, __radd__ = _operator(number="fadd", whole="add")
-    __sub__, __rsub__ = _operator(number="fsub", whole="sub")
-    __mul__, __rmul__ = _operator(number="fmul", whole="mul")
+    __add__, __radd__ = _operator(number="fadd", integer="add")
+    __sub__, __rsub__ = _operator(number="fsub", integer="sub")
+    __mul__, __rmul__ = _operator(number="fmul", integer="mul")
     __truediv__, __rtruediv__ = _operator(number="fdiv")
-    __floordiv__, _ = _operator(whole="sdiv")
+    __floordiv__, _ = _operator(integer="sdiv")
     __and__, __rand__ = _operator(truth="and_")
     __or__, __ror__ = _operator(truth="or_")
     __neg__, __invert__ = _unary("fneg"), _unary("not_")
@@ -156,8 +156,8 @@ class Value:
             return trace.spread(x.value) if cls.per_lane and not x.per_lane else x.value
         if cls is Mask:
             return ir.Constant(trace.mask, [-int(bool(x))] * trace.lanes)
-        known = trace.number(x) if cls.kind == "number" else ir.Constant(_INTEGERS[cls.kind], int(x))
-        return trace.spread(known) if cls.per_lane else known
+        literal = trace.number(x) if cls.kind == "number" else ir.Constant(_INTEGERS[cls.kind], int(x))
+        return trace.spread(literal) if cls.per_lane else literal
 
 
 class Flag(Value):
@@ -196,13 +196,13 @@ class Mask(Value):
 class Count(Value):
     """One whole number for all lanes."""
 
-    kind, per_lane = "whole", False
+    kind, per_lane = "integer", False
 
 
 class Counts(Value):
     """One whole number per lane."""
 
-    kind, per_lane = "whole", True
+    kind, per_lane = "integer", True
 
 
 class Real(Value):
@@ -217,7 +217,7 @@ class Vector(Value):
     kind, per_lane = "number", True
 
 
-_INTEGERS = {"truth": _I1, "whole": _I64}
+_INTEGERS = {"truth": _I1, "integer": _I64}
 _FORMS: dict[tuple[str, bool], type[Value]] = {
     (x.kind, x.per_lane): x for x in (Flag, Mask, Count, Counts, Real, Vector)
 }
@@ -304,19 +304,19 @@ def roughly_power(x: Any, exponent: float) -> Any:
     y0 = where(y < 0.0, y - 0.5, y + 0.5)
     if trace is None:
         doublings = y0.astype(np.int32)
-        found = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
-        return found.view(np.float32).astype(float)
+        result = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
+        return result.view(np.float32).astype(float)
     doublings = b.fptosi(y0.value, integers)
-    found = b.bitcast(_sum_up(exp2, y - Vector(t, b.sitofp(doublings, t.vector))).value, integers)
-    found = b.bitcast(b.add(found, b.shl(doublings, shift)), t.vector)
-    return Vector(trace, found if trace.size == 4 else b.fpext(found, trace.vector))
+    result = b.bitcast(_sum_up(exp2, y - Vector(t, b.sitofp(doublings, t.vector))).value, integers)
+    result = b.bitcast(b.add(result, b.shl(doublings, shift)), t.vector)
+    return Vector(trace, result if trace.size == 4 else b.fpext(result, trace.vector))
 
 
 def _sum_up(coefficients: Sequence[float], at: Any) -> Any:
     """Sum of a polynomial, each step rounded."""
     total: Any = coefficients[-1]
-    for each in reversed(coefficients[:-1]):
-        total = total * at + each
+    for coefficient in reversed(coefficients[:-1]):
+        total = total * at + coefficient
     return total
 
 
@@ -329,16 +329,16 @@ def _where(condition: Any, a: Any, b: Any, fenced: bool) -> Any:
     trace = _trace_of(condition, a, b)
     if trace is None:
         return np.where(condition, a, b)
-    some = next((x for x in (a, b) if isinstance(x, Value)), None)
+    traced = next((x for x in (a, b) if isinstance(x, Value)), None)
     wide = not isinstance(condition, Flag) or any(isinstance(x, Value) and x.per_lane for x in (a, b))
-    form = _FORMS[some.kind if some is not None else "number", wide]
-    both = [form.lift(trace, x) for x in (a, b)]
+    form = _FORMS[traced.kind if traced is not None else "number", wide]
+    branches = [form.lift(trace, x) for x in (a, b)]
     if fenced and form is Vector and isinstance(condition, Mask):
         # what is chosen and written where one of both was read would become a masked store: tens of cycles on many
         # processors without AVX-512, and it hands its value to no load before the cache has it
-        both = [trace.call("arithmetic.fence", x) if isinstance(x, LoadInstr) else x for x in both]
+        branches = [trace.call("arithmetic.fence", x) if isinstance(x, LoadInstr) else x for x in branches]
     return form(
-        trace, trace.builder.select(condition.value if isinstance(condition, Flag) else condition.truths, *both)
+        trace, trace.builder.select(condition.value if isinstance(condition, Flag) else condition.truths, *branches)
     )
 
 
@@ -357,9 +357,9 @@ def any_lane(mask: Any) -> Any:
     trace = _trace_of(mask)
     if trace is None:
         return bool(np.any(mask))
-    whole = ir.IntType(trace.lanes)
-    bits = trace.builder.bitcast(mask.truths, whole)
-    return Flag(trace, trace.builder.icmp_unsigned("!=", bits, ir.Constant(whole, 0)))
+    integer = ir.IntType(trace.lanes)
+    bits = trace.builder.bitcast(mask.truths, integer)
+    return Flag(trace, trace.builder.icmp_unsigned("!=", bits, ir.Constant(integer, 0)))
 
 
 @contextmanager
@@ -414,12 +414,12 @@ def while_any(asks: Callable[[], Any], at_most: int = 0) -> Iterator[None]:
         return
     left = Cell(at_most) if at_most else None
 
-    def goes_on() -> Any:
+    def condition() -> Any:
         active = asks()
         flag = any_lane(active) if isinstance(active, Mask) else active
         return (flag & (left.now > 0) if left is not None else flag).value
 
-    for _ in trace.go_round(goes_on):
+    for _ in trace.go_round(condition):
         yield
         if left is not None:
             left.now -= 1
@@ -474,13 +474,13 @@ class Cell:
 
 
 class Ledger:
-    """Variables that several functions of a kernel share, `ROOM` bytes of memory for each."""
+    """Variables that several functions of a kernel share, `CELL_BYTES` bytes of memory for each."""
 
     # pointer: where they begin: whole numbers; None: NumPy, where all is one function
     # begins: whether they have their first values from this function
 
     #: Of the widest variable, a whole number of each lane, and what it is aligned to.
-    ROOM = 128
+    CELL_BYTES = 128
 
     def __init__(self, pointer: Any = None, begins: bool = True) -> None:
         self._pointer, self._begins, self._count = pointer, begins, 0
@@ -491,7 +491,7 @@ class Ledger:
         trace = _trace_of(x)
         if trace is None:
             return Cell(x)
-        at = self._count * (self.ROOM // 8)
+        at = self._count * (self.CELL_BYTES // 8)
         self._count += 1
         place = trace.builder.gep(self._pointer, [ir.Constant(_I64, at)], inbounds=True)
         cell = Cell(x, trace.builder.bitcast(place, x.value.type.as_pointer()))
@@ -628,11 +628,11 @@ def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
     """Return numbers, as many as there are lanes, in these."""
     if trace is None:
         return np.array(numbers, float)
-    found = ir.Constant(trace.vector, [0.0 if isinstance(x, Real) else trace.number(x).constant for x in numbers])
+    vector = ir.Constant(trace.vector, [0.0 if isinstance(x, Real) else trace.number(x).constant for x in numbers])
     for i, x in enumerate(numbers):
         if isinstance(x, Real):
-            found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, i))
-    return Vector(trace, found)
+            vector = trace.builder.insert_element(vector, x.value, ir.Constant(_I32, i))
+    return Vector(trace, vector)
 
 
 def shifted(x: Any) -> Any:
@@ -648,17 +648,17 @@ def transposed(rows: Sequence[Any]) -> list[Any]:
     trace = _trace_of(*rows)
     if trace is None:
         return list(np.array(rows).T)
-    found, n = list(rows), trace.lanes
-    apart = n // 2
-    while apart:  # squares of so many change places
-        low = [i if not i & apart else n + i - apart for i in range(n)]
-        high = [i + apart if not i & apart else n + i for i in range(n)]
-        for i in (i for i in range(n) if not i & apart):
-            a, b = found[i].value, found[i + apart].value
-            for place, order in ((i, low), (i + apart, high)):
-                found[place] = Vector(trace, trace.shuffle(a, b, order))
-        apart //= 2
-    return found
+    vectors, n = list(rows), trace.lanes
+    distance = n // 2
+    while distance:  # squares of so many change places
+        low = [i if not i & distance else n + i - distance for i in range(n)]
+        high = [i + distance if not i & distance else n + i for i in range(n)]
+        for i in (i for i in range(n) if not i & distance):
+            a, b = vectors[i].value, vectors[i + distance].value
+            for place, order in ((i, low), (i + distance, high)):
+                vectors[place] = Vector(trace, trace.shuffle(a, b, order))
+        distance //= 2
+    return vectors
 
 
 def fold(x: Any, combine: Callable[[Any, Any], Any]) -> Any:
@@ -677,8 +677,8 @@ def lane_of(x: Any, lane: Any) -> Any:
     trace = _trace_of(x)
     if trace is None:
         return x[lane]
-    found = trace.builder.extract_element(x.value, lane.value if isinstance(lane, Count) else ir.Constant(_I32, lane))
-    return _FORMS[x.kind, False](trace, found)
+    number = trace.builder.extract_element(x.value, lane.value if isinstance(lane, Count) else ir.Constant(_I32, lane))
+    return _FORMS[x.kind, False](trace, number)
 
 
 def _bits(mask: Mask) -> Any:
@@ -696,7 +696,7 @@ def first_true(mask: Any) -> Any:
     return Count(trace, trace.builder.cttz(bits, ir.Constant(_I1, 1)))
 
 
-def each_lane(mask: Any) -> Iterator[Any]:
+def iter_lanes(mask: Any) -> Iterator[Any]:
     """Go through the lanes in which a mask holds."""
     trace = _trace_of(mask)
     if trace is None:

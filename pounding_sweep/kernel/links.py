@@ -30,7 +30,7 @@ def force(group: Group, j: Any, ends: tuple[Any, Any], x: Any, y: Any) -> Any:
 def accelerate(group: Group, name: str, x: Any, y: Any) -> None:
     """Add what links do to accelerations, or to their rates where x and y are rates."""
     s = group.state
-    for j, (left, right) in group.each_link():
+    for j, (left, right) in group.iter_links():
         pull = force(group, j, (left, right), x, y)
         s[name, left] -= group.prop("im", left) * pull
         s[name, right] += group.prop("im", right) * pull
@@ -41,8 +41,8 @@ def accelerate(group: Group, name: str, x: Any, y: Any) -> None:
 
 def clear_powers(group: Group) -> None:
     """Let the sums over a step be none."""
-    for name, n in (("dgiven", group.spec.n_buildings), ("dlost", len(group.spec.links))):
-        for k in group.each(n):
+    for name, n in (("dlink", group.spec.n_buildings), ("dlink_loss", len(group.spec.links))):
+        for k in group.indices(n):
             group.state[name, k] = 0.0
 
 
@@ -51,26 +51,26 @@ def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
     s = group.state
     if first:
         clear_powers(group)
-    for j, (left, right) in group.each_link():
+    for j, (left, right) in group.iter_links():
         pull, rate = weight * force(group, j, (left, right), x, y), _across(group, (left, right), y)
         for floor, sign in ((left, 1.0), (right, -1.0)):
             b, v = group.home_of(floor)[2], group.floor(y, floor)
-            s["dgiven", b] += sign * pull * v
-        s["dlost", j] += weight * group.prop("link_c", j) * (rate * rate)
+            s["dlink", b] += sign * pull * v
+        s["dlink_loss", j] += weight * group.prop("link_c", j) * (rate * rate)
 
 
 def record(group: Group, h6: Any) -> None:
     """Add energies of a step, from those sums, which are of six."""
     s = group.state
-    for b in group.each(group.spec.n_buildings):
-        s["e_link", b] = fma(h6, s["dgiven", b], s["e_link", b])
-    for j, _ in group.each_link():
-        s["link_lost", j] = fma(h6, s["dlost", j], s["link_lost", j])
+    for b in group.indices(group.spec.n_buildings):
+        s["e_link", b] = fma(h6, s["dlink", b], s["e_link", b])
+    for j, _ in group.iter_links():
+        s["link_lost", j] = fma(h6, s["dlink_loss", j], s["link_lost", j])
 
 
 def conclude(group: Group) -> None:
     """Energies that springs of links hold at the end."""
-    for j, ends in group.each_link():
+    for j, ends in group.iter_links():
         d = _across(group, ends, "u")
         group.state["link_held", j] = 0.5 * group.prop("link_k", j) * (d * d)
 
@@ -112,5 +112,5 @@ def sample(group: Group) -> None:
     """Take the forces at the end of a step: cubics on both sides of it have two rates there, and may miss a peak."""
     s = group.state
     for name in ("u0", "u") if group.spec.impulsive else ("u",):  # those just after a jump, too
-        for j, ends in group.each_link():
+        for j, ends in group.iter_links():
             s["link_force", j] = maximum(s["link_force", j], size(motion(group, j, ends, name)))

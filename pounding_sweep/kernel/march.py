@@ -25,8 +25,8 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turning, turns
-from pounding_sweep.kernel.row import each_given, kinetic, strain
+from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
+from pounding_sweep.kernel.row import iter_powers, kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Landings on the same touch that Newton improves, and those in all.
@@ -42,7 +42,7 @@ FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 def begin(group: Group, start: Any, lanes: Any = None) -> None:
     """Fill lanes (all, or some) whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec
-    for i in group.each(spec.n_moving):
+    for i in group.indices(spec.n_moving):
         s.put(lanes, group.full(group.prop("u0", i)), "u", i)
         s.put(lanes, group.full(group.prop("v0", i)), "v", i)
     s.put(lanes, s["scale"] * start, "g1")
@@ -54,10 +54,10 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
     for reducer in group.reducers:
         for slot in (slot for slot in reducer.slots if slot.first):
             if slot.per == "building":
-                for b, floors in group.each_building():
+                for b, floors in group.iter_buildings():
                     s.put(lanes, slot.first(group, floors), slot.name, b)
             else:
-                for i in group.each(slot.count(spec)):
+                for i in group.indices(slot.count(spec)):
                     s.put(lanes, group.full(slot.first(group, i)), slot.name, i)
     if spec.implicit:
         group.scheme.begin(group)
@@ -72,14 +72,14 @@ def finish(group: Group) -> None:
 
 def conclude(group: Group) -> None:
     """Last energies and flags."""
-    s, spec, r = group.state, group.spec, group.asked
+    s, spec, r = group.state, group.spec, group.requested
     if "energy" in r:
-        for b, floors in group.each_building():
+        for b, floors in group.iter_buildings():
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
     if "links" in r:
         links.conclude(group)
     sound = group.cell(True)
-    for i in group.each(spec.n_moving):
+    for i in group.indices(spec.n_moving):
         v = s["v", i]
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
@@ -91,11 +91,11 @@ def conclude(group: Group) -> None:
 
 def plain_contacts(group: Group, h: Any, time: Any) -> None:
     """Onsets and sampled peaks of contacts at the end of a step."""
-    s, r = group.state, group.asked
+    s, r = group.state, group.requested
     implicit = group.spec.implicit
-    for b in group.each(group.spec.n_buildings) if implicit and "transfer" in r else ():
+    for b in group.indices(group.spec.n_buildings) if implicit and "transfer" in r else ():
         s["gain", b] = 0.0
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         law, which = contact.law, contact.law_index
         d = contact.penetration()
         v, before = contact.between("v"), contact.between("v0")
@@ -116,11 +116,11 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             s.put(fresh, minimum(s["shortest", which], lasts), "shortest", which)
         if not (implicit or group.spec.history or group.looks("force")):
             continue
-        c, last = contact.c, contact.f1
+        c, last = contact.c, contact.force_end
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
         force = where(closed, law.closed_force(contact.stiffness, c, d, v), 0.0)
-        contact.f1 = force
+        contact.force_end = force
         if "force" in r:
             contact.fmax = maximum(contact.fmax, force)
         if implicit:
@@ -129,7 +129,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             if "work" in r:
                 contact.work += 0.5 * h * (last * before + force * v)
             for force_at, v_at in ((last, "v0"), (force, "v")) if "transfer" in r else ():
-                for b, power in each_given(contact, force_at, v_at):
+                for b, power in iter_powers(contact, force_at, v_at):
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
 
 
@@ -161,13 +161,13 @@ def refuse(group: Group, lanes: Any) -> None:
     """Lanes that refuse their trial return to its start."""
     s, spec = group.state, group.spec
     s["land"] += where(lanes, 1.0, 0.0)
-    s.put(lanes, 0.0, "taken")
+    s.put(lanes, 0.0, "accepted")
     s.put(lanes, 0.0, "h")
     floors = [(name, f"{name}0") for name in moving_rows(group)]
-    contacts = [("pen_end", "pen_start"), ("rate_end", "rate_start")] + ([("f1", "f0")] if spec.impulsive else [])
+    contacts = [(f"{row}_end", f"{row}_start") for row in ("pen", "rate", "force")[: 2 + spec.impulsive]]
     for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
-            for i in group.each(n, straight=False):
+            for i in group.indices(n, straight=False):
                 s.put(lanes, s[before, i], now, i)
 
 
@@ -175,7 +175,7 @@ def cut(group: Group, lanes: Any) -> None:
     """Lanes end their trial at its first event."""
     s, t = group.state, group.state["fraction"]
     h = t * s["h"]
-    for i in group.each(group.spec.n_moving, straight=False):
+    for i in group.indices(group.spec.n_moving, straight=False):
         sped, moved, power = s["a0", i], 0.5 * s["a0", i], t
         for n, name in enumerate(BENDS, 3):
             bend = power * s[name, i]
@@ -183,7 +183,7 @@ def cut(group: Group, lanes: Any) -> None:
             s.put(lanes, bend, name, i)
         s.put(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), "u", i)
         s.put(lanes, fma(h, sped, s["v0", i]), "v", i)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         contact.pen_end, contact.rate_end = contact.penetration(), contact.between("v")
     s.put(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), "g1")
     s.put(lanes, 1.0, "land")
@@ -194,7 +194,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
     """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
     s, h = group.state, group.state["h"]
     ongoing = s["time_left"] > 0.0
-    s["taken"] = where(ongoing, 1.0, 0.0 * h)
+    s["accepted"] = where(ongoing, 1.0, 0.0 * h)
     landing = s["land"] > 0.0
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
     if group.spec.implicit and group.touching:
@@ -207,10 +207,10 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
             with when_any(again):
                 refuse(group, again)
         # on the way that Newton changed, another contact may have touched before
-        again = Cell(ongoing & landing & (s["taken"] > 0.0) & (s["land"] <= MAX_LANDINGS))
+        again = Cell(ongoing & landing & (s["accepted"] > 0.0) & (s["land"] <= MAX_LANDINGS))
         with when_any(again.now):
             late = group.cell(False)  # an open one would be switched on, now or later, deeper than `LATE` of its length
-            for contact in group.each_contact():
+            for contact in group.iter_contacts():
                 d, v = contact.pen_end, contact.rate_end
                 closes = (contact.mode == forces.OPEN) & (d > group.limit.exact) & (v > 0.0)
                 with when_any(closes):
@@ -229,17 +229,17 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         s.put(early, h * fraction, "ahead")
         with when_any(early):
             # sums over the stages of a trial know no part of it
-            sums = {"energy", "work", "impulse", "transfer", "links"} & group.asked
+            sums = {"energy", "work", "impulse", "transfer", "links"} & group.requested
             (cut if group.spec.staged and not (group.spec.yielding or sums) else refuse)(group, early)
 
 
 def substep(group: Group, h: Any) -> None:
     """One trial sub-step of every lane that has some of its step of length h left."""
-    s, kind, r = group.state, impulse if group.spec.impulsive else forces, group.asked
+    s, kind, r = group.state, impulse if group.spec.impulsive else forces, group.requested
     look_ahead(group, h)
     if group.spec.impulsive:
-        for contact in group.each_contact(straight=True):
-            contact.f0 = contact.f1
+        for contact in group.iter_contacts(straight=True):
+            contact.force_start = contact.force_end
     elif group.spec.implicit and group.touching:
         group.scheme.soften(group)
     add = group.scheme.trial(group)
@@ -256,19 +256,19 @@ def substep(group: Group, h: Any) -> None:
     if "acceleration" in r:
         hold = impulse.hold if group.spec.impulsive else None
         largest_accelerations(group, located=True, pressed=group.presses, hold=hold)
-    each_step(group)
+    reduce_step(group)
     close(group, kind, h)
 
 
 def close(group: Group, kind: ModuleType, h: Any) -> None:
     """Conclude a sub-step: time goes on, lanes that land change their modes, velocities jump."""
     s = group.state
-    s["tries"] += where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
+    s["tries"] += where(s["land"] > 0.0, s["accepted"], forces.PLAIN_TRY * s["accepted"])
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)
     if any(law.graded for law in group.laws) and not group.spec.impulsive:
-        for contact in group.each_contact(straight=True):
+        for contact in group.iter_contacts(straight=True):
             contact.age += s["h"]
     if group.spec.yielding:
         hysteresis.follow(group)
@@ -276,13 +276,13 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         bouc_wen.settle(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
-    taken = s["taken"] > 0.0
-    if "transfer" in group.asked and not group.spec.series:
-        transfers.substep(group, taken)
-    lands, implicit = taken & (s["land"] > 0.0), group.spec.implicit and not group.spec.impulsive
+    accepted = s["accepted"] > 0.0
+    if "transfer" in group.requested and not group.spec.series:
+        transfers.substep(group, accepted)
+    lands, implicit = accepted & (s["land"] > 0.0), group.spec.implicit and not group.spec.impulsive
     switched = Cell(lands & ~lands)
     if implicit and group.touching:
-        stiff = taken & (s["stiff"] > 0.0)
+        stiff = accepted & (s["stiff"] > 0.0)
         with when_any(stiff):
             group.scheme.settle(group, stiff)
             switched.now = stiff
@@ -302,7 +302,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
 
 def keep_start(group: Group) -> None:
     """Let the present state be the start of the next step."""
-    for i in group.each(group.spec.n_moving):
+    for i in group.indices(group.spec.n_moving):
         for name in moving_rows(group):
             group.state[f"{name}0", i] = group.state[name, i]
 
@@ -314,8 +314,8 @@ def moving_rows(group: Group) -> list[str]:
 
 def clear_forces(group: Group, lanes: Any) -> None:
     """Flight goes on without contact forces, in some lanes."""
-    for contact in group.each_contact(straight=True):
-        contact.put(lanes, f0=0.0, f1=0.0, q0=0.0, q1=0.0)
+    for contact in group.iter_contacts(straight=True):
+        contact.put(lanes, force_start=0.0, force_end=0.0, force_rate_start=0.0, force_rate_end=0.0)
 
 
 def needs_ends(group: Group) -> bool:
@@ -333,7 +333,7 @@ def may_touch(group: Group, h: Any) -> Any:
     """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
     u0, v0, u, v = (name if group.long else group.floors(name) for name in ("u0", "v0", "u", "v"))
     hit = group.cell(-1.0)
-    for contact in group.each_contact(straight=True):
+    for contact in group.iter_contacts(straight=True):
         gap = contact.gap
         d0, d1 = contact.between(u0) - gap, contact.between(u) - gap
         w0, w1 = contact.between(v0), contact.between(v)
@@ -376,8 +376,8 @@ class FixedSteps:
             samples(group)
         add()
         if group.spec.located:
-            each_step(group)
-        if "acceleration" in group.asked:
+            reduce_step(group)
+        if "acceleration" in group.requested:
             largest_accelerations(group, group.spec.located)
 
     def _locate(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
@@ -397,7 +397,7 @@ class FixedSteps:
             keep_start(group)
         for _ in when(touched.now):
             for name in moving_rows(group):
-                for k in group.each(group.spec.n_moving):
+                for k in group.indices(group.spec.n_moving):
                     s[name, k] = s[f"{name}0", k]
             begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0):
@@ -415,7 +415,7 @@ class FixedSteps:
         plain_contacts(group, h, self.ground.time(number + 1))
         samples(group)
         add()
-        if "transfer" in group.asked:
+        if "transfer" in group.requested:
             transfers.plain(group)
-        if "acceleration" in group.asked:
+        if "acceleration" in group.requested:
             largest_accelerations(group, located=False)

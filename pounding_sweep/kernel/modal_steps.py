@@ -37,19 +37,19 @@ def step(w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
     for _ in while_any(lambda: largest * share.now > _SMALL, _HALVINGS):
         share.now = where(largest * share.now > _SMALL, 0.5 * share.now, share.now)
     scale = share.now
-    less, lost = square * scale * scale, damping * scale
+    less, damped = square * scale * scale, damping * scale
 
     def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -lost Z - less
-        both = f[1] * g[1]
-        return fma(f[0], g[0], -less * both), fma(f[0], g[1], fma(f[1], g[0], -lost * both))
+        product = f[1] * g[1]
+        return fma(f[0], g[0], -less * product), fma(f[0], g[1], fma(f[1], g[0], -damped * product))
 
     # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
     f0, f1 = less * 0.0 + 1.0 / math.factorial(_TERMS + 1), less * 0.0
     for i in range(_TERMS - 2, -1, -1):
-        f0, f1 = fma(-less, f1, 1.0 / math.factorial(i + 2)), fma(-lost, f1, f0)
+        f0, f1 = fma(-less, f1, 1.0 / math.factorial(i + 2)), fma(-damped, f1, f0)
     phi2 = Cell(f0), Cell(f1)
-    phi1 = Cell(1.0 - less * f1), Cell(f0 - lost * f1)
-    grown = Cell(1.0 - less * phi1[1].now), Cell(phi1[0].now - lost * phi1[1].now)
+    phi1 = Cell(1.0 - less * f1), Cell(f0 - damped * f1)
+    grown = Cell(1.0 - less * phi1[1].now), Cell(phi1[0].now - damped * phi1[1].now)
 
     def now(cells: tuple[Cell, Cell]) -> _Function:
         return cells[0].now, cells[1].now

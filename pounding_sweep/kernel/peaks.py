@@ -42,16 +42,16 @@ def cubic_turns(curve: Series) -> tuple[Any, Any]:
     _, s0, b, a = (curve.read(n) for n in range(4))
     root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
     far = -(b + where(b < 0.0, -root, root))
-    t, u = (where((each > 0.0) & (each < 1.0), each, 0.0) for each in (far / (3.0 * a), s0 / far))
+    t, u = (where((x > 0.0) & (x < 1.0), x, 0.0) for x in (far / (3.0 * a), s0 / far))
     return t, u
 
 
 def septic_extremes(
-    group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any], known: tuple[Any, Any] | None = None
+    group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any], bounds: tuple[Any, Any] | None = None
 ) -> tuple[Any, Any]:
     """Largest and least values, in lanes, of the polynomial with value and three rates (by powers of the step) at ends.
 
-    Where it may turn more than once, those beyond what is `known`, if it is given.
+    Where it may turn more than once, those beyond `bounds`, if they are given.
     """
     (x0, at_start, c0, j0), (x1, s1, c1, j1) = start, end
     # at rest as if the motion turned, so that one is seen that goes and comes back
@@ -61,22 +61,22 @@ def septic_extremes(
     spans += [s1 - (1.0 / 3.0) * c1 + (1.0 / 30.0) * j1, s1 - (1.0 / 6.0) * c1, s1]
     spans.insert(3, 7.0 * (x1 - x0) - sum(spans[1:], spans[0]))
     changed = back = group.full(False)
-    for each in spans[1:]:
-        back = back | (changed & (each * s0 >= 0.0))
-        changed = changed | (each * s0 < 0.0)
+    for span in spans[1:]:
+        back = back | (changed & (span * s0 >= 0.0))
+        changed = changed | (span * s0 < 0.0)
     once, again = lanes & (s0 * s1 < 0.0), Cell(lanes & back)
     above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
-    high, low = known or (None, None)
-    for _ in when(any_lane(again.now)) if known else ():
+    high, low = bounds or (None, None)
+    for _ in when(any_lane(again.now)) if bounds else ():
         x, most, least = x0, above.now, below.now
-        for each in spans:
-            x = x + (1.0 / 7.0) * each
+        for span in spans:
+            x = x + (1.0 / 7.0) * span
             most, least = maximum(most, x), minimum(least, x)
         again.now &= (most > high) | (least < low)
 
-    def take(mine: Any, x: Any) -> None:
-        above.now = where(mine, maximum(above.now, x), above.now)
-        below.now = where(mine, minimum(below.now, x), below.now)
+    def take(mask: Any, x: Any) -> None:
+        above.now = where(mask, maximum(above.now, x), above.now)
+        below.now = where(mask, minimum(below.now, x), below.now)
 
     for _ in when(any_lane(once | again.now)):
         # the polynomial with value and three rates (times powers of the step) at its ends
@@ -140,9 +140,9 @@ def turns(group: Group) -> None:
             take_extremes(group, motion, asks, (p, x0, x1))
 
 
-def take_extremes(group: Group, motion: Motion, lanes: Any, found: tuple[Any, Any, Any]) -> None:
+def take_extremes(group: Group, motion: Motion, lanes: Any, values: tuple[Any, Any, Any]) -> None:
     """Take three values of a motion, in some lanes: others must not know that their neighbours turn."""
-    s, (p, x0, x1) = group.state, found
+    s, (p, x0, x1) = group.state, values
     high = s[motion.most]
     largest = maximum(size(p), maximum(size(x0), size(x1))) if motion.sized else maximum(p, maximum(x0, x1))
     s[motion.most] = where(lanes, maximum(high, largest), high)
@@ -161,7 +161,7 @@ def samples(group: Group, lanes: Any = None) -> None:
             s.put(lanes, minimum(s[motion.least], x), *motion.least)
 
 
-def each_step(group: Group) -> None:
+def reduce_step(group: Group) -> None:
     """Let reducers take what they keep of each located step."""
     for reducer in group.reducers:
         if reducer.step:
@@ -170,11 +170,11 @@ def each_step(group: Group) -> None:
 
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
-    found = group.cell(1.0)
+    product = group.cell(1.0)
     for motion in followed(group, straight=True):
         if motion.alone:
-            found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
-    return found.now
+            product.now = minimum(product.now, motion.of("v0") * motion.of("v"))
+    return product.now
 
 
 def largest_accelerations(
@@ -183,38 +183,38 @@ def largest_accelerations(
     """Take the total accelerations of all floors over the step just taken; `pressed`: contacts may be closed."""
     # `hold`: finds the rates of forces that hold floors together, at an end, from those of accelerations without them
     s = group.state
-    ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
+    ends = [("end", "u", "v", "g1")] + ([("start", "u0", "v0", "g0")] if located else [])
     for end, u, v, _ in ends:
         if group.spec.smooth:
             bouc_wen.linearise(group, u[1:])
-        put_accelerations(group, f"acc{end}", u, v)
+        put_accelerations(group, f"acc_{end}", u, v)
     for end, *_ in ends if group.touching else ():
-        add_forces(group, f"acc{end}", f"f{end}")
+        add_forces(group, f"acc_{end}", f"force_{end}")
     if not located:
-        for i in group.each(group.spec.n_dof):
-            s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
+        for i in group.indices(group.spec.n_dof):
+            s["acc", i] = maximum(s["acc", i], size(s["acc_end", i]))
         return
 
     def relative(end: str, ground: str, i: Any) -> Any:
-        return s[f"acc{end}", i] - (0.0 if group.rocks(i) else s[ground])
+        return s[f"acc_{end}", i] - (0.0 if group.rocks(i) else s[ground])
 
     for end, _, v, ground in ends:
         if group.spec.smooth:
             bouc_wen.linearise(group, v[1:])
-        put_accelerations(group, f"rate{end}", v, partial(relative, end, ground), rates=True)
+        put_accelerations(group, f"acc_rate_{end}", v, partial(relative, end, ground), rates=True)
     if group.spec.smooth:
         bouc_wen.settle(group)
     for end, *_ in ends if group.touching else ():
         if hold is not None:
             hold(group, end)
-        add_forces(group, f"rate{end}", f"q{end}")
+        add_forces(group, f"acc_rate_{end}", f"force_rate_{end}")
     h = s["h"]
     closed = forces.is_closed(group) & (h > 0.0) if pressed else group.full(False)
     again = group.cell(False)
-    for i in group.each(group.spec.n_dof):
-        early, late = s["acc0", i], s["acc1", i]
-        s1 = h * s["rate1", i]
-        p = _acceleration_turn(group, cubic(early, late, h * s["rate0", i], s1), s1)[1]
+    for i in group.indices(group.spec.n_dof):
+        early, late = s["acc_start", i], s["acc_end", i]
+        s1 = h * s["acc_rate_end", i]
+        p = _acceleration_turn(group, cubic(early, late, h * s["acc_rate_start", i], s1), s1)[1]
         ends = maximum(size(early), size(late))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, where(closed, ends, maximum(p, ends)), 0.0))
@@ -223,10 +223,10 @@ def largest_accelerations(
             again.now |= closed & (s["peak", i] > NEARLY * s["acc", i])
     if pressed:
         with when_any(again.now):
-            for i in group.each(group.spec.n_dof, straight=False):
-                mine = closed & (s["peak", i] > NEARLY * s["acc", i])
-                with when_any(mine):
-                    _take_acceleration(group, i, mine)
+            for i in group.indices(group.spec.n_dof, straight=False):
+                mask = closed & (s["peak", i] > NEARLY * s["acc", i])
+                with when_any(mask):
+                    _take_acceleration(group, i, mask)
 
 
 def _acceleration_turn(group: Group, curve: Series, s1: Any) -> tuple[Any, Any]:
@@ -242,24 +242,24 @@ def _acceleration_turn(group: Group, curve: Series, s1: Any) -> tuple[Any, Any]:
 def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
     s, h = group.state, group.state["h"]
-    s1 = h * s["rate1", i]
-    curve = cubic(s["acc0", i], s["acc1", i], h * s["rate0", i], s1)
+    s1 = h * s["acc_rate_end", i]
+    curve = cubic(s["acc_start", i], s["acc_end", i], h * s["acc_rate_start", i], s1)
     at = Cell(_acceleration_turn(group, curve, s1)[0])
     for _ in count_to(2):  # once where the cubic turns, once nearer
         t = at.now
         if group.spec.smooth:
             bouc_wen.part(group, t)
-        put_accelerations(group, "there", moved(group, t), moved(group, t, velocities=True))
+        put_accelerations(group, "acc_inside", moved(group, t), moved(group, t, velocities=True))
         if group.spec.smooth:
             bouc_wen.settle(group)
-        for contact in group.each_contact():
+        for contact in group.iter_contacts():
             contact.press = 0.0
             with when_any(contact.mode > forces.OPEN):
                 contact.press = forces.force_at(contact, t)
-        add_forces(group, "there", "press")
-        found, rest = s["there", i], t * (1.0 - t)
-        s["acc", i] = maximum(s["acc", i], where(lanes, size(found), 0.0))
-        miss = found - curve.value(t)  # it grows as the square of `rest`
+        add_forces(group, "acc_inside", "press")
+        acc, rest = s["acc_inside", i], t * (1.0 - t)
+        s["acc", i] = maximum(s["acc", i], where(lanes, size(acc), 0.0))
+        miss = acc - curve.value(t)  # it grows as the square of `rest`
         slope, bend = curve.rate.with_slope(t)
         slope = slope + 2.0 * miss * (1.0 - 2.0 * t) / rest
         bend = bend + 2.0 * miss * (1.0 - 6.0 * rest) / (rest * rest)

@@ -26,8 +26,8 @@ def horner(t: Any, coefficients: Sequence[Any]) -> Any:
         square = t * t
         return fma(t, horner(square, coefficients[1::2]), horner(square, coefficients[::2]))
     x = coefficients[-1]
-    for each in reversed(coefficients[:-1]):
-        x = fma(t, x, each)
+    for coefficient in reversed(coefficients[:-1]):
+        x = fma(t, x, coefficient)
     return x
 
 
@@ -38,9 +38,9 @@ def with_slope(t: Any, coefficients: Sequence[Any], halves: bool = True) -> tupl
         (even, rise), (odd, lift) = (with_slope(square, coefficients[k::2]) for k in (0, 1))
         return fma(t, odd, even), fma(t + t, fma(t, lift, rise), odd)
     x, slope = fma(t, coefficients[-1], coefficients[-2]), coefficients[-1]
-    for each in reversed(coefficients[:-2]):
+    for coefficient in reversed(coefficients[:-2]):
         slope = fma(t, slope, x)
-        x = fma(t, x, each)
+        x = fma(t, x, coefficient)
     return x, slope
 
 
@@ -129,22 +129,22 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     low, high = group.full(low), group.full(high)
     (at_low, rises), at_high = (sign * x for x in series.with_slope(low)), sign * series.value(high)
     at_once = (at_low > 0.0) | ((at_low == 0.0) & (rises > 0.0))
-    going = Cell(asks & ~at_once & (at_high > 0.0))
+    active = Cell(asks & ~at_once & (at_high > 0.0))
     begin = where(at_once, low, high)
     # from zero it turns negative first: that is not the change which is sought
     secant = where(at_low < 0.0, low + (high - low) * (at_low / (at_low - at_high)), 0.5 * (low + high))
-    lo, hi, at = Cell(low), Cell(high), Cell(where(going.now, secant, begin))
+    lo, hi, at = Cell(low), Cell(high), Cell(where(active.now, secant, begin))
     settled, exact = SETTLED[group.spec.precision], group.limit.exact
-    for _ in while_any(lambda: going.now, at_most=60):
-        t, mine = at.now, going.now
-        x, rate = (sign * found for found in series.with_slope(t))
+    for _ in while_any(lambda: active.now, at_most=60):
+        t, mask = at.now, active.now
+        x, rate = (sign * value for value in series.with_slope(t))
         up = x > 0.0
         a, b = where(up, lo.now, t), where(up, t, hi.now)
         lo.now, hi.now = a, b
         then = t - x / rate
         then = where((then >= a) & (then <= b), then, 0.5 * (a + b))
-        at.now = where(mine, then, t)
-        going.now = mine & (size(then - t) > settled) & (b - a > exact)
+        at.now = where(mask, then, t)
+        active.now = mask & (size(then - t) > settled) & (b - a > exact)
     return at.now
 
 
@@ -160,15 +160,15 @@ def turn(
         low, high = where(early, t, low), where(early, high, t)
         return where((then >= low) & (then <= high), then, 0.5 * (low + high)), low, high
 
-    found = [(start + (end - start) * (r0 / (r0 - r1)), group.full(start), group.full(end))]
+    brackets = [(start + (end - start) * (r0 / (r0 - r1)), group.full(start), group.full(end))]
     for _ in range(rounds):
-        found.append(nearer(*found[-1]))
-    now, low, high = (Cell(x) for x in found[-1])
-    going = Cell(lanes & (size(now.now - found[-2][0]) > NEAR))
-    for _ in while_any(lambda: going.now, at_most=6):
-        t, mine = now.now, going.now
+        brackets.append(nearer(*brackets[-1]))
+    now, low, high = (Cell(x) for x in brackets[-1])
+    active = Cell(lanes & (size(now.now - brackets[-2][0]) > NEAR))
+    for _ in while_any(lambda: active.now, at_most=6):
+        t, mask = now.now, active.now
         then, low.now, high.now = nearer(t, low.now, high.now)
-        now.now, going.now = where(mine, then, t), mine & (size(then - t) > NEAR)
+        now.now, active.now = where(mask, then, t), mask & (size(then - t) > NEAR)
     return now.now
 
 
@@ -178,21 +178,21 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     at_low, at_high = f(low), f(high)
     early = at_low > 0.0
     lo, hi, flo, fhi = Cell(low), Cell(where(early, low, high)), Cell(at_low), Cell(at_high)
-    side, going, least = group.cell(0.0), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
-    for _ in while_any(lambda: going.now, at_most=100):
+    side, active, least = group.cell(0.0), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
+    for _ in while_any(lambda: active.now, at_most=100):
         a, b, fa, fb, last = lo.now, hi.now, flo.now, fhi.now, side.now
-        going.now &= b - a > group.limit.exact
+        active.now &= b - a > group.limit.exact
         t = b - fb * (b - a) / (fb - fa)
         t = minimum(maximum(t, a + least), b - least)  # so that a root beside an end is enclosed at once
         t = where((t > a) & (t < b), t, 0.5 * (a + b))
         x = f(t)
-        up, down = going.now & (x > 0.0), going.now & (x < 0.0)
-        hi.now = where(going.now & ~down, t, b)
+        up, down = active.now & (x > 0.0), active.now & (x < 0.0)
+        hi.now = where(active.now & ~down, t, b)
         lo.now = where(down, t, a)
         fhi.now = where(up, x, where(down & (last < 0.0), 0.5 * fb, fb))
         flo.now = where(down, x, where(up & (last > 0.0), 0.5 * fa, fa))
         side.now = where(up, 1.0, where(down, -1.0, last))
-        going.now = up | down
+        active.now = up | down
     return hi.now
 
 

@@ -27,13 +27,13 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
     """Storey forces f = k (w_i - w_(i-1)), w = x + beta y, by floors of the part; of rates without their `constant`."""
     forces, at = [], 0
     for b, floors in part:
-        here = range(at, at + len(floors))
+        places = range(at, at + len(floors))
         # storeys have dampers of their own, or drifts that a foundation's rocking is part of
-        if any(map(group.own_damper, floors)) or group.spec.base_of(floors[0]) is not None:
-            for i, p in zip(floors, here, strict=True):
+        if any(map(group.has_separate_damper, floors)) or group.spec.base_of(floors[0]) is not None:
+            for i, p in zip(floors, places, strict=True):
                 drift, rate = (_drift(group, i, values, p, at) for values in (x, y))
                 k, beta = group.prop("k", i), group.prop("beta", b)
-                if not group.own_damper(i):
+                if not group.has_separate_damper(i):
                     forces.append(k * fma(beta, rate, drift))
                     continue
                 elastic = k * drift
@@ -45,7 +45,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
                 forces.append(fma(coefficient, rate, elastic))
             at += len(floors)
             continue
-        w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
+        w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in places]
         forces += [group.prop("k", i) * (w[s] - w[s - 1] if s else w[s]) for s, i in enumerate(floors)]
         at += len(floors)
     return forces
@@ -77,17 +77,17 @@ def accelerations(
 
     They are relative to the ground, whose acceleration is `ground`; None: total ones.
     """
-    found: list[Any] = []
+    result: list[Any] = []
     f = storey_forces(group, part, x, y, constant)
     for b, floors in part:
         for s, i in enumerate(floors):
-            p = len(found)
+            p = len(result)
             net = -f[p] if s == len(floors) - 1 else f[p + 1] - f[p]
             for sign, force in push[p] if push else ():
                 net = net - force if sign == "-" else net + force
             alpha, moves = group.prop("alpha", b), group.deformation(i, y, p)
             drag = alpha * moves if ground is None else fma(alpha, moves, ground)
-            found.append(fma(-group.prop("m", i), drag, net) if loads else fma(group.prop("im", i), net, -drag))
+            result.append(fma(-group.prop("m", i), drag, net) if loads else fma(group.prop("im", i), net, -drag))
     for b in group.spec.foundations:  # sway and rocking of each base, from the state of the whole row
         base: Any = group.spec.base(b)
         sway, moment = f[group.spec.home(b)], None
@@ -97,11 +97,11 @@ def accelerations(
             lever = fma(group.prop("elevation", i), drag, group.prop("height", i) * f[i])
             moment = lever if moment is None else moment + lever
         for i, load in zip(base, (sway, moment), strict=True):
-            held = fma(group.prop("dashpot", i), y[i], group.prop("k", i) * x[i])
-            a = group.prop("im", i) * (load - held)
+            resistance = fma(group.prop("dashpot", i), y[i], group.prop("k", i) * x[i])
+            a = group.prop("im", i) * (load - resistance)
             a = a if ground is None or group.rocks(i) else a - ground
-            found.append(group.prop("m", i) * a if loads else a)
-    return found
+            result.append(group.prop("m", i) * a if loads else a)
+    return result
 
 
 class Pushes:
@@ -110,7 +110,7 @@ class Pushes:
     def __init__(self, group: Group, rows: bool | None = None) -> None:
         self._group, self._rows = group, group.long if rows is None else rows
         self._signed: dict[Any, list[tuple[str, Any]]] = {}
-        for i in group.each(group.spec.n_dof) if self._rows else ():
+        for i in group.indices(group.spec.n_dof) if self._rows else ():
             group.state["push", i] = 0.0
 
     def add(self, floor: Any, sign: str, force: Any) -> None:
@@ -128,7 +128,7 @@ class Pushes:
 
     def add_links(self, x: Any, y: Any) -> None:
         """Add the forces of all links, of displacements and velocities by floor or by name."""
-        for j, ends in self._group.each_link() if self._rows else enumerate(self._group.spec.links):
+        for j, ends in self._group.iter_links() if self._rows else enumerate(self._group.spec.links):
             force = links.force(self._group, j, ends, x, y)
             for floor, sign in zip(ends, "-+", strict=True):
                 self.add(floor, sign, force)
@@ -142,7 +142,7 @@ class Pushes:
 
 def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]:
     """Powers (kW) of the ground and of damping on each building, at the velocities y."""
-    found, at = [], 0
+    result, at = [], 0
     for b, floors in part:
         v = y[at : at + len(floors)]
         at += len(floors)
@@ -154,13 +154,13 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         first = at - len(floors)
         drift = [_drift(group, i, y, p, first) for p, i in enumerate(floors, first)]
         stiff = reduce(add, [damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
-        gained, lost = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
+        gained, damped = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
         for i, dv in zip(floors, drift, strict=True):
-            lost = fma(group.prop("dashpot", i), dv * dv, lost) if group.dashed(i) else lost
+            damped = fma(group.prop("dashpot", i), dv * dv, damped) if group.dashed(i) else damped
         for i in base or ():
-            lost = fma(group.prop("dashpot", i), y[i] * y[i], lost)
-        found.append((gained, lost))
-    return found
+            damped = fma(group.prop("dashpot", i), y[i] * y[i], damped)
+        result.append((gained, damped))
+    return result
 
 
 def kinetic(group: Group, floors: Sequence[Any]) -> Any:
@@ -184,7 +184,7 @@ def strain(group: Group, floors: Sequence[Any]) -> Any:
     return reduce(add, terms)
 
 
-def each_given(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
+def iter_powers(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
     """Go through the buildings that a contact presses, and what each gives to it: power (kW) of a force (kN)."""
     # `y` are the floors' velocities, or the name of their rows; a building may come up more than once
     for floor, side, share in contact.ends():
@@ -195,8 +195,8 @@ def each_given(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any]
 def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = None, rates: bool = False) -> None:
     """Find accelerations of displacements x and velocities y without contacts, as `accelerations` does, in rows."""
     # x and y are names of rows or functions of floors; of `rates`, the accelerations' rates are found
-    for part, moving in group.each_part():
-        xs, ys = ([group.floor(each, i) for i in moving] for each in (x, y))
+    for part, moving in group.iter_parts():
+        xs, ys = ([group.floor(values, i) for i in moving] for values in (x, y))
         for i, a in zip(moving, accelerations(group, part, xs, ys, ground, (), not rates), strict=True):
             group.state[name, i] = a
     if group.spec.links:  # the ground's acceleration is the same on both sides
@@ -206,7 +206,7 @@ def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = Non
 def add_forces(group: Group, name: str, forces: Any) -> None:
     """Add what contact forces (or their rates), of rows or a function, do to accelerations (or theirs) in rows."""
     s = group.state
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         force = forces(contact) if callable(forces) else getattr(contact, forces)
         for floor, sign, share in contact.ends():
             before = s[name, floor]

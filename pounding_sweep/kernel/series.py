@@ -36,7 +36,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
-from pounding_sweep.kernel.row import Pushes, accelerations, each_given, powers
+from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
@@ -62,8 +62,8 @@ def substep(group: Group, h: Any) -> None:
     march.look_ahead(group, h)
     s, spec = group.state, group.spec
     s["span"] = s["h"]
-    for i in group.each(spec.n_dof):
-        s["jet", i] = s["u0", i]
+    for i in group.indices(spec.n_dof):
+        s["taylor_u", i] = s["u0", i]
     if spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
         for case, contacts in ((closed, True), (not_(closed), False)):
@@ -71,18 +71,18 @@ def substep(group: Group, h: Any) -> None:
                 _expand_row(group, contacts)
     else:
         _expand_row(group, group.touching)
-    for contact in group.each_contact() if not spec.yielding else ():
-        _coefficients(contact, "dj")[spec.series] = contact.between(_Term(group, spec.series))
+    for contact in group.iter_contacts() if not spec.yielding else ():
+        _coefficients(contact, "taylor_pen")[spec.series] = contact.between(_Term(group, spec.series))
     _meet(group)
     s["h"] = s["span"] * s["fraction"]
     if not spec.yielding:
         _place(group)
     _take_contacts(group)
     _take_turns(group)
-    if "link_force" in group.asked:
+    if "link_force" in group.requested:
         _take_links(group)
     _integrate(group)
-    if "acceleration" in group.asked:
+    if "acceleration" in group.requested:
         _take_accelerations(group)
     march.close(group, forces, h)
 
@@ -101,15 +101,15 @@ def _expand_row(group: Group, contacts: bool) -> None:
 def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
-    for contact in group.each_contact(straight=True) if contacts else ():
+    for contact in group.iter_contacts(straight=True) if contacts else ():
         push.add_contact(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
     s, n, per = group.state, group.spec.n_dof, group.state["h"] * inverse[k]
-    for b, floors in group.each_building():  # numbers are read building by building: there is room for few
+    for b, floors in group.iter_buildings():  # numbers are read building by building: there is room for few
         moved, sped = [x[i] for i in floors], [s[x.rates, i] for i in floors]
         a = accelerations(group, [(b, floors)], moved, sped, ground, push.on(floors), x.constant)
         for i, yi, ai in zip(floors, sped, a, strict=True):
-            s["jet", i + (k + 1) * n] = yi * per
+            s["taylor_u", i + (k + 1) * n] = yi * per
             s["y", i] = ai * per
 
 
@@ -124,7 +124,7 @@ class _Term:
         self.rates = "v0" if self.constant else "y"
 
     def __getitem__(self, i: Any) -> Any:
-        return self._state["jet", i + self._begin]
+        return self._state["taylor_u", i + self._begin]
 
 
 class _Coefficients:
@@ -146,7 +146,7 @@ def _coefficients(contact: Contact, name: str) -> _Coefficients:
 
 def _press(contact: Contact, k: Any, x: _Term) -> Any:
     """Coefficient k of a contact's force, of the floors' motion `x`."""
-    depths, d, w = _coefficients(contact, "dj"), contact.between(x), contact.between(x.rates)
+    depths, d, w = _coefficients(contact, "taylor_pen"), contact.between(x), contact.between(x.rates)
     if x.constant:
         d = d - contact.gap
     depths[k] = d
@@ -155,18 +155,18 @@ def _press(contact: Contact, k: Any, x: _Term) -> Any:
     if not contact.law.shape.is_product:
         f = fma(contact.k_active, d, contact.c_active * w)
     else:
-        rates, total = _coefficients(contact, "wj"), contact.group.cell(0.0)
+        rates, total = _coefficients(contact, "taylor_pen_rate"), contact.group.cell(0.0)
         rates[k] = w
         for i in range(k + 1) if isinstance(k, int) else count_to(k + 1):
             total.now = fma(depths[i], rates[k - i], total.now)
         f = fma(contact.k_active, d, contact.c_active * total.now)
-    _coefficients(contact, "fj")[k] = f
+    _coefficients(contact, "taylor_force")[k] = f
     return f
 
 
 def _floor(group: Group, i: Any) -> Series:
     """Displacement of a floor."""
-    return Series(_Coefficients(group, "jet", i, group.spec.n_dof).__getitem__, group.spec.series)
+    return Series(_Coefficients(group, "taylor_u", i, group.spec.n_dof).__getitem__, group.spec.series)
 
 
 def _depth(contact: Contact) -> Series:
@@ -177,13 +177,13 @@ def _depth(contact: Contact) -> Series:
         d = contact.between(_Term(group, k))
         return d if k else d - contact.gap
 
-    return Series(read if group.spec.yielding else _coefficients(contact, "dj").__getitem__, group.spec.series)
+    return Series(read if group.spec.yielding else _coefficients(contact, "taylor_pen").__getitem__, group.spec.series)
 
 
 def _force(contact: Contact) -> Series:
     """Force of a contact, while its mode lasts."""
-    damped, depths = contact.law.shape.damper, _coefficients(contact, "dj")
-    read: Any = _coefficients(contact, "fj").__getitem__ if damped else lambda k: contact.k_active * depths[k]
+    damped, depths = contact.law.shape.damper, _coefficients(contact, "taylor_pen")
+    read: Any = _coefficients(contact, "taylor_force").__getitem__ if damped else lambda k: contact.k_active * depths[k]
     return Series(read, contact.group.spec.series - 1)
 
 
@@ -197,11 +197,11 @@ def _meet(group: Group) -> None:
     """Find the first instant at which contacts change their modes: ``fraction``, of the step."""
     s = group.state
     ongoing = s["time_left"] > 0.0
-    s["taken"] = where(ongoing, 1.0, 0.0 * s["h"])
+    s["accepted"] = where(ongoing, 1.0, 0.0 * s["h"])
     s["fraction"] = group.full(1.0)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         contact.event, contact.next = group.full(NEVER), contact.mode
-    for storey in hysteresis.each_storey(group):
+    for storey in hysteresis.iter_storeys(group):
         storey.turn, storey.then = group.full(NEVER), storey.phase
     for _, numbers, _ in _changes(group):
         for number in numbers:
@@ -213,16 +213,16 @@ def _meet(group: Group) -> None:
     if group.spec.yielding:
         _place(group)
     events = len(group.contacts) + len(group.spec.yielding)
-    going = Cell(ongoing & (s["tries"] < MAX_TRIES))
+    active = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
-    for _ in while_any(lambda: going.now, at_most=4 * events + HALVINGS):
-        choice = _choose(group, going.now)
+    for _ in while_any(lambda: active.now, at_most=4 * events + HALVINGS):
+        choice = _choose(group, active.now)
         doubt = choice.doubt.now
-        found = choice.found.now & ~doubt
-        going.now = found | doubt
-        with when_any(going.now):
+        located = choice.located.now & ~doubt
+        active.now = located | doubt
+        with when_any(active.now):
             s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
-            _locate(group, found)
+            _locate(group, located)
             if group.spec.yielding:
                 _place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
@@ -231,11 +231,11 @@ def _meet(group: Group) -> None:
 def _changes(group: Group) -> Iterator[tuple[Indexed, list[Any], tuple[str, str]]]:
     """Go through contacts and storeys: numbers of kinds of changes, and rows of when and to what one changes."""
     # of a contact, of its penetration's sign, and of that of its rate or its force
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         law = contact.law.shape
         kinds = 2 if law.approach_only or law.clips else 1
         yield contact, [group.change(contact.index, kind) for kind in range(kinds)], ("event", "next")
-    for storey in hysteresis.each_storey(group):
+    for storey in hysteresis.iter_storeys(group):
         first = storey.index + len(group.contacts)
         yield storey, [group.change(first, kind) for kind in range(2)], ("turn", "then")
 
@@ -243,20 +243,20 @@ def _changes(group: Group) -> Iterator[tuple[Indexed, list[Any], tuple[str, str]
 def _converge(group: Group) -> None:
     """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    s, order, room, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
+    s, order, share, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
     left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
-    for contact in group.each_contact(straight=True):
+    for contact in group.iter_contacts(straight=True):
         depth = _depth(contact)
         large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
         most, last = left_out[group.spec.precision] * large, size(depth.read(order))
         short = (contact.mode > OPEN) & (last > most)
-        room.now = where(short, minimum(room.now, most / last), room.now)
+        share.now = where(short, minimum(share.now, most / last), share.now)
         d, v, bend = (depth.read(k) for k in range(3))
         returns = (contact.mode == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
         back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
-    short = room.now < 1.0
+    short = share.now < 1.0
     with when_any(short):
-        s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
+        s["fraction"] = where(short, roughly_power(share.now, 1.0 / order), s["fraction"])
     s["fraction"] = minimum(s["fraction"], back.now)
 
 
@@ -266,27 +266,27 @@ def _converge_floors(group: Group) -> None:
 
     def terms(i: Any) -> tuple[Any, Any]:
         # the fourth of them too: a floor at rest begins with the ground's ramp
-        first = reduce(maximum, [size(s["jet", i + k * n]) for k in range(4)])
-        return LEFT_OUT_YIELDING[group.spec.precision] * first, size(s["jet", i + order * n])
+        first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
+        return LEFT_OUT_YIELDING[group.spec.precision] * first, size(s["taylor_u", i + order * n])
 
     over = group.cell(0.0)
-    for i in group.each(n):
+    for i in group.indices(n):
         most, last = terms(i)
         over.now = maximum(over.now, last - most)
     with when_any(over.now > 0.0):
         share = group.cell(1.0)
-        for i in group.each(n, straight=False):
+        for i in group.indices(n, straight=False):
             most, last = terms(i)
             share.now = minimum(share.now, where(last > most, most / last, 1.0))
         s["fraction"] = minimum(s["fraction"], power(share.now, 1.0 / order))
 
 
 class _Choice:
-    """The event that seems to come first, in each lane; its series in ``pick``."""
+    """The event that seems to come first, in each lane; its series in ``event_poly``."""
 
     def __init__(self, group: Group) -> None:
         self.group, nobody = group, group.full(False)
-        self.soonest, self.found = group.cell(NEVER), Cell(nobody)
+        self.soonest, self.located = group.cell(NEVER), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
         group.state["bends"] = 0.0
@@ -318,28 +318,29 @@ class _Choice:
             low = minimum(e0, 0.0)
             guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
             guess = where(guess >= 0.0, guess, 0.0)
-            self.found.now |= lanes
+            self.located.now |= lanes
             better = lanes & (guess < self.soonest.now)
             self.soonest.now = where(better, guess, self.soonest.now)
             for k in range(group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
-                s["pick", k] = where(better, term, s["pick", k])
-            s["picked"], s["aim"] = where(better, number, s["picked"]), where(better, target, s["aim"])
+                s["event_poly", k] = where(better, term, s["event_poly", k])
+            for row, x in (("event_number", number), ("event_target", target)):
+                s[row] = where(better, x, s[row])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
 def _choose(group: Group, asks: Any) -> _Choice:
     """Find what may change first before ``fraction``, in lanes that ask."""
     s, choice, per = group.state, _Choice(group), _per(group)
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         if not group.spec.yielding:
             _offer_contact(contact, choice, asks, per)
             continue
         farthest, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
         may_touch = farthest + _depth(contact).bulge(s["fraction"]) > contact.gap
-        mine = asks & ((contact.mode > OPEN) | may_touch)
-        with when_any(mine):
-            _offer_contact(contact, choice, mine, per)
+        mask = asks & ((contact.mode > OPEN) | may_touch)
+        with when_any(mask):
+            _offer_contact(contact, choice, mask, per)
     if group.spec.yielding:
         _offer_storeys(group, asks, choice)
     return choice
@@ -353,8 +354,8 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
 
     def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         number = group.change(contact.index, kind)
-        known = (contact.next == target) & ~(contact.event > s["fraction"])
-        lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
+        is_next = (contact.next == target) & ~(contact.event > s["fraction"])
+        lanes = lanes & ~is_next & ~(s["ruled_out", number] > 0.0)
         choice.offer(real(number), lanes, sign, series, target, leans)
 
     sign = where(closed, -1.0, 1.0)
@@ -396,7 +397,7 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
 def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
     """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
     s, first = group.state, len(group.contacts)
-    for storey in hysteresis.each_storey(group):
+    for storey in hysteresis.iter_storeys(group):
         phase, dy, p = storey.phase, storey.yield_drift, storey.slip
         # that of an event that ends the step as it is
         then = where(storey.turn > s["fraction"], phase, storey.then)
@@ -420,13 +421,13 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
                 toward = where(v0 > 0.0, 1.0, -1.0)
                 # it leaves its range on the side to which it moves first, and comes back, or stays beyond
                 turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
-                ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
+                ruled_out = where(toward > 0.0, *(s["ruled_out", change] for change in sides))
                 hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
                 side = where(hops, toward, where(z1 > 0.0, 1.0, -1.0))
                 start = side * z0 - dy
                 start = where(start > -margin, start - margin, start)
                 lanes = leaves & (hops | beyond) & ~(then == side)
-                number = where(side > 0.0, *(group.full(real(each)) for each in sides))
+                number = where(side > 0.0, *(group.full(real(change)) for change in sides))
                 choice.offer(number, lanes, 1.0, _drift(storey, start, side), side)
         yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
@@ -438,38 +439,38 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
                 choice.offer(real(sides[0]), turns, -phase, rate, 0.0)
 
 
-def _locate(group: Group, found: Any) -> None:
+def _locate(group: Group, lanes: Any) -> None:
     """Find when the chosen event happens; one that does not is ruled out."""
     s = group.state
-    pick, end, bends = Series(lambda k: s["pick", k], group.spec.series), s["fraction"], s["bends"]
-    s["low"], s["high"], happens = group.full(0.0), end, Cell(found)
-    with when_any(found & ~(bends == 0.0)):
-        extreme = newton(group, found & ~(bends == 0.0), 0.0, end, pick.rate, bends)
+    polynomial, end, bends = Series(lambda k: s["event_poly", k], group.spec.series), s["fraction"], s["bends"]
+    s["low"], s["high"], happens = group.full(0.0), end, Cell(lanes)
+    with when_any(lanes & ~(bends == 0.0)):
+        extreme = newton(group, lanes & ~(bends == 0.0), 0.0, end, polynomial.rate, bends)
         turns = bends < 0.0
         s["low"], s["high"] = where(bends > 0.0, extreme, s["low"]), where(turns, extreme, s["high"])
-        happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
-    t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
+        happens.now = lanes & ~(turns & (polynomial.value(extreme) <= 0.0))
+    t = newton(group, happens.now, s["low"], s["high"], polynomial, 1.0)
     s["fraction"] = where(happens.now, t, end)
     for changed, numbers, (when_row, to_row) in _changes(group):
         for number in numbers:
-            chosen = found & (s["picked"] == real(number))
-            changed.put(chosen & happens.now, **{when_row: t, to_row: s["aim"]})
+            chosen = lanes & (s["event_number"] == real(number))
+            changed.put(chosen & happens.now, **{when_row: t, to_row: s["event_target"]})
             s["ruled_out", number] = where(chosen & ~happens.now, 1.0, s["ruled_out", number])
 
 
 def _place(group: Group) -> None:
     """Find displacements and velocities at ``fraction``, of the step."""
     s, t, per = group.state, group.state["fraction"], _per(group)
-    for i in group.each(group.spec.n_dof, straight=False):
+    for i in group.indices(group.spec.n_dof, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t, halves=not group.spec.yielding)
         s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
 
 
 def _take_contacts(group: Group) -> None:
     """Take the largest forces and penetrations of closed contacts."""
-    s, r = group.state, group.asked
+    s, r = group.state, group.requested
     moves = s["span"] > 0.0
-    for contact in group.each_contact() if r & {"force", "penetration"} else ():
+    for contact in group.iter_contacts() if r & {"force", "penetration"} else ():
         closed, depth, force = (contact.mode > OPEN) & moves, _depth(contact), _force(contact)
         with when_any(closed):
             # of the force itself, a spring's too: the same bits in the kernel of a damped law
@@ -534,13 +535,13 @@ def _take_turns(group: Group) -> None:
 def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
     """Go through the parts of the step: start and end."""
     for q in count_to(PARTS):
-        start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
+        start, end = ((1.0 / PARTS) * real(number) * group.state["fraction"] for number in (q, q + 1))
         yield start, end
 
 
 def _integrate(group: Group) -> None:
     """Add energies, work and impulse over the step (Gauss & Legendre)."""
-    s, r, n = group.state, group.asked, group.spec.n_dof
+    s, r, n = group.state, group.requested, group.spec.n_dof
     if not r & {"energy", "work", "impulse", "transfer", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
@@ -548,29 +549,29 @@ def _integrate(group: Group) -> None:
     if "links" in r:
         links.clear_powers(group)
     if "transfer" in r:
-        for b in group.each(group.spec.n_buildings):
+        for b in group.indices(group.spec.n_buildings):
             s["gain", b] = s["swing", b] = group.full(0.0)
     per = _per(group)
     for q in count_to(len(nodes)):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
-        for i in group.each(n, straight=False) if r & {"energy", "transfer", "links"} else ():
+        for i in group.indices(n, straight=False) if r & {"energy", "transfer", "links"} else ():
             s["y", i] = _velocity(group, t)(i)
         if "links" in r:
-            for i in group.each(n, straight=False):
+            for i in group.indices(n, straight=False):
                 s["x", i] = _floor(group, i).value(t)
             links.add_powers(group, "x", "y", weight, first=False)
         if "energy" in r:
             ground = fma(t, s["g1"] - s["g0"], s["g0"])
-            for b, floors in group.each_building():
-                for gained, lost in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
+            for b, floors in group.iter_buildings():
+                for gained, damped in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
-                    s["e_damp", b] = fma(weight, lost, s["e_damp", b])
-        for contact in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
+                    s["e_damp", b] = fma(weight, damped, s["e_damp", b])
+        for contact in group.iter_contacts() if r & {"work", "impulse", "transfer"} else ():
             closed = contact.mode > OPEN
             with when_any(closed):
                 force = _force_at(contact, t)
                 if "transfer" in r:
-                    for b, gain in each_given(contact, force, "y"):
+                    for b, gain in iter_powers(contact, force, "y"):
                         s["gain", b] = fma(weight, gain, s["gain", b])
                         s["swing", b] = fma(weight, size(gain), s["swing", b])
                 if "impulse" in r:
@@ -586,10 +587,10 @@ def _integrate(group: Group) -> None:
 def _force_at(contact: Contact, t: Any) -> Any:
     """Force of a contact at a part t of the whole step."""
     group = contact.group
-    closed, found = contact.mode > OPEN, group.cell(0.0)
+    closed, force = contact.mode > OPEN, group.cell(0.0)
     with when_any(closed):
-        found.now = where(closed, _force(contact).value(t), 0.0)
-    return found.now
+        force.now = where(closed, _force(contact).value(t), 0.0)
+    return force.now
 
 
 def _velocity(group: Group, t: Any) -> Callable[[Any], Any]:
@@ -612,7 +613,7 @@ def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
 
 def _take_links(group: Group) -> None:
     """Take the forces of links over the step."""
-    for j, (left, right) in group.each_link():
+    for j, (left, right) in group.iter_links():
         k, c = group.prop("link_k", j), group.prop("link_c", j) * _per(group)
         floors = _floor(group, left), _floor(group, right)
 
@@ -626,11 +627,11 @@ def _take_links(group: Group) -> None:
 def _take_accelerations(group: Group) -> None:
     """Take the total accelerations of all floors over the step."""
     s, per = group.state, _per(group)
-    for i in group.each(group.spec.n_dof, straight=False):
+    for i in group.indices(group.spec.n_dof, straight=False):
         bend = _floor(group, i).rate.rate
 
         def total(k: int, bend: Series = bend) -> Any:
-            found = bend.read(k) * (per * per)
-            return found + (s["g0"], s["g1"] - s["g0"])[k] if k < 2 else found
+            coefficient = bend.read(k) * (per * per)
+            return coefficient + (s["g0"], s["g1"] - s["g0"])[k] if k < 2 else coefficient
 
         _take_size(group, "acc", i, Series(total, bend.order))

@@ -60,7 +60,7 @@ PARAMETERS = {
     "flight": "int64",
 }
 #: Whole numbers before the variables that it shares with its flight, and of all.
-GIVEN, FRAME = 32, 32 + 8 * 16
+N_ARGUMENTS, FRAME = 32, 32 + 8 * 16
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 #: The same of `exact`, whose stages are of fifth order.
@@ -178,7 +178,7 @@ class KernelSpec:
         return () if self.law is None else (self.law, *self.bumpers)
 
     @property
-    def own_stiffness(self) -> bool:
+    def stiffness_per_contact(self) -> bool:
         """Whether each contact has a stiffness of its own."""
         return bool(self.struck or self.bumped)
 
@@ -232,11 +232,11 @@ class KernelSpec:
     def flocks(self) -> list[tuple[int, int]]:
         """First floors and numbers of floors of what moves as one: linked buildings, and each other one alone."""
         joined = {self.building_of[left] for left, _ in self.links}  # those with a link to the right
-        found: list[tuple[int, int]] = []
+        blocks: list[tuple[int, int]] = []
         for b, n in enumerate(self.storeys):
-            first, many = found.pop() if b - 1 in joined else (self.home(b), 0)
-            found.append((first, many + n))
-        return found
+            first, many = blocks.pop() if b - 1 in joined else (self.home(b), 0)
+            blocks.append((first, many + n))
+        return blocks
 
     @property
     def n_dof(self) -> int:
@@ -259,7 +259,7 @@ class KernelSpec:
         return self.n_dof <= FUSED_DOF or bool(self.smooth or self.foundations)
 
     @property
-    def whole(self) -> bool:
+    def solves_row(self) -> bool:
         """Whether implicit steps are of the whole row: neighbours are linked, or buildings stand on foundations."""
         return bool(self.links or self.foundations)
 
@@ -334,7 +334,7 @@ def input_slots(shape: KernelSpec) -> Slots:
     if shape.contacts:
         count["gap"] = shape.n_gaps
     if shape.law is not None:
-        count |= {"k": len(shape.contacts) if shape.own_stiffness else 1, "c": len(shape.contacts)}
+        count |= {"k": len(shape.contacts) if shape.stiffness_per_contact else 1, "c": len(shape.contacts)}
     if shape.varied:
         shared = property_slots(shape).count
         count |= {"tables": 1} if shape.flies_exactly else {}

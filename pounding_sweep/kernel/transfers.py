@@ -17,7 +17,7 @@ from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.peaks import cubic_turns, moved
 from pounding_sweep.kernel.roots import cubic, root
-from pounding_sweep.kernel.row import each_given
+from pounding_sweep.kernel.row import iter_powers
 
 #: Gauss points between the start of a sub-step that was tried and an extreme.
 NODES = 3
@@ -26,7 +26,7 @@ PARTS = 16
 #: Share of a step's mean power by which that at its ends may go against it unseen: its square is what is lost.
 AGAINST = 1e-4
 #: Room for what Gauss points miss of the integral of a power's size.
-ROOM = 1.5
+MARGIN = 1.5
 #: Force of a contact, and velocities of floors, at a part of a sub-step.
 Course = tuple[Callable[[Contact, Any], Any], Callable[[Group, Any], Any]]
 #: Those of a sub-step that was tried.
@@ -36,14 +36,14 @@ TRIED: Course = force_at, partial(moved, velocities=True)
 def plain(group: Group) -> None:
     """Add what buildings gave in an unlocated step, and take the sum at its end."""
     s = group.state
-    for b in group.each(group.spec.n_buildings):
+    for b in group.indices(group.spec.n_buildings):
         s["now", b] = now = s["now", b] + s["gain", b]
         _take(group, b, now)
 
 
 def jumped(group: Group) -> None:
     """Take what buildings have given where velocities have jumped."""
-    for b in group.each(group.spec.n_buildings):
+    for b in group.indices(group.spec.n_buildings):
         _take(group, b, group.state["now", b])
 
 
@@ -52,14 +52,14 @@ def _take(group: Group, b: Any, energy: Any) -> None:
     s["tmax", b], s["tmin", b] = maximum(s["tmax", b], energy), minimum(s["tmin", b], energy)
 
 
-def substep(group: Group, taken: Any) -> None:
+def substep(group: Group, accepted: Any) -> None:
     """Add what buildings gave over the sub-step that some lanes have taken, and take its extremes."""
     s, h, implicit = group.state, group.state["h"], group.spec.implicit
-    closed = taken & is_closed(group)
+    closed = accepted & is_closed(group)
     with when_any(closed):
-        _find_ends(group, lambda contact: (contact.f0, contact.f1))
-        for b in group.each(group.spec.n_buildings, straight=False):
-            early, late = h * s["given0", b], h * s["given1", b]
+        _find_ends(group, lambda contact: (contact.force_start, contact.force_end))
+        for b in group.indices(group.spec.n_buildings, straight=False):
+            early, late = h * s["power_start", b], h * s["power_end", b]
             gain = 0.5 * (early + late) if implicit else s["gain", b]  # these have forces at the ends only
             e0 = s["now", b]
             s["now", b] = e1 = e0 + where(closed, gain, 0.0)
@@ -73,21 +73,21 @@ def substep(group: Group, taken: Any) -> None:
                 with when_any(turns):
                     at = turn - h * _power(group, b, turn, TRIED) / curve.rate.rate.value(turn)
                     at = where((at > 0.0) & (at < 1.0), at, turn)
-                    _take(group, b, where(turns, e0 + h * _given(group, b, at, NODES, TRIED), e1))
+                    _take(group, b, where(turns, e0 + h * _mean_power(group, b, at, NODES, TRIED), e1))
 
 
 def _find_ends(group: Group, forces_of: Callable[[Contact], Any]) -> None:
     """Find the powers that buildings give at both ends of a sub-step, by forces of contacts there."""
     s = group.state
-    for b in group.each(group.spec.n_buildings):
-        s["given0", b] = s["given1", b] = 0.0
-    for contact in group.each_contact():
-        for row, force, v in zip(("given0", "given1"), forces_of(contact), ("v0", "v"), strict=True):
-            for b, power in each_given(contact, force, v):
+    for b in group.indices(group.spec.n_buildings):
+        s["power_start", b] = s["power_end", b] = 0.0
+    for contact in group.iter_contacts():
+        for row, force, v in zip(("power_start", "power_end"), forces_of(contact), ("v0", "v"), strict=True):
+            for b, power in iter_powers(contact, force, v):
                 s[row, b] += power
 
 
-def _given(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
+def _mean_power(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
     """Mean power of a building from the start of the sub-step until a part t of it, times t (Gauss & Legendre)."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
     table, total = Lookup([*(0.5 + 0.5 * at), *(0.5 * weights)]), group.cell(0.0)
@@ -100,13 +100,13 @@ def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
     """Power that a building gives at a part t of the sub-step."""
     s, (force, velocities) = group.state, course
     v = velocities(group, t)
-    for each in group.each(group.spec.n_buildings):
-        s["given", each] = 0.0
-    for contact in group.each_contact():
+    for building in group.indices(group.spec.n_buildings):
+        s["power", building] = 0.0
+    for contact in group.iter_contacts():
         with when_any(contact.mode > OPEN):
-            for each, power in each_given(contact, force(contact, t), v):
-                s["given", each] += power
-    return s["given", b]
+            for building, power in iter_powers(contact, force(contact, t), v):
+                s["power", building] += power
+    return s["power", b]
 
 
 # steps by series -----------------------------------------------------------------------------------------------------
@@ -118,15 +118,15 @@ def by_series(group: Group, nodes: int, course: Course) -> None:
     closed = is_closed(group) & (s["h"] > 0.0)
     with when_any(closed):
         _find_ends(group, lambda contact: tuple(course[0](contact, t) for t in (group.full(0.0), s["fraction"])))
-        for b in group.each(group.spec.n_buildings, straight=False):
+        for b in group.indices(group.spec.n_buildings, straight=False):
             s["now", b] += s["gain", b]
             _take(group, b, s["now", b])
-        for b in group.each(group.spec.n_buildings, straight=False):
+        for b in group.indices(group.spec.n_buildings, straight=False):
             # lanes in which the transfer may have had an extreme of its own inside the step
             gain, swing, high = s["gain", b], s["swing", b], s["now", b]
-            ends = s["h"] * minimum(s["given0", b] * gain, s["given1", b] * gain)
+            ends = s["h"] * minimum(s["power_start", b] * gain, s["power_end", b] * gain)
             turns = (swing - size(gain) > group.limit.same_time * swing) | (ends < -AGAINST * gain * gain)
-            reach = 0.5 * (ROOM * swing - gain)  # beyond the end, if all that goes one way came first
+            reach = 0.5 * (MARGIN * swing - gain)  # beyond the end, if all that goes one way came first
             beyond = (high + reach > s["tmax", b]) | (high - (reach + gain) < s["tmin", b])
             turning = closed & (turns & beyond)
             with when_any(turning):
@@ -137,7 +137,7 @@ def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) ->
     """Take the transfers of a building at which its power changes its sign, in some lanes."""
     s, end, power = group.state, group.state["fraction"], partial(_power, group, b, course=course)
     table = Lookup([*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
-    begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(s["given0", b])
+    begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(s["power_start", b])
     for q in count_to(PARTS):
         a, high = low.now, end * table[q]
         x = power(high)
@@ -145,5 +145,5 @@ def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) ->
         with when_any(turns):
             side = where(x > 0.0, 1.0, -1.0)
             t = root(group, turns, a, high, lambda t: side * power(t))  # noqa: B023
-            _take(group, b, where(turns, fma(s["span"], _given(group, b, t, nodes, course), begun), s["now", b]))
+            _take(group, b, where(turns, fma(s["span"], _mean_power(group, b, t, nodes, course), begun), s["now", b]))
         low.now, at_low.now = high, x

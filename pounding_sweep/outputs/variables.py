@@ -304,11 +304,11 @@ def _residual(results: KernelResults) -> np.ndarray:
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
-    for storey in hysteresis.each_storey(group, straight):
+    for storey in hysteresis.iter_storeys(group, straight):
         i, of = storey.index, partial(_borne, storey, hysteresis.shear)
         # it turns with the drift, which is asked for too
         yield Motion(("shear", i), None, True, of, shear=i, alone=False)
-    for storey in bouc_wen.each_storey(group):
+    for storey in bouc_wen.iter_storeys(group):
         yield Motion(("shear", storey.index), None, True, partial(_borne, storey, bouc_wen.shear))
 
 
@@ -351,7 +351,7 @@ def _closed(contact: Contact, closed: Any, d: Any, h: Any) -> None:
 
 
 def _closed_substep(group: Group) -> None:
-    for contact in group.each_contact():
+    for contact in group.iter_contacts():
         contact.tclosed += where(~(contact.mode == 0.0), group.state["h"], 0.0)
 
 
@@ -577,7 +577,7 @@ REDUCERS: dict[str, Reducer] = {
             tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
             follows=lambda group, straight: (
                 Motion(("umax", i), ("umin", i), False, partial(group.floor, i=i))
-                for i in group.each(group.spec.n_dof, straight)
+                for i in group.indices(group.spec.n_dof, straight)
             ),
         ),
         Reducer(
@@ -585,7 +585,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("drift", "floor"),),
             follows=lambda group, _: (
                 Motion(("drift", storey.index), None, True, storey.drift)
-                for storey in group.each_storey(range(group.spec.n_dof))
+                for storey in group.iter_storeys(range(group.spec.n_dof))
             ),
         ),
         Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
@@ -597,7 +597,7 @@ REDUCERS: dict[str, Reducer] = {
             where="linked",
             follows=lambda group, _: (
                 Motion(("link_force", j), None, True, partial(links.motion, group, j, ends), pulls=True)
-                for j, ends in group.each_link()
+                for j, ends in group.iter_links()
             ),
             step=links.sample,
         ),
@@ -617,7 +617,7 @@ REDUCERS: dict[str, Reducer] = {
             where="neighbours",
             follows=lambda group, straight: (
                 Motion(("closing", contact.index), None, False, contact.between)
-                for contact in group.each_contact(straight, touching=False)
+                for contact in group.iter_contacts(straight, touching=False)
             ),
         ),
         Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),

@@ -23,8 +23,8 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     constant,
     count_to,
-    each_lane,
     fma,
+    iter_lanes,
     lane_of,
     not_,
     real,
@@ -43,7 +43,7 @@ from pounding_sweep.schemes.base import SAFETY
 from pounding_sweep.schemes.explicit import Explicit, Rk4
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
-MOST_LOST = {"float64": 1e-5, "float32": 1e-4}
+MAX_MODE_ERROR = {"float64": 1e-5, "float32": 1e-4}
 #: Steps of flight within which floors that near each other are not worth a flight.
 AHEAD = 2.0
 #: By what errors of contacts fall at least where long steps are halved.
@@ -131,18 +131,18 @@ class Exact(Explicit):
         if scene.foundations:
             name = scene.buildings[scene.foundations[0]].name
             return f"flies in modes of buildings on a fixed base, and building {name!r} stands on a foundation"
-        lost = float(coupled_modes(variants_of(scene), precision).error[0])
-        if lost <= MOST_LOST[precision]:
+        error = float(coupled_modes(variants_of(scene), precision).error[0])
+        if error <= MAX_MODE_ERROR[precision]:
             return None
-        return f"flies in modes, and those of this row's dashpots and links lose {lost:.1g} of a motion in {precision}"
+        return f"flies in modes, and those of this row's dashpots and links lose {error:.1g} of a motion in {precision}"
 
 
 def _mean(shares: Sequence[float], a: Sequence[Any]) -> Any:
     """Sum of accelerations by their shares; None of none."""
     total: Any = None
-    for share, each in zip(shares, a, strict=False):
+    for share, acceleration in zip(shares, a, strict=False):
         if share:
-            total = share * each if total is None else fma(share, each, total)
+            total = share * acceleration if total is None else fma(share, acceleration, total)
     return total
 
 
@@ -191,7 +191,7 @@ class Flights:
         note_point = None if note is None else lambda point: note(point * self.short)
         for _ in when(course.next.now == 0):
             self._fill()
-        for lane in each_lane(course.leaves.now):
+        for lane in iter_lanes(course.leaves.now):
             has = Cell(course.busy.lane(lane) > 0.0)
             self.settled.now = False
             for _ in when(has.now):
@@ -216,11 +216,11 @@ class Flights:
                         self.settled.now = True
                     for _ in when(not_(hits)):
                         march.conclude(group)
-                        for row, place, column in self._each(self._results, course.scenario.lane(lane)):
+                        for row, place, column in self._scenario_rows(self._results, course.scenario.lane(lane)):
                             self._results.put_lane(place, column, group.state.lane(row, lane))
                         has.now = False
 
-    def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
+    def _scenario_rows(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
         """Go through the rows of a scenario: the row of the state, its own, and its lane."""
         block, first = number // LANES, self.group.state.first
         for name, n in rows.count.items():
@@ -243,7 +243,7 @@ class Flights:
         group, course, number = self.group, self.course, self.course.next.now
         for row in count_to(self._persistent):
             group.state.put_lane(row, lane, 0.0)
-        for row, place, column in self._each(self._inputs, number):
+        for row, place, column in self._scenario_rows(self._inputs, number):
             group.state.put_lane(row, lane, self._inputs.lane(place, column))
         for cell, x in ((course.scenario, number), (course.busy, 1.0), (course.at, 0)):
             cell.put_lane(lane, x)
@@ -284,18 +284,18 @@ def run_scenarios(
             with when_any(over):
                 course.at.now = at = where(over, course.at.now + 1, course.at.now)
                 left = course.left.now - 1.0
-                whole_step = over & ~(left > 0.0)
-                course.left.now = where(whole_step, real(short), where(over, left, course.left.now))
+                full_step = over & ~(left > 0.0)
+                course.left.now = where(full_step, real(short), where(over, left, course.left.now))
                 closed, ends = forces.is_closed(group), over & (at >= last)
                 stays, ahead = Cell(closed), AHEAD * group.full(ground.long)
-                for contact in group.each_contact(straight=True):
+                for contact in group.iter_contacts(straight=True):
                     stays.now |= fma(ahead, contact.between("v"), contact.penetration()) > 0.0
                 if group.spec.yielding:
                     stays.now |= hysteresis.is_yielding(group)
                 if note is not None:
                     for _ in when(any_lane(over)):
                         note(lane_of(at, 0))
-                course.leaves.now = ends | (whole_step & ~stays.now)
+                course.leaves.now = ends | (full_step & ~stays.now)
                 if march.needs_ends(group):
                     march.clear_forces(group, over & ~closed)
                 with when_any(ends):

@@ -14,7 +14,7 @@ from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.lanes import any_lane, fma, when
 from pounding_sweep.kernel.march import keep_start
-from pounding_sweep.kernel.row import Part, Pushes, accelerations, each_given, powers
+from pounding_sweep.kernel.row import Part, Pushes, accelerations, iter_powers, powers
 from pounding_sweep.schemes.base import Scheme
 
 #: Force of a contact (of displacements, velocities), these by floor or by the name of their rows.
@@ -57,21 +57,21 @@ class Explicit(Scheme):
         """
         # Sums are of powers (``din``, ``ddamp``), works, impulses and energies given (``gain``); floors that rest on
         # each other are given one acceleration if `joins`.
-        s, asked, spec, g0, g1 = group.state, group.asked, group.spec, group.state["g0"], group.state["g1"]
+        s, requested, spec, g0, g1 = group.state, group.requested, group.spec, group.state["g0"], group.state["g1"]
         grounds = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
         grounds |= {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in grounds}
         rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
-        floors = [] if part is None else [i for _, mine in part for i in mine]
+        floors = [] if part is None else [i for _, members in part for i in members]
         if len(floors) == spec.n_dof:
             floors = [*range(spec.n_moving)]
         m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}
 
         def every() -> Iterable[Any]:
-            return group.each(spec.n_dof) if rows else range(len(floors))
+            return group.indices(spec.n_dof) if rows else range(len(floors))
 
         for i in every():
             m["x", i], m["y", i] = m["u0", i], m["v0", i]
-        for b in group.each(spec.n_buildings) if rows and "transfer" in asked and group.touching else ():
+        for b in group.indices(spec.n_buildings) if rows and "transfer" in requested and group.touching else ():
             s["gain", b] = 0.0
         for number, (place, weight) in enumerate(self.nodes, 1):
             now, ground = f"s{number - 1}", grounds[place]
@@ -85,33 +85,33 @@ class Explicit(Scheme):
                 m[name, k] = value if number == 1 else m[name, k] + value
 
             def count(contact: Contact, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
-                if "impulse" in asked:
+                if "impulse" in requested:
                     add("dimpulse", contact.index, force)
-                for b, power in each_given(contact, force, y) if "transfer" in asked else ():
-                    known = rows or ("gain", b) in m
-                    m["gain", b] = fma(weight, power, m["gain", b]) if known else weight * power
+                for b, power in iter_powers(contact, force, y) if "transfer" in requested else ():
+                    has_gain = rows or ("gain", b) in m
+                    m["gain", b] = fma(weight, power, m["gain", b]) if has_gain else weight * power
 
-            for contact in group.each_contact(straight=True) if press is not None else ():
+            for contact in group.iter_contacts(straight=True) if press is not None else ():
                 assert press is not None
                 force = press(contact, x, y)
                 push.add_contact(contact, force)
-                if "work" in asked:
+                if "work" in requested:
                     add("dwork", contact.index, force * contact.between(y))
                 count(contact, force)
             push.add_links(x, y)
-            if "links" in asked:
+            if "links" in requested:
                 links.add_powers(group, x, y, weight, number == 1)
-            own = [(part, every())] if part is not None else (([mine], mine[1]) for mine in group.each_building())
-            for some, moving in own:
+            parts = [(part, every())] if part is not None else (([b], b[1]) for b in group.iter_buildings())
+            for block, moving in parts:
                 xs, ys = ([m[name, i] for i in moving] for name in "xy")
-                for i, a in zip(moving, accelerations(group, some, xs, ys, ground, push.on(moving)), strict=True):
+                for i, a in zip(moving, accelerations(group, block, xs, ys, ground, push.on(moving)), strict=True):
                     m[now, i] = a
-                for k, (gained, lost) in enumerate(powers(group, some, ys, ground)) if "energy" in asked else ():
-                    add("din", some[0][0] if rows else k, gained)
-                    add("ddamp", some[0][0] if rows else k, lost)
+                for k, (gained, damped) in enumerate(powers(group, block, ys, ground)) if "energy" in requested else ():
+                    add("din", block[0][0] if rows else k, gained)
+                    add("ddamp", block[0][0] if rows else k, damped)
             if joins:
                 impulse.join_rows(group, now, memory=m)
-                for contact in group.each_contact(straight=True):
+                for contact in group.iter_contacts(straight=True):
                     count(contact, m["force", contact.index])
             names = ("x", "y") if number < len(self.nodes) else ("u", "v")
             for i in every():
@@ -122,7 +122,7 @@ class Explicit(Scheme):
                 flow.advance(self.after, number, h)
         if flow is not None:
             flow.end()
-            m |= {("travel", i): x for i, x in flow.lost.items()}
+            m |= {("travel", i): x for i, x in flow.dissipated.items()}
         return m
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
@@ -130,13 +130,13 @@ class Explicit(Scheme):
         if not group.long or group.spec.links:  # the row moves as one
             return self._take(group, h)
         s = group.state
-        for b, floors in group.each_building():
+        for b, floors in group.iter_buildings():
             for i in floors:
                 s["u0", i], s["v0", i] = s["u", i], s["v", i]
             m = self.step(group, h, [(b, floors)])
             for p, i in enumerate(floors):
                 s["u", i], s["v", i] = m["u", p], m["v", p]
-            for name in ("din", "ddamp") if "energy" in group.asked else ():
+            for name in ("din", "ddamp") if "energy" in group.requested else ():
                 s[name, b] = m[name, 0]
         return partial(_add_sums, group, s, touching=False)
 
@@ -164,19 +164,19 @@ class Explicit(Scheme):
             return contact.k_active, contact.c_active, contact.gap
 
         # of a short row once for all stages
-        known = {} if group.long else {c.index: read(c) for c in group.each_contact(straight=True)}
-        presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in known.items()}
+        constants = {} if group.long else {c.index: read(c) for c in group.iter_contacts(straight=True)}
+        presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in constants.items()}
 
         def press(contact: Contact, x: Any, y: Any) -> Any:
-            force, (k, c, gap) = group.cell(0.0), known[contact.index] if known else read(contact)
-            for _ in when(presses[contact.index]) if known else (None,):
+            force, (k, c, gap) = group.cell(0.0), constants[contact.index] if constants else read(contact)
+            for _ in when(presses[contact.index]) if constants else (None,):
                 d, v = contact.between(x) - gap, contact.between(y)
                 force.now = contact.law.pressing(k, c, d, v)
             return force.now
 
         joins = group.spec.impulsive and group.touching
         m = self.step(group, s["h"], _row(group), press if group.touching and not joins else None, joins)
-        for i in group.each(group.spec.n_moving):
+        for i in group.indices(group.spec.n_moving):
             self.keep(group, i, [m[f"s{k}", i] for k in range(len(self.nodes))])
         _put(group, m)
         return partial(_add_sums, group, m, touching=group.touching)
@@ -195,21 +195,21 @@ def _put(group: Group, m: Any) -> None:
 
 def _add_sums(group: Group, m: Any, touching: bool) -> None:
     """Add energies, works and impulses of a step, once it is taken, by its sums `m`."""
-    s, asked = group.state, group.asked
+    s, requested = group.state, group.requested
     rows, h6 = m is s, s["h"] * (1.0 / 6.0)
     sums = [("energy", "e_in", "din"), ("energy", "e_damp", "ddamp"), ("work", "work", "dwork")]
     for wants, name, of in (*sums, ("impulse", "impulse", "dimpulse")):
         by_building = wants == "energy"
-        if wants not in asked or not (by_building or touching) or (wants == "work" and group.spec.impulsive):
+        if wants not in requested or not (by_building or touching) or (wants == "work" and group.spec.impulsive):
             continue
-        for k in group.each(group.spec.n_buildings if by_building else len(group.contacts)):
+        for k in group.indices(group.spec.n_buildings if by_building else len(group.contacts)):
             s[name, k] = fma(h6, m[of, k], s[name, k])
-    if "links" in asked:
+    if "links" in requested:
         links.record(group, h6)
-    for b in group.each(group.spec.n_buildings) if "transfer" in asked and touching else ():
+    for b in group.indices(group.spec.n_buildings) if "transfer" in requested and touching else ():
         if rows or ("gain", b) in m:
             s["gain", b] = h6 * m["gain", b]
-    for i, _ in group.spec.smooth if "hysteretic" in asked else ():
+    for i, _ in group.spec.smooth if "hysteretic" in requested else ():
         s["travel", i] = fma(h6, m["travel", i], s["travel", i])
 
 

@@ -24,7 +24,7 @@ from pounding_sweep.kernel.forces import (
     SIDES,
     SLACK,
     contact_rate,
-    held_force,
+    force_at_end,
     is_closed,
     set_plastic,
     settle_yielding,
@@ -59,45 +59,45 @@ def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any])
     # kernel is written.
     storeys = [_storey_stiffness(group, b, i, be, ga) for b, floors in part for i in floors]
     diagonal: list[Any] = []
-    beside: list[dict[int, Any]] = [{} for _ in right]
+    coupling: list[dict[int, Any]] = [{} for _ in right]
     for b, floors in part:
         for s, i in enumerate(floors):
             p, m = len(diagonal), group.prop("m", i)
             if group.spec.base_of(i) is not None:
                 diagonal.append(m)
                 continue
-            own = storeys[p] if i is floors[-1] else storeys[p] + storeys[p + 1]
-            diagonal.append(fma(m, ga * group.prop("alpha", b), m) + own)
+            stiffness = storeys[p] if i is floors[-1] else storeys[p] + storeys[p + 1]
+            diagonal.append(fma(m, ga * group.prop("alpha", b), m) + stiffness)
             if s:
-                beside[p][p - 1] = beside[p - 1][p] = -storeys[p]
-    _stiffen(group, diagonal, beside, storeys, be, ga)
+                coupling[p][p - 1] = coupling[p - 1][p] = -storeys[p]
+    _stiffen(group, diagonal, coupling, storeys, be, ga)
     for j, (p, q) in enumerate(group.spec.links):
-        held = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
-        diagonal[p], diagonal[q] = diagonal[p] + held, diagonal[q] + held
-        beside[p][q] = beside[q][p] = -held
+        link = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
+        diagonal[p], diagonal[q] = diagonal[p] + link, diagonal[q] + link
+        coupling[p][q] = coupling[q][p] = -link
     x, left, done = list(right), set(range(len(right))), []
     while left:
-        i = min(left, key=lambda i: (len(beside[i]), i))
+        i = min(left, key=lambda i: (len(coupling[i]), i))
         left.remove(i)
-        others, inverse = sorted(beside[i]), 1.0 / diagonal[i]
+        others, inverse = sorted(coupling[i]), 1.0 / diagonal[i]
         for p in others:
-            share = beside[i][p] * inverse
+            share = coupling[i][p] * inverse
             x[p] = fma(-share, x[i], x[p])
-            diagonal[p] = fma(-share, beside[i][p], diagonal[p])
+            diagonal[p] = fma(-share, coupling[i][p], diagonal[p])
             for q in (q for q in others if q > p):
-                change = -share * beside[i][q]
-                beside[p][q] = beside[q][p] = beside[p][q] + change if q in beside[p] else change
-            del beside[p][i]
+                change = -share * coupling[i][q]
+                coupling[p][q] = coupling[q][p] = coupling[p][q] + change if q in coupling[p] else change
+            del coupling[p][i]
         done.append((i, inverse))
     for i, inverse in reversed(done):
-        for p, value in beside[i].items():
+        for p, value in coupling[i].items():
             x[i] = fma(-value, x[p], x[i])
         x[i] = x[i] * inverse
     return x
 
 
 def _stiffen(
-    group: Group, diagonal: list[Any], beside: list[dict[int, Any]], storeys: Sequence[Any], be: Any, ga: Any
+    group: Group, diagonal: list[Any], coupling: list[dict[int, Any]], storeys: Sequence[Any], be: Any, ga: Any
 ) -> None:
     """Add to the matrix of an implicit step what foundations, and storeys above them by `storeys`, add to it."""
 
@@ -108,14 +108,14 @@ def _stiffen(
             for q, z in moved.items():
                 if q > p:
                     other = part * z
-                    beside[p][q] = beside[q][p] = beside[p][q] + other if q in beside[p] else other
+                    coupling[p][q] = coupling[q][p] = coupling[p][q] + other if q in coupling[p] else other
 
     one = group.full(1.0)
     for b in group.spec.foundations:
         base: Any = group.spec.base(b)
         for i in base:
-            held = fma(ga, group.prop("dashpot", i), be * group.prop("k", i))
-            diagonal.append(group.prop("m", i) + held)
+            support = fma(ga, group.prop("dashpot", i), be * group.prop("k", i))
+            diagonal.append(group.prop("m", i) + support)
         for i in group.building_floors[b]:
             below: Any = group.spec.below(i)
             add(storeys[i], {i: one, below: -one, base[1]: -group.full(group.prop("height", i))})
@@ -125,34 +125,34 @@ def _stiffen(
 
 def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
     """Stiffness by which a storey resists an acceleration at the end of a Newmark step, its damper included."""
-    if not group.own_damper(i):
+    if not group.has_separate_damper(i):
         return fma(ga, group.prop("beta", b), be) * group.prop("k", i)
     k = group.state["kt", i] if group.yields(i) else group.prop("k", i)
-    found = be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
-    return found + ga * group.prop("dashpot", i) if group.dashed(i) else found
+    stiffness = be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
+    return stiffness + ga * group.prop("dashpot", i) if group.dashed(i) else stiffness
 
 
 def _sides(contact: Contact) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
     group = contact.group
-    if group.spec.whole:  # both are of one whole, whose response is to the push on both
+    if group.spec.solves_row:  # both are of one whole, whose response is to the push on both
         ends = ((i, sign, group.full(1.0) if share is None else share) for i, sign, share in contact.ends())
-        both = [(i, -share if sign == "-" else share) for i, sign, share in ends]
-        return [(contact.index * group.spec.n_moving, both, 1.0)]
+        pushed = [(i, -share if sign == "-" else share) for i, sign, share in ends]
+        return [(contact.index * group.spec.n_moving, pushed, 1.0)]
     most = max(group.spec.storeys)
     sides = ((side, contact.floors_of(side), sign) for side, sign in enumerate((-1.0, 1.0)))
     return [((contact.index * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
 
 
-def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
+def _moving_floors(group: Group, floor: Any) -> tuple[Any, Any]:
     """First floor and number of floors of what moves as one with a floor in a step."""
-    return (0, group.spec.n_moving) if group.spec.whole else group.home_of(floor)[:2]
+    return (0, group.spec.n_moving) if group.spec.solves_row else group.home_of(floor)[:2]
 
 
 def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some at the end of a Newmark step."""
     s = group.state
-    if group.spec.whole:
+    if group.spec.solves_row:
         right = [group.full(0.0) for _ in range(group.spec.n_moving)]
         for floor, share in floors:
             right = [where(constant(floor == i), share, x) for i, x in enumerate(right)]
@@ -172,22 +172,22 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any)
             above = stiffness(i + 1)
         pushed = None
         for floor, share in floors:
-            here = constant(i == floor)
+            is_floor = constant(i == floor)
             pushed = where(
-                here, group.full(1.0 if share is None else share), group.full(0.0) if pushed is None else pushed
+                is_floor, group.full(1.0 if share is None else share), group.full(0.0) if pushed is None else pushed
             )
         return group.prop("m", i) * (1.0 + ga * group.prop("alpha", b)) + stiffness(i) + above, pushed
 
     # elimination from the bottom, as in the flight step
     s["diagonal"], s["response", first] = ahead(0)
-    for q in group.each(storeys - 1):
+    for q in group.indices(storeys - 1):
         k, (diagonal, right) = stiffness(home + q + 1), ahead(q + 1)
         low = -k / s["diagonal", q]
         s["diagonal", q + 1] = diagonal + low * k
         s["response", first + q + 1] = right - low * s["response", first + q]
     last = storeys - 1
     s["response", first + last] = s["response", first + last] / s["diagonal", last]
-    for q in group.each(last):
+    for q in group.indices(last):
         p = last - 1 - q
         x = s["response", first + p] + stiffness(home + p + 1) * s["response", first + p + 1]
         s["response", first + p] = x / s["diagonal", p]
@@ -206,25 +206,25 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
     ghi = Cell(miss(f0))
     wide = Cell(asks & (ghi.now * f0 > 0.0))
     for _ in while_any(lambda: wide.now, at_most=60):
-        mine = wide.now
-        lo.now, glo.now = where(mine, hi.now, lo.now), where(mine, ghi.now, glo.now)
-        hi.now = where(mine, hi.now * 2.0, hi.now)
-        ghi.now = where(mine, miss(hi.now), ghi.now)
-        wide.now = mine & (ghi.now * f0 > 0.0)
-    side, going = group.cell(0.0), Cell(asks)
-    for _ in while_any(lambda: going.now, at_most=200):
+        mask = wide.now
+        lo.now, glo.now = where(mask, hi.now, lo.now), where(mask, ghi.now, glo.now)
+        hi.now = where(mask, hi.now * 2.0, hi.now)
+        ghi.now = where(mask, miss(hi.now), ghi.now)
+        wide.now = mask & (ghi.now * f0 > 0.0)
+    side, active = group.cell(0.0), Cell(asks)
+    for _ in while_any(lambda: active.now, at_most=200):
         a, b, ga, gb, last = lo.now, hi.now, glo.now, ghi.now, side.now
-        mine = going.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
+        mask = active.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
         t = b - gb * (b - a) / (gb - ga)
         t = where((t > minimum(a, b)) & (t < maximum(a, b)), t, 0.5 * (a + b))
         g = miss(t)
-        same, exact = mine & (g * f0 > 0.0), mine & (g == 0.0)
-        other = mine & ~same & ~exact
+        same, exact = mask & (g * f0 > 0.0), mask & (g == 0.0)
+        other = mask & ~same & ~exact
         lo.now, glo.now = where(same, t, a), where(same, g, where(other & (last > 0.0), 0.5 * ga, ga))
         hi.now = where(other | exact, t, b)
         ghi.now = where(other, g, where(same & (last < 0.0), 0.5 * gb, gb))
         side.now = where(same, -1.0, where(other, 1.0, last))
-        going.now = same | other
+        active.now = same | other
     return where(asks, hi.now, 0.0)
 
 
@@ -233,29 +233,29 @@ def _iterate(
 ) -> None:
     """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
     s, (be, ga) = group.state, ends
-    going, largest, moved = Cell(live), group.cell(0.0), group.cell(0.0)
-    for _ in while_any(lambda: going.now, at_most=MAX_SWEEPS):
+    active, largest, moved = Cell(live), group.cell(0.0), group.cell(0.0)
+    for _ in while_any(lambda: active.now, at_most=MAX_SWEEPS):
         most, change_most = group.cell(0.0), group.cell(0.0)
-        for contact in group.each_contact():
-            here = _active(contact, going.now)
-            with when_any(here):
+        for contact in group.iter_contacts():
+            pressing = _active(contact, active.now)
+            with when_any(pressing):
                 old = contact.force
-                new, change = update(contact, here)
-                most.now = where(here, maximum(most.now, size(new)), most.now)
-                change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
-                moves = here & ~(change == 0.0)
+                new, change = update(contact, pressing)
+                most.now = where(pressing, maximum(most.now, size(new)), most.now)
+                change_most.now = where(pressing, maximum(change_most.now, size(change)), change_most.now)
+                moves = pressing & ~(change == 0.0)
                 with when_any(moves):
                     contact.force = where(moves, new, old)
                     for first, floors, sign in _sides(contact):
                         push = (-share if sign < 0.0 else share) * change
-                        home, storeys = _whole(group, floors[0][0])
-                        for p in group.each(storeys):
+                        home, storeys = _moving_floors(group, floors[0][0])
+                        for p in group.indices(storeys):
                             a = push * s["response", first + p]
                             for name, x in (("a", a), ("u", be * a), ("v", ga * a)):
                                 s.put(moves, s[name, home + p] + x, name, home + p)
-        largest.now, moved.now = where(going.now, most.now, largest.now), where(going.now, change_most.now, moved.now)
-        going.now &= ~(change_most.now <= group.limit.swept * most.now)
-    s.put(going.now & (moved.now > group.limit.unswept * largest.now), 1.0, "unsolved")
+        largest.now, moved.now = where(active.now, most.now, largest.now), where(active.now, change_most.now, moved.now)
+        active.now &= ~(change_most.now <= group.limit.swept * most.now)
+    s.put(active.now & (moved.now > group.limit.unswept * largest.now), 1.0, "unsolved")
 
 
 def _active(contact: Contact, lanes: Any) -> Any:
@@ -267,15 +267,15 @@ def correct(group: Group, h: Any) -> None:
     """Find the contact forces at the end of the step and correct its end with them."""
     # floors at rest on each other accelerate as one
     s, spec, h = group.state, group.spec, group.full(h)
-    some = group.cell(False)
-    for contact in group.each_contact():
+    may_press = group.cell(False)
+    for contact in group.iter_contacts():
         contact.force = 0.0
-        some.now |= ~(contact.k_active == 0.0) if spec.located else contact.penetration() > 0.0
-    live = some.now & (h > 0.0)
+        may_press.now |= ~(contact.k_active == 0.0) if spec.located else contact.penetration() > 0.0
+    live = may_press.now & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
         share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), 1.0) if not spec.impulsive else 1.0
-        for contact in group.each_contact():
+        for contact in group.iter_contacts():
             with when_any(_active(contact, live)):
                 for first, floors, _ in _sides(contact):
                     _keep_compliance(group, first, floors, be, ga)
@@ -285,19 +285,19 @@ def correct(group: Group, h: Any) -> None:
             if not spec.located:
                 return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, v)
             pressed = law.closed_force(contact.k_active, contact.c_active, d, v)
-            return where(s["stiff"] > 0.0, held_force(contact, d), pressed) if law.shape.yields else pressed
+            return where(s["stiff"] > 0.0, force_at_end(contact, d), pressed) if law.shape.yields else pressed
 
-        def update(contact: Contact, here: Any) -> tuple[Any, Any]:
+        def update(contact: Contact, lanes: Any) -> tuple[Any, Any]:
             unit, old = group.full(0.0), contact.force  # relative acceleration for a unit force
             for first, floors, _ in _sides(contact):
                 for floor, part in floors:
-                    unit = unit + part_of(s["response", first + (floor - _whole(group, floor)[0])], part)
+                    unit = unit + part_of(s["response", first + (floor - _moving_floors(group, floor)[0])], part)
             if spec.impulsive:
                 change = contact.between("a") / unit
                 return old + change, change
             unit = unit * share
             d, v = contact.penetration() + be * unit * old, contact.between("v") + ga * unit * old
-            new = where(here, _solve(group, here, d, v, (be * unit, ga * unit), partial(force_of, contact)), old)
+            new = where(lanes, _solve(group, lanes, d, v, (be * unit, ga * unit), partial(force_of, contact)), old)
             return new, new - old
 
         _iterate(group, live, share, (be, ga), update)
@@ -363,7 +363,7 @@ class Newmark(Scheme):
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s, beta, gamma, h = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma"), group.full(h)
         be, gg, pu, pv = (beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma))
-        for part, moving in group.each_part(group.spec.whole):
+        for part, moving in group.iter_parts(group.spec.solves_row):
             before = u, v, a = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
             every = range(len(u))
             x, y = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every], [fma(pv, a[p], v[p]) for p in every]
@@ -383,15 +383,15 @@ class Newmark(Scheme):
         """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
         s = group.state
         h6 = s["h"] * (1.0 / 6.0)
-        for part, moving in group.each_part() if "energy" in group.asked else ():
+        for part, moving in group.iter_parts() if "energy" in group.requested else ():
             early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
             late = powers(group, part, [s["v", i] for i in moving], s["g1"])
             for (b, _), first, last in zip(part, early, late, strict=True):
                 for name, x0, x1 in zip(("e_in", "e_damp"), first, last, strict=True):
                     s[name, b] = fma(h6, 3.0 * (x0 + x1), s[name, b])
-        for storey in bouc_wen.each_storey(group) if "hysteretic" in group.asked else ():
-            bouc_wen.add_lost(storey)
-        if "links" in group.asked:
+        for storey in bouc_wen.iter_storeys(group) if "hysteretic" in group.requested else ():
+            bouc_wen.add_dissipated(storey)
+        if "links" in group.requested:
             links.add_powers(group, "u0", "v0", 3.0, first=True)
             links.add_powers(group, "u", "v", 3.0, first=False)
             links.record(group, h6)
@@ -407,7 +407,7 @@ class Newmark(Scheme):
                 return where(k == 0.0, 0.0, contact.law.pressing(k, contact.c_active, d, v))
 
             add_forces(group, "alone", force)
-        for i in group.each(group.spec.n_moving):
+        for i in group.indices(group.spec.n_moving):
             s.put(lanes, s["alone", i], "a", i)
 
     def soften(self, group: Group) -> None:
@@ -418,22 +418,22 @@ class Newmark(Scheme):
         closed = waits & is_closed(group)
         with when_any(closed):
             hard = Cell(closed & ~closed)
-            for contact in group.each_contact():
-                law, here = contact.law, closed & (contact.mode > OPEN)
+            for contact in group.iter_contacts():
+                law, lanes = contact.law, closed & (contact.mode > OPEN)
                 d, v = contact.penetration(), contact.between("v")
                 if law.shape.yields:
-                    set_plastic(contact, here & (contact.mode == REBOUND), d)
+                    set_plastic(contact, lanes & (contact.mode == REBOUND), d)
                 # the clip and the phase are those of the end, which `closed_force` knows
-                contact.put(here, k_active=contact.k_law, c_active=contact.c_law)
+                contact.put(lanes, k_active=contact.k_law, c_active=contact.c_law)
                 if law.shape.yields:
-                    stick(contact, here)
+                    stick(contact, lanes)
                 ahead = maximum(d + maximum(v, 0.0) * minimum(h, contact.duration), 0.0)
                 fastest = contact_rate(law, contact.k_active, contact.c_active, contact.reduced, ahead)
-                hard.now |= here & (h * fastest > STIFF_RATE)
+                hard.now |= lanes & (h * fastest > STIFF_RATE)
             stiff = hard.now
             s.put(stiff, 1.0, "stiff")
             soft = closed & ~stiff
-            for contact in group.each_contact():
+            for contact in group.iter_contacts():
                 slack, rebounds = soft & (contact.mode == SLACK), soft & (contact.mode == REBOUND)
                 contact.put(slack | rebounds, c_active=0.0)
                 contact.put(slack, k_active=0.0)
@@ -441,23 +441,23 @@ class Newmark(Scheme):
                     slip(contact, rebounds, contact.penetration())
             with when_any(stiff):
                 self.balance(group, stiff, end="0")
-                for i in group.each(group.spec.n_moving):
+                for i in group.indices(group.spec.n_moving):
                     s.put(stiff, s["a", i], "a0", i)
 
     def settle(self, group: Group, lanes: Any) -> None:
         """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
-        r, h = group.asked, group.state["h"]
-        for contact in group.each_contact():
-            law, here = contact.law, lanes & (contact.mode > OPEN)
+        r, h = group.requested, group.state["h"]
+        for contact in group.iter_contacts():
+            law, closed = contact.law, lanes & (contact.mode > OPEN)
             d, v, force = contact.penetration(), contact.between("v"), contact.force
             if "force" in r:
-                contact.put(here, fmax=maximum(contact.fmax, force))
+                contact.put(closed, fmax=maximum(contact.fmax, force))
             if "penetration" in r:
-                contact.put(here, dmax=maximum(contact.dmax, d))
+                contact.put(closed, dmax=maximum(contact.dmax, d))
             if "impulse" in r:
-                contact.put(here, impulse=contact.impulse + h * force)
+                contact.put(closed, impulse=contact.impulse + h * force)
             if "work" in r:
-                contact.put(here, work=contact.work + 0.5 * h * force * (contact.between("v0") + v))
+                contact.put(closed, work=contact.work + 0.5 * h * force * (contact.between("v0") + v))
             nears, parting = SIDES[law.shape.rebound_only]
             mode = where(d > 0.0, nears, OPEN)
             if law.shape.one_sided:
@@ -467,18 +467,18 @@ class Newmark(Scheme):
                 mode = where((d > 0.0) & slack, SLACK, mode)
             pressing = mode == PRESSING
             contact.put(
-                here,
+                closed,
                 k_active=where(pressing | (mode == REBOUND), contact.k_law, 0.0),
                 c_active=where(pressing, contact.c_law, 0.0),
             )
             if law.shape.yields:
-                mode = where(here & pressing, settle_yielding(contact, here & pressing, d, v), mode)
-            contact.put(here, mode=mode)
+                mode = where(closed & pressing, settle_yielding(contact, closed & pressing, d, v), mode)
+            contact.put(closed, mode=mode)
 
     def touch_miss(self, group: Group) -> Any:
         """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
         late = group.cell(0.0)
-        for contact in group.each_contact():
+        for contact in group.iter_contacts():
             nears = SIDES[contact.law.shape.rebound_only][0]
             d, v = contact.penetration(), contact.between("v")
             touches = (contact.mode == OPEN) & (contact.next == nears)

@@ -63,9 +63,9 @@ def largest_step(
         pulls = np.vstack([weights[floors], links[:, floors]]) / masses
         if building.foundation is not None:
             contact, *link = pulls.max(axis=1)
-            most, own_rate = np.square(variants.frequencies[index][:, -1]), _largest_rate(variants, index)
+            most, building_rate = np.square(variants.frequencies[index][:, -1]), _largest_rate(variants, index)
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
-            rate = np.maximum(rate, own_rate + (link[1] + contact_c * contact) / mass)
+            rate = np.maximum(rate, building_rate + (link[1] + contact_c * contact) / mass)
             continue
         rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
         dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
@@ -73,8 +73,8 @@ def largest_step(
         floors_of = np.unique(np.vstack([rows, dampers, pulls]).T, axis=0)
         # of those floors that no other one reaches in all columns
         most_of = [x for x in floors_of if (floors_of >= x).all(axis=1).sum() == 1]
-        for own, damper, contact, *link in most_of:
-            stiff = own / np.square(period)
+        for row_sum, damper, contact, *link in most_of:
+            stiff = row_sum / np.square(period)
             w2 = np.maximum(w2, stiff + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, a + b * stiff + damper / period + (link[1] + contact_c * contact) / mass)
     return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
@@ -87,8 +87,8 @@ def _largest_rate(variants: Variants, index: int) -> np.ndarray:
     root = 1.0 / np.sqrt(building.inertias)
     drifts, moved = building.drifts * root, building.deformations * root
     dashpots = np.asarray(building.dashpots or (0.0,) * building.n_storeys)
-    own = np.square(root[-2:]) * building.foundation.dashpots
-    other = (drifts.T * dashpots) @ drifts + np.diag([*[0.0] * building.n_storeys, *own])
+    base = np.square(root[-2:]) * building.foundation.dashpots
+    other = (drifts.T * dashpots) @ drifts + np.diag([*[0.0] * building.n_storeys, *base])
     parts = (moved.T * building.masses) @ moved, (drifts.T * building.lateral_stiffnesses) @ drifts, other
     mass, stiff, dashed = (float(np.linalg.eigvalsh(part)[-1]) for part in parts)
     return np.asarray(a * mass + b * stiff / np.square(period[:, index]) + dashed / period[:, index])
