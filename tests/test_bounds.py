@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
-import tracemalloc
 
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 from scenes import call
 
 from pounding_sweep.base import errors
@@ -21,7 +17,7 @@ from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.toml import MAX_DEPTH, load_spec, parse_bounded
+from pounding_sweep.spec.toml import load_spec
 
 SWEEP = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
 LINES = "two\nlines"
@@ -44,35 +40,7 @@ def refused(folder, text):
 # --- sweep files ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("part", ["a", "'a.b'", '"\\u0061.b"', "1"])
-@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "[[{}]]", "x = {{ {} = 1 }}", "x = 1\n  {} = 2"])
-def test_long_keys_are_refused_before_they_are_parsed(tmp_path, part, line):
-    """The parser takes the square of their parts in time and memory: 60 kB would take gigabytes."""
-    text = f'title = """\n""""\n{line.format(" . ".join([part] * 30_000))}\n'
-    tracemalloc.start()
-    assert "a key of more than 20 parts; those of sweep files have six at most" in refused(tmp_path, SWEEP + text)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 20 * len(text)
-
-
-TEXTS = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=8)
-
-
-LOOK_LONG = [
-    f"{'.'.join(['a'] * MAX_DEPTH)} = 1",
-    "[" + ".".join(["'a'"] * MAX_DEPTH) + "]",
-    "x = [1.5, 2.5, 1979-05-27T07:32:00.5, '1.2.3']",
-]
-
-
-@given(st.recursive(TEXTS | st.integers(0, 9), lambda inner: st.lists(inner, max_size=3), max_leaves=8))
-def test_any_toml_is_parsed_as_it_is(value):
-    for text in (f"x = {json.dumps(value, ensure_ascii=False)}", *LOOK_LONG):
-        assert parse_bounded(text) == tomllib.loads(text)
-
-
-@pytest.mark.parametrize("depth", [MAX_DEPTH, 500, 100_000])
+@pytest.mark.parametrize("depth", [20, 500, 100_000])
 @pytest.mark.parametrize("form", ["{}", "gaps = {}", "records = {}", "cases = [{}]", "building = {{ left = {} }}"])
 def test_deep_values_are_refused(tmp_path, depth, form):
     deep = "[" * depth + "]" * depth

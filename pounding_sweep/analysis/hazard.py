@@ -1,10 +1,8 @@
 """How often the ground motion at a site exceeds an intensity, and what that makes of a lognormal capacity.
 
-With P(x) the probability of an event at intensity x and X the intensity from which on it happens, the annual rate of
-the event is the integral of P(x) |d lambda(x)|; by parts, the mean of lambda(X). Where lambda is a power of x between
-two points, that mean has a closed form for a lognormal X, and its sum over the points no further error. For one power
-law k0 x^-kappa throughout it is k0 median^-kappa exp((kappa dispersion)^2 / 2) (Cornell, Jalayer, Hamburger & Foutch
-2002, "Probabilistic basis for 2000 SAC FEMA steel moment frame guidelines", J. Struct. Eng. 128(4), 526-533).
+The annual rate of an event that happens from intensity X on is the mean of the hazard lambda(X), in closed form for a
+lognormal X where lambda is a power of x between two points; of one power law k0 x^-kappa throughout it is
+k0 median^-kappa exp((kappa dispersion)^2 / 2) (Cornell, Jalayer, Hamburger & Foutch 2002, J. Struct. Eng. 128(4)).
 """
 
 from __future__ import annotations

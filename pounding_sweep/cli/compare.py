@@ -97,13 +97,12 @@ class CompareOptions:
         from pounding_sweep.output.netcdf import check_output
 
         keys = list(dict.fromkeys(self.what or COMPARISONS))
-        for kind, given, valid in (
-            ("comparison", keys, COMPARISONS),
-            ("axis to take together", self.over or [], MOTION_DIMS),
-        ):
-            for name in given:
-                if name not in valid:
-                    raise InputError(unknown(kind, name, valid))
+        for name in keys:
+            if name not in COMPARISONS:
+                raise InputError(unknown("comparison", name, COMPARISONS))
+        for name in self.over or ():
+            if name not in MOTION_DIMS:
+                raise InputError(unknown("axis to take together", name, MOTION_DIMS))
         options = {name: value for name, value in vars(self).items() if value not in (None, [])}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
         for name, value in arguments.items():
@@ -198,12 +197,12 @@ def _compare(
             raise
         return part | {"possible": False, "why_not": str(error)}
     quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
-    measured = {}
+    strength = None
     if options.intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
         strength = intensity_of(cube, options.intensity, folders=options.folders or None)
-        measured[f"{options.intensity} {strength.attrs['units']}"] = strength
+        strength = strength.squeeze(drop=True).rename(f"{options.intensity} {strength.attrs['units']}")
     part["attributes"] = {str(name): finite(plain(value)) for name, value in result.attrs.items()}
-    part["rows"] = table_rows(result, comparison, over=over, quantiles=quantiles, intensity=measured)
+    part["rows"] = table_rows(result, comparison, over=over, quantiles=quantiles, intensity=strength)
     part["lead"] = part["rows"] if what else table_rows(result, comparison, lead=True, over=over, quantiles=quantiles)
     if options.out is not None:
         part["files"] = _write(result, part["rows"], comparison.figure, options.out / key, options.overwrite)

@@ -7,7 +7,7 @@ a damper, ``v`` the rate of ``d`` (m/s):
 
 Both are text, compiled into the kernels, in the penetration ``d`` (m), its root ``r``, the contact stiffness ``k`` and
 the damping coefficient ``c`` of the contact; the slopes dE/dd and dB/dd stand beside them. The damping coefficient
-follows from the coefficient of restitution ``e`` through one dimensionless damping number per law, as published:
+follows from the coefficient of restitution ``e`` through one dimensionless damping number per law:
 
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)

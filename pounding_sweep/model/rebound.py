@@ -1,8 +1,7 @@
 """What restitution a contact law really gives, and the damping that gives exactly the one asked for.
 
-Two free masses meet with approach velocity v0 and part with e v0. The published damping formulas hold that e only
-roughly: at a nominal e = 0.6 ``hertz_damped`` parts them with 0.756 v0. The rebound itself has a closed form in the
-damping number of each law, its *relation*, which a law names in the registry:
+Two free masses meet with approach velocity v0 and part with e v0, which has a closed form in the damping number of each
+law, its *relation*, which a law names in the registry:
 
 ``dashpot_tension``
     A linear spring and dashpot of damping ratio z, parted at d = 0: e = exp(-pi z / sqrt(1 - z^2)).
@@ -10,27 +9,22 @@ damping number of each law, its *relation*, which a law names in the registry:
     The same, parted where the force becomes zero: e = G(z)^2, with
     G(z) = exp(-z acos(z) / sqrt(1 - z^2)), and acosh(z) / sqrt(z^2 - 1) for z > 1.
 ``dashpot_approach``
-    The dashpot acts on approach only: e = G(z). A dashpot 2 xi sqrt(k sqrt(d) m)
-    beside k d^1.5 is that linear one in the coordinate d^(5/4), with z = 2 xi / sqrt(5).
+    The dashpot acts on approach only: e = G(z). A dashpot 2 xi sqrt(k sqrt(d) m) beside k d^1.5 is that linear one in
+    the coordinate d^(5/4), with z = 2 xi / sqrt(5).
 ``both_phases``
     F = E(d) (1 + D v / v0), E any elastic force: D (1 + e) = ln((1 + D) / (1 - e D)).
-    This is the exact damping of a damper that is proportional to the force of any spring.
 ``approach``
     The same damper on approach only: e^2 = 2 (D - ln(1 + D)) / D^2.
 ``rebound``
     The same damper on rebound only: D^2 = -2 (e D + ln(1 - e D)).
-
 ``yielding``
     A spring that yields at the share a = 0.1 of the depth at which an elastic Hertz contact would turn, so stiff that
     at that depth it loses the share L of the energy: 1 - e^2 = B (x - a) / 0.4, x the depth at which it really turns,
     in parts of the same, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a).
 
-``both_phases``, ``approach`` and ``rebound`` follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
-the energy m v0^2 / 2 is stored in E at the deepest point; on the way back the damper
-has the sign of -e D, and what is stored is the share S(-e D) of m (e v0)^2 / 2.
-
-Everything is evaluated in logarithms, so that it stays exact to rounding near e = 1, where the damping number vanishes,
-and towards e = 0, where it grows without limit.
+Those of E follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of the energy m v0^2 / 2 is stored at
+the deepest point; on the way back the damper has the sign of -e D, and what is stored is the share S(-e D) of m (e
+v0)^2 / 2. Everything is evaluated in logarithms: exact to rounding near e = 1 and towards e = 0.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, T
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short, unknown
-from pounding_sweep.base.text import html_table, label_fault
+from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
@@ -434,13 +434,10 @@ def meetings(left: Building, right: Building, tolerance: float) -> tuple[list[tu
     for side, middles, elevations in ((0, z - 0.5 * d, y), (1, y - 0.5 * e, z)):
         levels = np.append(0.0, elevations)
         storeys = np.searchsorted(levels, middles) - 1
-        facing.append(
-            [
-                Facing(s, storey, float((middles[s] - levels[storey]) / (levels[storey + 1] - levels[storey])))
-                for s, storey in enumerate(storeys.tolist())
-                if s not in level[:, side] and storey < len(elevations)
-            ]
-        )
+        floors = np.setdiff1d(np.flatnonzero(storeys < len(elevations)), level[:, side])
+        below = storeys[floors]
+        xi = (middles[floors] - levels[below]) / np.diff(levels)[below]
+        facing.append(list(map(Facing, floors.tolist(), below.tolist(), xi.tolist())))
     return [(int(s), int(t)) for s, t in level], facing
 
 
@@ -653,39 +650,20 @@ CONTACTS = ("floors", "floors and columns")
 
 @dataclass(frozen=True)
 class Contact:
-    """Two floors that can meet, or a floor and columns of its neighbour.
+    """Two floors that can meet, or a floor and columns of its neighbour."""
 
-    Attributes
-    ----------
-    pair : int
-        Index of the pair of neighbours.
-    storey : int
-        Storey label (1 at the bottom) in results: the left building's, or the
-        right one's where the left neighbour is a wall; of columns, that of the floor that strikes them.
-    left, right : int
-        Degree of freedom of the floor, numbered building by building; -1 for a wall; of columns, the floor above them.
-    mass : float
-        Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall. Of a floor and columns,
-        1 / (1 / m + N1^2 / m_below + N2^2 / m_above).
-    place : int
-        Index of its label along ``pair`` in results, see `Scene.pair_labels`.
-    struck : int
-        Side whose columns are struck, 0 the left, 1 the right; -1 where floors meet.
-    xi : float
-        Height of the struck point above the storey's lower floor, over the storey's height.
-    below : int
-        Degree of freedom of that lower floor; -1 for the ground.
-    """
-
-    pair: int
+    pair: int  # index of the pair of neighbours
+    #: label (1 at the bottom) in results: the left building's, or the right one's where the left neighbour is a wall;
+    #: of columns, that of the floor that strikes them
     storey: int
+    #: degrees of freedom of floors, numbered building by building; -1 for a wall; of columns, the floor above them
     left: int
     right: int
-    mass: float = math.nan
-    place: int = 0
-    struck: int = -1
-    xi: float = 1.0
-    below: int = -1
+    mass: float = math.nan  # effective mass (t), see `effective_mass`
+    place: int = 0  # index of its label along ``pair`` in results, see `Scene.pair_labels`
+    struck: int = -1  # side whose columns are struck, 0 the left, 1 the right; -1 where floors meet
+    xi: float = 1.0  # height of the struck point above the storey's lower floor, over the storey's height
+    below: int = -1  # degree of freedom of that lower floor; -1 for the ground
 
     @property
     def ends(self) -> tuple[tuple[int, float], ...]:
@@ -984,16 +962,6 @@ class Scene:
                 struck.append(Contact(pair, f.floor + 1, first, second, struck=1 - side, xi=f.xi, below=below))
             groups.append((f"{name} columns of {(right, left)[side].name}", struck))
         return groups
-
-    def _repr_html_(self) -> str:
-        rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]
-        for item, gap in zip(self.row, gaps, strict=True):
-            if isinstance(item, Wall):
-                rows.append((item.name, "wall", "", "", gap))
-            else:
-                about = str(item.n_storeys), f"{sum(item.masses):.4g}", f"{item.periods[0]:.4g}"
-                rows.append((item.name, *about, gap))
-        return html_table(rows, ("", "storeys", "mass (t)", "first period (s)", "gap to the right (mm)"))
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""

@@ -1,21 +1,16 @@
-"""Building properties that vary from scenario to scenario: a scene and factors on it.
+"""Building properties that vary from scenario to scenario: a scene and factors on it, which keep mode shapes.
 
-None of the factors changes the shape of a mode, so that everything a scenario needs of its buildings follows from the
-scene's own numbers by multiplication, for any number of scenarios at once:
-
-- a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
-  with P-Delta it is what weights leave of the stiffnesses that is divided;
+- a period factor f multiplies all periods of a building: stiffnesses / f**2 (with P-Delta what weights leave of them),
+  dashpots / f, masses and strengths kept;
 - a mass factor multiplies its masses, stiffnesses, dashpots and strengths; both apply to its foundation too;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building, a hardening replaces that of all its storeys.
 
-Dashpots and links couple modes. What moves as one has the state x = (Omega y, y') in the coordinates y of its undamped
-modes, of which x'x / 2 is the energy, and x' = A x - b ag. A pair z1, z2 of A's modes, conjugate or both real, with
-z' = lambda z - Gamma ag, moves like one classical mode: for q = t1 z1 + t2 z2 with t1 Gamma1 + t2 Gamma2 = 0
+What dashpots and links couple has the state x = (Omega y, y') in the coordinates y of its undamped modes, and x' = A x
+- b ag. A pair z1, z2 of A's modes, conjugate or both real, with z' = lambda z - Gamma ag, moves like one classical
+mode: for q = t1 z1 + t2 z2 with t1 Gamma1 + t2 Gamma2 = 0
 
     q' = p,    p' = -w**2 q - c p - push ag,    w**2 = lambda1 lambda2,  c = -(lambda1 + lambda2).
-
-What sets it apart is that displacements follow from q and p, and q from displacements and velocities.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import contextlib
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -57,35 +57,6 @@ def sweep_file_hint(path: str) -> str:
     return f"; {near}" if near else "; `pounding-sweep init --list` shows the examples to begin with"
 
 
-#: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
-MAX_FILE_BYTES = 64 * 2**20
-#: Longer dotted keys are refused: those of sweep files have six parts at most.
-MAX_DEPTH = 20
-
-_STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''
-_PART = rf"(?:[A-Za-z0-9_-]+|{_STRING})"
-#: A key of too many parts, of which the parser takes the square in time and memory.
-_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}}")
-#: What files are made of, but for comments and blanks: strings, signs, ends of lines, and words.
-_LEXEME = re.compile(
-    rf"""#[^\n]*|(?P<token>\"{{3}}(?:\\.|[^\\])*?\"{{3,5}}|'{{3}}.*?'{{3,5}}|{_STRING}|[][{{}}=,.\n]|[^][{{}}=,.\s"'#]+)""",
-    re.DOTALL,
-)
-
-
-def parse_bounded(text: str) -> dict[str, Any]:
-    """Parse TOML whose keys have at most `MAX_DEPTH` parts."""
-    if key := _LONG_KEY.search(text):
-        raise ValueError(
-            f"line {text.count(chr(10), 0, key.start()) + 1}: a key of more than {MAX_DEPTH} parts; those of sweep "
-            "files have six at most"
-        )
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError("its arrays are too deep; those of sweep files have two levels at most") from None
-
-
 #: A backslash in a text of double quotes, as in paths of Windows.
 _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
@@ -103,72 +74,33 @@ def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepE
     return sweep_error([f"{place}: no valid TOML: {fault[:1].lower()}{fault[1:]}"])
 
 
-def key_lines(text: str) -> dict[Place, int]:
-    r"""Find the line of every key, table and array element of valid TOML; it stops at what it does not follow."""
-    lines: dict[Place, int] = {}
-    counts: dict[Place, int] = {}  # elements of arrays of tables
-    ends = [match.start() for match in re.finditer("\n", text)]
-    lexemes = [match for match in _LEXEME.finditer(text) if match["token"]]
-    tokens = [(match["token"], bisect.bisect_left(ends, match.start()) + 1) for match in reversed(lexemes)]
+def line_finder(text: str) -> Callable[[Place], int]:
+    """Return what finds the line of a place in valid TOML, or of the nearest table or array around it; else 1."""
+    lines = text.split("\n")
 
-    def key(place: Place, several: bool = False) -> Place:
-        """Read a key of several parts, of a table or a value."""
-        line, more = tokens[-1][1], True
-        while more:
-            part = tokens.pop()[0]
-            place = (*place, part[1:-1] if part[0] in "\"'" else part)
-            lines.setdefault(place, line)
-            more = bool(tokens) and tokens[-1][0] == "."
-            if several and not more:
-                counts[place] = counts.get(place, -1) + 1
-            if place in counts and (several or more):
-                place = (*place, counts[place])
-                lines.setdefault(place, line)
-            if more:
-                tokens.pop()
-        return place
+    @cache
+    def head(count: int) -> Any:
+        """Parse the first lines, with an array or a text closed that goes on after them."""
+        for closing in ("", "]", "]]", '"""', "'''"):
+            with contextlib.suppress(tomllib.TOMLDecodeError):
+                return tomllib.loads("\n".join([*lines[:count], closing]))
+        return {}
 
-    def value(place: Place) -> None:
-        """Read a value, and all that it holds."""
-        opening, index = tokens.pop()[0], 0
-        while opening in ("[", "{"):
-            if (sign := tokens[-1][0]) in ("\n", ","):
-                tokens.pop()
-            elif sign in ("]", "}"):
-                tokens.pop()
-                return
-            elif opening == "{":
-                pair(place)
-            else:
-                lines.setdefault((*place, index), tokens[-1][1])
-                value((*place, index))
-                index += 1
-        while tokens and tokens[-1][0] not in ("\n", ",", "]", "}"):
-            tokens.pop()
+    def depth(count: int, place: Place) -> int:
+        """Count the parts of a place that the first lines hold."""
+        value = head(count)
+        for number, part in enumerate(place):
+            try:
+                value = value[part]
+            except (KeyError, IndexError, TypeError):
+                return number
+        return len(place)
 
-    def pair(table: Place) -> None:
-        place = key(table)
-        tokens.pop()
-        value(place)
+    def line(place: Place) -> int:
+        counts = range(len(lines))
+        return bisect.bisect_left(counts, depth(len(lines), place), key=lambda count: depth(count, place)) or 1
 
-    table: Place = ()
-    with contextlib.suppress(IndexError, RecursionError):
-        while tokens:
-            if tokens[-1][0] == "\n":
-                tokens.pop()
-            elif tokens[-1][0] != "[":
-                pair(table)
-            else:
-                several = tokens[-2][0] == "["
-                del tokens[-1 - several :]
-                table = key((), several)
-                del tokens[-1 - several :]
-    return lines
-
-
-def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
-    """Line of a place, or of the nearest table or array around it; None if none is known."""
-    return next((lines[place[:end]] for end in range(len(place), 0, -1) if place[:end] in lines), None)
+    return line
 
 
 #: Tables of a file that hold arguments of `build_spec`: key -> argument.
@@ -228,45 +160,45 @@ def load_spec(
     laws: Sequence[str | Law] | None = None,
 ) -> SweepSpec:
     """Read a sweep file; `laws` take the place of those in it."""
-    named = os.fspath(path)
+    name = os.fspath(path)
     try:
         file = expanded(path)
         if file.exists() and not (file.is_file() or file.is_dir()):  # opening a pipe would wait, a device may never end
             raise ValueError("not a regular file; save the sweep to a file first")
-        if (size := file.stat().st_size) > MAX_FILE_BYTES:
-            raise ValueError(f"it has {size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
         text = file.read_text("utf-8-sig")  # editors on Windows put a mark first
     except UnicodeDecodeError as error:
         raise sweep_error(
-            [f"{named}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"]
+            [f"{name}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"]
         ) from None
     except (OSError, ValueError) as error:
-        hint = sweep_file_hint(named) if isinstance(error, FileNotFoundError) else ""
+        hint = sweep_file_hint(name) if isinstance(error, FileNotFoundError) else ""
         why = getattr(error, "strerror", None) or error
-        raise sweep_error([f"{named}: the sweep file can't be read: {why}{hint}"]) from None
+        raise sweep_error([f"{name}: the sweep file can't be read: {why}{hint}"]) from None
     try:
-        data = parse_bounded(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise syntax_error(named, text, error) from None
-    except ValueError as error:  # a number of thousands of digits, a key or brackets without end
-        raise sweep_error([f"{named}: no usable TOML: {error}"]) from None
+        raise syntax_error(name, text, error) from None
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without end
+        deep = "its arrays are too deep; those of sweep files have two levels at most"
+        why = deep if isinstance(error, RecursionError) else error
+        raise sweep_error([f"{name}: no usable TOML: {why}"]) from None
     faults = Faults()
     arguments = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
     arguments |= {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
-    spec, problems_of_sweep = read_sweep(arguments)
+    spec, sweep_faults = read_sweep(arguments)
     wrong = [place for place, _ in faults.entries]
-    for (argument, *inner), message in [(place or ("sweep",), message) for place, message in problems_of_sweep]:
+    for (argument, *inner), message in [(place or ("sweep",), message) for place, message in sweep_faults]:
         place = (*_PLACES.get(argument, (argument,)), *inner)
         if not any(place[: len(parent)] == parent for parent in wrong):  # its parts are not reported again
             faults.add(place, message)
     if spec is not None and not faults.entries:
         return spec
-    lines = key_lines(text)
-    placed = sorted(
-        ((line_of(lines, place) or 1, place, message) for place, message in faults.entries), key=lambda it: it[0]
-    )
+    line = line_finder(text)
     problems = []
-    for line, place, message in placed:
+    entries = [(line(place), place, message) for place, message in faults.entries]
+    for number, place, message in sorted(entries, key=lambda entry: entry[0]):
         home = next((f"; it belongs in {home}" for home, keys in _HOMES.items() if str(place[-1]) in keys), "")
-        problems.append(f"{named}:{line}: {spell(place)}: {message}{home if message.startswith('unknown key') else ''}")
-    raise sweep_error(problems, named)
+        problems.append(
+            f"{name}:{number}: {spell(place)}: {message}{home if message.startswith('unknown key') else ''}"
+        )
+    raise sweep_error(problems, name)

@@ -287,11 +287,11 @@ def table_rows(
     lead: bool = False,
     over: Collection[str] = (),
     quantiles: Sequence[float] | None = None,
-    intensity: Mapping[str, xr.DataArray] | None = None,
+    intensity: xr.DataArray | None = None,
 ) -> list[Row]:
     """Return the table of a comparison: its own, else a row per variable and columns, with what its values are of."""
     # records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too. Rows of
-    # one motion each have its `intensity`, by the heading of its column
+    # one motion each have its `intensity`, in a column of its name
     import xarray as xr
 
     from pounding_sweep.analysis.scenarios import fractiles_over, law_keys, of_law
@@ -322,14 +322,14 @@ def table_rows(
             never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
             table["never touches"] = never.sum(pooled).astype(int)
         about = {"variable": name, "units": str(result[name].attrs.get("units", "")), **dict.fromkeys(used), **law}
+        if intensity is not None:
+            about[str(intensity.name)] = None
+            if {*intensity.dims} <= {*columns}:
+                table[intensity.name] = intensity
         pooled_text = over_text({dim: variable.sizes[dim] for dim in pooled})
         for row in plain_rows(table.transpose(*columns)):
-            measured: Row = {}
-            for heading, strength in (intensity or {}).items():
-                at = {dim: row.get(str(dim)) for dim in strength.dims if strength.sizes[dim] > 1}
-                measured[heading] = None if None in at.values() else strength.sel(at).item()
             if row["values"] or row.get("never touches"):
-                rows.append({**about, **measured, **row, "over": pooled_text})
+                rows.append({**about, **row, "over": pooled_text})
     return rows
 
 

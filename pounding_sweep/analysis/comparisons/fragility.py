@@ -1,11 +1,8 @@
 """Fragility: the probability that something happens, against the intensity of the ground motion, as a lognormal.
 
-P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood of independent trials that happened or not (Baker
-2015, "Efficient analytical fragility function fitting using dynamic structural analysis", Earthquake Spectra 31(1)). In
-a + b ln x = ln(x / median) / dispersion the likelihood is log-concave, so that there is one maximum, or none at any
-finite value: those cases are told beforehand. Curves of several gaps or limit states may share one dispersion, and then
-never cross (Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of fragility curves", J. Eng. Mech. 126(12),
-1224-1231).
+P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood (Baker 2015, Earthquake Spectra 31(1)): in a + b
+ln x the likelihood is log-concave, with one maximum or none at any finite value. Curves may share one dispersion, and
+then never cross (Shinozuka, Feng, Lee & Naganuma 2000, J. Eng. Mech. 126(12)).
 """
 
 from __future__ import annotations
@@ -155,10 +152,11 @@ def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Lognorma
     *offsets, b = (float(p) for p in solution.x)
     fits = []
     for (x, _), a in zip(trials, offsets, strict=True):
-        log_median = middle - spread * a / b if b > 0.0 else math.inf
+        log_median = middle - spread * a / b if spread <= WIDEST * b else math.inf
         inside = np.log(x.min() / FARTHEST) <= log_median <= np.log(x.max() * FARTHEST)
-        fitted = inside and spread <= WIDEST * b
-        fits.append(LognormalFit(*((FitStatus.FITTED, log_median, spread / b) if fitted else (FitStatus.NOT_RISING,))))
+        fits.append(
+            LognormalFit(FitStatus.FITTED, log_median, spread / b) if inside else LognormalFit(FitStatus.NOT_RISING)
+        )
     return fits
 
 
@@ -256,10 +254,10 @@ def fragility(
     -------
     xarray.Dataset
         On the cube's other axes (without the law "none" where the event is a pair's) and ``pair`` or ``building``:
-        ``fit_status``; ``median`` (in the intensity's unit) and ``dispersion`` of the lognormal; their intervals on
-        ``bound``; ``median_between`` (bound) where there is no fit; ``trials``, ``happened_count`` and ``left_out``
-        (scenarios that are not ok); ``fractile`` (quantile), the intensities at the `quantiles`. On ``intensity``:
-        ``probability`` and ``probability_interval`` (bound). Trial by trial: ``happened`` and ``trial_intensity``.
+        ``fit_status``; ``median`` (in the intensity's unit) and ``dispersion``, with intervals on ``bound``;
+        ``median_between`` (bound) without a fit; ``trials``, ``happened_count`` and ``left_out`` (not ok); ``fractile``
+        (quantile), intensities at the `quantiles`; on ``intensity`` ``probability`` and ``probability_interval``; trial
+        by trial ``happened`` and ``trial_intensity``.
 
     Raises
     ------
@@ -268,9 +266,8 @@ def fragility(
 
     Notes
     -----
-    Intervals come from leaving out one record after the other with all its trials (see `jackknife`): trials of one
-    record at many scales are not independent. They are missing where there is one record only, or where the others have
-    no fit without one of them. How often they hold the true values is measured: see the page on comparisons.
+    Intervals come from leaving out one record after the other with all its trials (see `jackknife`), and are missing of
+    one record, or where the others have no fit without one of them.
 
     Examples
     --------
@@ -316,14 +313,14 @@ def fragility(
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
-    known: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
+    cache: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
 
     def fit(tables: np.ndarray) -> tuple[np.ndarray, ...]:
         key, sizes = tables.tobytes(), tables.shape[: len(one_dispersion)]
-        if key not in known:
+        if key not in cache:
             parts = zip(*_fits(tables.reshape(-1, *x.shape), x, at, confidence), strict=True)
-            known[key] = tuple(np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts)
-        return known[key]
+            cache[key] = tuple(np.reshape(part, (*sizes, *np.shape(part)[1:])) for part in parts)
+        return cache[key]
 
     parts = xr.apply_ufunc(
         fit,
@@ -391,28 +388,25 @@ def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float |
     """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
     from scipy.special import ndtr
 
-    known = np.isfinite(tables)
+    finite = np.isfinite(tables)
 
     def fits(records: np.ndarray) -> list[LognormalFit]:
-        return fit_lognormals(
-            [(x[part], table[part] > 0.0) for table, part in zip(tables, known & records, strict=True)]
-        )
+        parts = zip(tables, finite & records, strict=True)
+        return fit_lognormals([(x[part], table[part] > 0.0) for table, part in parts])
 
-    whole = fits(np.array(True))
-    tried = known.any(axis=2)  # whether a curve has trials of a record
+    result = fits(np.array(True))
+    tried = finite.any(axis=2)  # whether a curve has trials of a record
     without = {}
-    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in whole):
-        without = {one: fits(np.arange(len(x))[:, None] != one) for one in np.flatnonzero(tried.any(axis=0))}
+    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in result):
+        without = {record: fits(np.arange(len(x))[:, None] != record) for record in np.flatnonzero(tried.any(axis=0))}
     rows = []
-    for number, (table, fit) in enumerate(zip(tables, whole, strict=True)):
+    for number, (table, fit) in enumerate(zip(tables, result, strict=True)):
         fitted = fit.status == FitStatus.FITTED
-        others = [without[one][number] for one in np.flatnonzero(tried[number]) if without and fitted]
-        median, dispersion, band = jackknife(fit, others, at, confidence or np.nan)
+        others = [without[record][number] for record in np.flatnonzero(tried[number]) if without and fitted]
+        intervals = jackknife(fit, others, at, confidence or np.nan)
         values = (np.exp(fit.log_median), fit.dispersion) if fitted else (np.nan, np.nan)
-        counts = known[number].sum(), (table > 0.0).sum()
-        curve = ndtr(np.log(at / values[0]) / values[1])
-        between = [fit.low, fit.high]
-        rows.append((np.int8(fit.status), *values, median, dispersion, between, *counts, curve, band))
+        counts, curve = (finite[number].sum(), (table > 0.0).sum()), ndtr(np.log(at / values[0]) / values[1])
+        rows.append((np.int8(fit.status), *values, *intervals[:2], fit[3:], *counts, curve, intervals[2]))
     return rows
 
 

@@ -1,9 +1,8 @@
 """The gap that each pair needs: exactly, by separation rules, and so that it touches with a given probability.
 
-As long as nothing touches, buildings don't know of each other, and floors of a pair meet where u_left - u_right of the
-run without pounding reaches the gap; it grows in proportion to the intensity that a record is scaled to. Rules take the
-largest absolute displacements of the two floors by the linear run of each building alone, divided by no behaviour
-factor. Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
+Floors of a pair meet where u_left - u_right of the run without pounding reaches the gap; it grows in proportion to the
+intensity that a record is scaled to. Rules take the largest absolute displacements of the two floors by the linear run
+of each building alone. Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
 """
 
 from __future__ import annotations
@@ -192,11 +191,11 @@ def required_gap(
 
     Notes
     -----
-    The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, the
-    buildings move otherwise, and this pair may touch at a larger gap. The gap of a pair must be that of all its labels:
-    where a floor stands before columns ("a-b columns of b"), it is looked at whatever the row's ``contacts``. The point
-    that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.scene.column_shares`); the rules take its
-    largest displacement from those of its floors in the same shares, which is never less than its own.
+    The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, this
+    one may touch at a larger gap. The gap of a pair must be that of all its labels ("a-b columns of b"), whatever the
+    row's ``contacts``. A struck point moves by N1 u_below + N2 u_above (see
+    `pounding_sweep.model.scene.column_shares`); the rules take its largest displacement from those of its floors in
+    the same shares.
 
     Examples
     --------
@@ -243,14 +242,13 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
     # at each side of what could meet: the shares of the floors that it moves with, those beside struck columns
     moves, thickness = np.zeros((2, *shape, scene.n_dof)), np.zeros(shape)
     for contact, thick in zip(scene.contacts, scene.thicknesses(), strict=True):
-        place = contact.place, contact.storey - 1
-        thickness[place] = thick
+        at = contact.place, contact.storey - 1
+        thickness[at] = thick
         for dof, share in contact.ends:
-            moves[int(share < 0.0), *place, dof] += abs(share)
-    building = np.searchsorted(scene.offsets, np.arange(scene.n_dof), side="right") - 1
-    storey = np.arange(scene.n_dof) - np.array(scene.offsets)[building]
-    of_dof = {"building": xr.DataArray(building, dims="dof"), "storey": xr.DataArray(storey, dims="dof")}
-    peaks = peak_displacement(runs).isel(of_dof).reset_coords(drop=True)
+            moves[int(share < 0.0), *at, dof] += abs(share)
+    of_dof = [(b, storey) for b, item in enumerate(scene.buildings) for storey in range(item.n_storeys)]
+    building, storey = (xr.DataArray(list(numbers), dims="dof") for numbers in zip(*of_dof, strict=True))
+    peaks = peak_displacement(runs).isel(building=building, storey=storey).reset_coords(drop=True)
     meets = xr.DataArray(moves.any((0, 3)), floors, ("pair", "storey"))
     left, right = (xr.dot(xr.DataArray(side, floors, ("pair", "storey", "dof")), peaks).where(meets) for side in moves)
     result = {"left": left, "right": right, "thickness": meets.copy(data=thickness)}
@@ -265,11 +263,12 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
         for name, part in properties.items():
             result[f"{name}_{end}"] = part.isel(building=side).where(side >= 0, 1.0).reset_coords(drop=True)
     two = (sides[0] >= 0) & (sides[1] >= 0)
-    level = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(row) - 1)
-    lowest = [
-        min(item.n_storeys for item in scene.row[i : i + 2] if isinstance(item, Building)) for i in range(len(level))
+    level = [
+        sum(contact.pair == pair and contact.struck < 0 for contact in scene.contacts)
+        == min(item.n_storeys for item in scene.row[pair : pair + 2] if isinstance(item, Building))
+        for pair in scene.pair_of_label
     ]
-    result["level"] = two & (level == lowest)[list(scene.pair_of_label)]
+    result["level"] = two & level
     correlation = cqc_correlation(*(result[f"{name}_{end}"] for name in modes for end in ("left", "right")))
     result["correlation"] = correlation.where(two, 0.0).transpose("pair", ...)
     return xr.Dataset(result)
@@ -375,14 +374,13 @@ def gap_for_probability(
         On ``probability``, ``pair``, ``intensity`` where there is one (else ``scale``), and building properties where
         the cube has them, all in m: ``gap`` by a lognormal distribution of the records' exact required gaps;
         ``gap_lower`` and ``gap_upper``, its confidence interval; ``gap_observed``, the fractile of the required gaps
-        themselves, missing where there are too few records for it. Beside them ``median`` (m) and ``dispersion`` of the
-        lognormal, ``records``, how many count, and ``never``, under how many of these the pair never touches. With a
-        hazard ``gap_in_years`` (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so
-        on), how often a year the pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate
-        from intensities that the hazard does not tell. ``trial_gap`` are the required gaps, ``curve_...`` the same
-        numbers along ``curve``. Directions of the ground motion are apart where the cube has scales of both signs.
-        Missing with fewer than two records that count, and, but for what is observed, where a pair never touches under
-        one of them.
+        themselves, missing of too few records. Beside them ``median`` (m) and ``dispersion`` of the lognormal,
+        ``records`` that count, and ``never``, those under which the pair never touches. With a hazard ``gap_in_years``
+        (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so on), how often a year the
+        pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate from intensities beyond the
+        hazard's. ``trial_gap`` are the required gaps, ``curve_...`` the same numbers along ``curve``. Scales of both
+        signs are apart along ``direction``. Missing with fewer than two records that count, and, but for what is
+        observed, where a pair never touches under one of them.
 
     Raises
     ------
@@ -465,11 +463,11 @@ def gap_for_probability(
     n = len(probabilities)
     for stem, parts in numbers.items():
         for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=True):
-            text = f"{_MEANINGS[stem]}, {_ENDS[end]}"
-            name, whole = f"{stem}{end}", described(part, "year-1" if stem == "rate" else "m", text)
+            name, units = f"{stem}{end}", "year-1" if stem == "rate" else "m"
+            array = described(part, units, f"{_MEANINGS[stem]}, {_ENDS[end]}")
             if stem != "rate" and name != "gap_observed":
-                variables[f"curve_{name}"] = whole.isel(probability=slice(n, None)).rename(probability="curve")
-            variables[name] = whole.isel({"probability": slice(n)}, missing_dims="ignore")
+                variables[f"curve_{name}"] = array.isel(probability=slice(n, None)).rename(probability="curve")
+            variables[name] = array.isel({"probability": slice(n)}, missing_dims="ignore")
     shares = {"probability": probabilities, "curve": curve}
     coords = {dim: labelled(dim, part, "probability that the pair touches", "1") for dim, part in shares.items()}
     return xr.Dataset(variables, coords, attributes)
@@ -491,24 +489,17 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
     dim = next((dim for dim in DIMENSIONS["scale"] if dim in ratio.dims), None)
     if dim is None:
         return ratio
-    parts = {}
-    for text, sign in (("as recorded", 1.0), ("reversed", -1.0)):
-        places = np.flatnonzero(sign * ratio[dim].values > 0.0)
-        if not places.size:
-            continue
-        part = ratio.isel({dim: places})
-        wrong = part.max(dim) - part.min(dim) > PROPORTIONAL * part.max(dim)
-        if wrong.any():
-            name = str(wrong["record"][wrong.any([dim for dim in wrong.dims if dim != "record"])].values[0])
-            raise InputError(
-                f"required gaps of record {name!r} do not grow in "
-                "proportion to its scale, so that those at other intensities can't be told; leave the intensity out, "
-                "for gaps at each scale of the cube"
-            )
-        parts[text] = part.mean(dim)
-    if len(parts) == 1:
-        return next(iter(parts.values()))
-    return xr.concat(list(parts.values()), labelled("direction", parts, "ground motion"))
+    ways = {"as recorded": ratio[dim] > 0.0, "reversed": ratio[dim] < 0.0}
+    names = [name for name, way in ways.items() if way.any()]
+    parts = xr.concat([ratio.where(ways[name]) for name in names], labelled("direction", names, "ground motion"))
+    wrong = parts.max(dim) - parts.min(dim) > PROPORTIONAL * parts.max(dim)
+    if wrong.any():
+        record = str(wrong["record"][wrong.any([dim for dim in wrong.dims if dim != "record"])].values[0])
+        raise InputError(
+            f"required gaps of record {record!r} do not grow in proportion to its scale, so that those at other "
+            "intensities can't be told; leave the intensity out, for gaps at each scale of the cube"
+        )
+    return parts.mean(dim).squeeze("direction", drop=True) if len(names) == 1 else parts.mean(dim)
 
 
 @lru_cache
