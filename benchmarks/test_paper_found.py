@@ -24,7 +24,7 @@ from benchmarks.paper_found.search import (
     search,
 )
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.paper.published import READINGS, RECORDS, published
+from pounding_sweep.paper.study import READINGS, RECORDS, published
 
 
 def test_the_paper_is_no_way_from_itself():

@@ -10,8 +10,17 @@ import xarray as xr
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.model.laws import MATE2015_MODELS
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.paper.published import BUILDINGS, OUTPUTS, PAIRS, READINGS, STOREYS, sweep_of
-from pounding_sweep.paper.study import HERTZ_LAWS, STEP_OUTPUTS, Study
+from pounding_sweep.paper.study import (
+    BUILDINGS,
+    HERTZ_LAWS,
+    OUTPUTS,
+    PAIRS,
+    READINGS,
+    STEP_OUTPUTS,
+    STOREYS,
+    Study,
+    sweep_of,
+)
 from pounding_sweep.records import find_record, records_dataset
 from pounding_sweep.spec.spec import to_json
 

@@ -21,9 +21,18 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper import compare
 from pounding_sweep.paper.compare import Judgement, Outcome, Verdict, judge, side_by_side
-from pounding_sweep.paper.published import READINGS, RECORDS, TABLES, paper_records, published, sweep_of
 from pounding_sweep.paper.report import agreement, step_grid, table_grid
-from pounding_sweep.paper.study import force_fit, largest_steps, study
+from pounding_sweep.paper.study import (
+    READINGS,
+    RECORDS,
+    TABLES,
+    force_fit,
+    largest_steps,
+    paper_records,
+    published,
+    study,
+    sweep_of,
+)
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
 HOLDS, PARTLY, FAILS, UNTESTED = Verdict

@@ -19,9 +19,8 @@ from scenes import call
 import pounding_sweep as ps
 from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.paper.figures import PAPER_FIGURES, save_figures
-from pounding_sweep.paper.published import READINGS, sweep_of
 from pounding_sweep.paper.report import contents_of, summary, write_report
-from pounding_sweep.paper.study import INTERVAL, scenario, thin_out
+from pounding_sweep.paper.study import INTERVAL, READINGS, scenario, sweep_of, thin_out
 
 #: Eight bytes that begin every PNG file.
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.paper.published import published
+from pounding_sweep.paper.study import published
 
 #: Digits of the tables: a unit of displacement (m), of force (kN) and of a number of impacts.
 UNITS = {"displacement": 1e-3, "force": 1.0, "contacts": 1.0, "samples": 1.0}

@@ -93,7 +93,7 @@ class Kind:
 @cache
 def _figures() -> dict[str, Kind]:
     """Return all figures by name, in alphabetical order: modules of the gallery register theirs."""
-    for module in ("cubes", "scenario", "spectra", "studies"):
+    for module in ("cubes", "scenario", "spectra"):
         import_module(f"pounding_sweep.figures.gallery.{module}")
     return dict(sorted(_FIGURES.items()))
 

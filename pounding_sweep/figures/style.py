@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
+from itertools import chain
 from textwrap import fill
 from typing import Any
 
@@ -84,10 +85,10 @@ def subplots(
 
 
 def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> Any:
-    """Write labels at the edges of panels, a legend of so many columns below them, and the parts of a title."""
+    """Write labels at the edges of panels, a legend in `legend` columns below them, and the parts of a title."""
     label_edges(axes, x, rows)
     if legend:
-        legend_below(figure, axes[0, 0], legend)
+        legend_below(figure, axes[0], legend)
     return put_title(figure, *title)
 
 
@@ -99,15 +100,16 @@ def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
         ax.set_ylabel(label)
 
 
-def legend_below(figure: Any, ax: Any, most: int = 3) -> None:
-    """Put a legend of the lines of one panel below all, in as many columns as fit the figure, `most` at most."""
-    handles, labels = ax.get_legend_handles_labels()
-    if figure is ax and labels:
-        ax.legend(handles, labels)
-    elif labels:
-        entry = 0.6 + 0.07 * max(map(len, labels))  # width in inches: line, name, space
-        columns = max(1, min(most, len(labels), int(figure.get_figwidth() / entry)))
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+def legend_below(figure: Any, panels: Iterable[Any], most: int = 3) -> None:
+    """Put a legend of some panels below all, each label once, in as many columns as fit the figure, `most` at most."""
+    pairs = (zip(*ax.get_legend_handles_labels()[::-1], strict=True) for ax in panels)
+    handles = dict(chain.from_iterable(pairs))
+    if not hasattr(figure, "suptitle"):
+        figure.legend(handles.values(), handles)
+    elif handles:
+        entry = 0.6 + 0.07 * max(map(len, handles))  # width in inches: line, name, space
+        columns = max(1, min(most, len(handles), int(figure.get_figwidth() / entry)))
+        figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
 def legend_beside(ax: Any) -> None:
@@ -119,8 +121,10 @@ def legend_beside(ax: Any) -> None:
 def put_title(figure: Any, *parts: str) -> Any:
     """Write above a figure, or above axes that stand for it, what it shows; return it."""
     if hasattr(figure, "suptitle"):
-        unbroken = join_nonempty(*parts).replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only
-        lines = fill(unbroken, int(14 * figure.get_figwidth()), break_long_words=False, break_on_hyphens=False)
+        width = int(14 * figure.get_figwidth())
+        words = join_nonempty(*parts).split("; ")  # between which lines end, if they fit
+        unbroken = "; ".join(part if len(part) > width else part.replace(" ", "\xa0") for part in words)
+        lines = fill(unbroken, width, break_long_words=False, break_on_hyphens=False)
         figure.suptitle(lines.replace("\xa0", " "))
     else:
         figure.set_title("\n".join(filter(None, (figure.get_title(), join_nonempty(*parts)))))
@@ -149,5 +153,5 @@ def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
     """Return the edges of cells around values: halfway between their logarithms, or `even`, between themselves."""
     at = values if even else np.log(values)
     half = 0.5 * np.diff(at) if len(at) > 1 else np.array([np.log(2.0)])
-    edges = np.concatenate([[at[0] - half[0]], at[:-1] + half[: len(at) - 1], [at[-1] + half[-1]]])
+    edges = np.append(at - np.append(half[0], half)[: len(at)], at[-1] + half[-1])
     return edges if even else np.asarray(np.exp(edges))

@@ -15,7 +15,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.published import PAPER, READINGS, published, record_title
+from pounding_sweep.paper.study import PAPER, READINGS, published, record_title
 
 LIMITS: dict[str, Any] = PAPER["limits"]
 #: Differences up to these count as agreement, in summaries.
@@ -83,10 +83,10 @@ def energy_checks(cube: xr.Dataset) -> xr.Dataset:
         "without pounding (Model VII) no building transfers energy": of_none.to_dataarray(),
         "no contact gives energy: its work is not negative": work.clip(max=0.0),
     }
-    largest = [abs(part).max([dim for dim in part.dims if dim != "reading"]) for part in departures.values()]
-    departure = xr.concat(largest, "check").assign_coords(check=list(departures))
-    most = cube["energy_input"].max([dim for dim in cube["energy_input"].dims if dim != "reading"])
-    return xr.Dataset({"departure": departure, "input": most})
+    stacked = xr.concat([abs(part).max(set(part.dims) - {"reading"}) for part in departures.values()], "check")
+    energies = cube["energy_input"]
+    largest = energies.max(set(energies.dims) - {"reading"})
+    return xr.Dataset({"departure": stacked.assign_coords(check=list(departures)), "input": largest})
 
 
 def silent_models(table: xr.Dataset) -> dict[str, list[str]]:
@@ -157,13 +157,8 @@ class Verdict(StrEnum):
     UNTESTED = "not tested"
 
 
-#: Verdicts in the words of the report's opening.
-_WORDS = {
-    Verdict.HOLDS: "Reproduced",
-    Verdict.PARTLY: "Reproduced in part",
-    Verdict.FAILS: "Not reproduced",
-    Verdict.UNTESTED: "Not tested",
-}
+#: Verdicts in the words of the report's opening, in their order.
+_WORDS = ("Reproduced", "Reproduced in part", "Not reproduced", "Not tested")
 
 
 @dataclass(frozen=True)
@@ -180,13 +175,9 @@ class Outcome:
         if not self.cases:
             return Verdict.UNTESTED
         share = self.held / self.cases
-        return (
-            Verdict.HOLDS
-            if share >= LIMITS["holds"]
-            else Verdict.PARTLY
-            if share >= LIMITS["partly"]
-            else Verdict.FAILS
-        )
+        if share >= LIMITS["holds"]:
+            return Verdict.HOLDS
+        return Verdict.PARTLY if share >= LIMITS["partly"] else Verdict.FAILS
 
 
 @dataclass(frozen=True)
@@ -200,20 +191,18 @@ class Judgement:
     @property
     def verdict(self) -> Verdict:
         """A conclusion holds if all claims that were tested hold, fails if all fail, else holds partly."""
-        tested = {outcome.verdict for outcome in self.outcomes} - {Verdict.UNTESTED}
-        if not tested:
-            return Verdict.UNTESTED
+        verdicts = {outcome.verdict for outcome in self.outcomes}
+        tested = verdicts - {Verdict.UNTESTED} or verdicts
         return tested.pop() if len(tested) == 1 else Verdict.PARTLY
 
 
 def judge(cube: xr.Dataset, spectra: xr.DataArray) -> list[Judgement]:
     """Test every conclusion on every reading: outputs of the cube, and floor spectra of the roofs."""
-    readings = cube["reading"].values.tolist()
-    cases = [_cases(cube.sel(reading=key), spectra.sel(reading=key)) for key in readings]
+    cases = {key: _cases(cube.sel(reading=key), spectra.sel(reading=key)) for key in cube["reading"].values.tolist()}
     return [
-        Judgement(conclusion, reading, list(map(_outcome, conclusion["claims"], of_reading[conclusion["key"]])))
+        Judgement(conclusion, reading, list(map(_outcome, conclusion["claims"], by_key[conclusion["key"]])))
         for conclusion in CONCLUSIONS
-        for reading, of_reading in zip(readings, cases, strict=True)
+        for reading, by_key in cases.items()
     ]
 
 
@@ -315,7 +304,7 @@ def verdict_of_all(
         for one in judgements:
             if one.reading == reading:
                 items[one.verdict].append(f"conclusion {one.conclusion['key']}: {one.conclusion['text']}")
-        for verdict, word in _WORDS.items():
+        for verdict, word in zip(Verdict, _WORDS, strict=True):
             if items[verdict] or verdict is not Verdict.UNTESTED:
                 parts.append(Reproduction(word, READINGS[reading].label, tuple(items[verdict]) or ("nothing",)))
     return [*parts, Reproduction("Can't be", "in the paper itself", tuple(impossible))]

@@ -16,9 +16,8 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.published import BUILDINGS, PAIRS, READINGS, STOREYS, record_title
 from pounding_sweep.paper.report import Picture
-from pounding_sweep.paper.study import Study
+from pounding_sweep.paper.study import BUILDINGS, PAIRS, READINGS, STOREYS, Study, record_title
 from pounding_sweep.run.execute import Progress
 
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)), (0, (8, 2)))
@@ -86,10 +85,8 @@ def draw_models(kind: str, building: str, study: Study) -> Figure:
     for (row, reading), (column, record) in product(enumerate(readings), enumerate(records)):
         ax = axes[row, column]
         for law in laws:
-            label = _LABELS[law]
             for x, y in models.lines(values.sel(reading=reading, record=record, law=law)):
-                ax.plot(x, y, label=label, **_LOOKS[law])
-                label = ""
+                ax.plot(x, y, label=_LABELS[law], **_LOOKS[law])
         if kind == "displacements":
             ax.axvline(0.0, color="0.4", linewidth=0.8)
         if row == 0:
@@ -98,8 +95,7 @@ def draw_models(kind: str, building: str, study: Study) -> Figure:
         ax.set(**models.panel)
         ax.minorticks_off()
     label_edges(axes, models.x, [f"{READINGS[reading].label}\n{models.y}" for reading in readings])
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4 if len(records) > 2 else 2)
+    legend_below(figure, axes[0, :1], most=4)
     return figure
 
 
@@ -131,7 +127,7 @@ def draw_roofs(dim: str, place: str, study: Study) -> Figure:
             ax.set_ylim(bottom=0)
     label_edges(axes, "time (s)", [""] * len(laws))
     if alone:
-        legend_below(figure, axes[0, 0], most=2)
+        legend_below(figure, axes[0, :1], most=2)
     figure.supylabel(label, fontsize=9)
     return figure
 

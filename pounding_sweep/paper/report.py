@@ -29,16 +29,19 @@ from pounding_sweep.paper.compare import (
     side_by_side,
     verdict_of_all,
 )
-from pounding_sweep.paper.published import (
+from pounding_sweep.paper.study import (
     GROUND_MOTIONS,
+    LIMIT,
     READINGS,
     RESCALED,
     STEP,
+    STEP_OUTPUTS,
     TABLES,
     Reading,
+    Study,
+    largest_steps,
     record_title,
 )
-from pounding_sweep.paper.study import LIMIT, STEP_OUTPUTS, Study, largest_steps
 
 _SOURCES = {"sap2000": "paper, SAP2000", "matlab": "paper, MATLAB", "paper": "paper"}
 _SOURCES |= {key: reading.label for key, reading in READINGS.items()}
@@ -89,25 +92,24 @@ def contents_of(study: Study) -> dict[str, Any]:
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     readings = [READINGS[str(key)] for key in study.cube["reading"].values]
     judgements, suspects = judge(study.cube, study.histories["pseudo_acceleration"]), findings(study.cube)
-    impossible = [f"{one['title']}: {one['printed']}" for one in suspects if one["impossible"]]
-    attributes = study.cube.attrs
-    how = "the cubes differ in scheme or step"
-    if {"method", "time_step"} <= attributes.keys():
-        located = "" if attributes.get("located") else "not "
-        step = f"steps of at most {1e3 * float(np.max(attributes['time_step'])):g} ms"
-        how = f"{attributes['method']} with {step}, contacts {located}located inside their steps"
+    impossible = [f"{item['title']}: {item['printed']}" for item in suspects if item["impossible"]]
+    attrs, method = study.cube.attrs, "the cubes differ in scheme or step"
+    if {"method", "time_step"} <= attrs.keys():
+        located = "" if attrs.get("located") else "not "
+        step = f"steps of at most {1e3 * float(np.max(attrs['time_step'])):g} ms"
+        method = f"{attrs['method']} with {step}, contacts {located}located inside their steps"
     return {
         "opening": verdict_of_all(compared, judgements, impossible),
         "limits": LIMITS,
         "version": package_version(),
-        "how": how,
+        "how": method,
         "readings": readings,
         "missing": [(record_title(key), text) for key, text in study.missing.items()],
         "records": _records_grid(study),
         "judgements": judgements,
         "labels": _SOURCES,
-        "agreement": [agreement(one) for one in compared.values()],
-        "tables": [table_grid(one) for one in compared.values()],
+        "agreement": list(map(agreement, compared.values())),
+        "tables": list(map(table_grid, compared.values())),
         "findings": suspects,
         "steps": [step_grid(study.steps, reading) for reading in readings],
         "largest_steps": _largest_grid(study.steps),
@@ -131,10 +133,10 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
         for claim, outcome in zip(one.conclusion["claims"], one.outcomes, strict=True):
             cases = f"{outcome.held}/{outcome.cases}"
             claims.append(["", "", outcome.verdict.value, cases, f"{claim['text']} {outcome.numbers}"])
-    by_table = dict(zip(TABLES, contents["agreement"], strict=True))
-    rows = [[str(n), *row[:2], *row[3:]] for n, grid in by_table.items() for row in grid.rows if row[2] == ALL]
-    headings = [("", "table"), *(pair for pair in by_table[3].headings if pair[1] != "record")]
-    impossible = [[one["title"], one["printed"]] for one in contents["findings"]]
+    by_table = zip(TABLES, contents["agreement"], strict=True)
+    rows = [[str(n), *row[:2], *row[3:]] for n, grid in by_table for row in grid.rows if row[2] == ALL]
+    headings = [("", "table"), *(pair for pair in contents["agreement"][0].headings if pair[1] != "record")]
+    impossible = [[item["title"], item["printed"]] for item in contents["findings"]]
     claimed = ungrouped("", "reading", "verdict", "cases", "conclusion, and its claims with the numbers")
     return [
         Grid("The verdict", ungrouped("verdict", "reading", "what"), verdict),
@@ -142,10 +144,13 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
         Grid("Agreement with Tables 3 to 6, over all records", headings, rows),
         contents["hertz"],
         Grid("What can't be", ungrouped("in the paper's tables", "printed"), impossible),
-        contents["largest_steps"],
-        contents["checks"],
-        contents["errors"],
+        *(contents[key] for key in ("largest_steps", "checks", "errors")),
     ]
+
+
+def _number_texts(values: xr.DataArray, form: str) -> list[str]:
+    """Write numbers; a hyphen where there is none."""
+    return [f"{value:{form}}" if np.isfinite(value) else "-" for value in values.values.ravel()]
 
 
 def _label(dim: str, value: Any) -> str:
@@ -160,17 +165,14 @@ def table_grid(compared: xr.Dataset) -> Grid:
     stacked = compared.stack(place=places)
     headings = ungrouped(*(dim.replace("law", "model") for dim in places))
     columns = [[_label(dim, value) for value in stacked[dim].values] for dim in places]
-    outputs = [name for name in WRITTEN if name in compared]
-    for name, source in product(outputs, compared["source"].values.tolist()):
-        what, factor, unit, digits = WRITTEN[name]
-        group = f"{what} ({unit})" if unit else what
-        values = factor * stacked[name].sel(source=source).values
+    for name, source in product((name for name in WRITTEN if name in compared), compared["source"].values.tolist()):
+        label, factor, unit, digits = WRITTEN[name]
+        group = f"{label} ({unit})" if unit else label
         headings.append((group, _SOURCES[source]))
-        columns.append(["-" if np.isnan(value) else f"{value:z.{digits}f}" for value in values])
+        columns.append(_number_texts(factor * stacked[name].sel(source=source), f"z.{digits}f"))
         if source in READINGS:
-            difference = stacked[f"{name}_difference"].sel(reading=source).values
             headings.append((group, "difference"))
-            columns.append(["-" if np.isnan(value) else f"{value:+.0%}" for value in difference])
+            columns.append(_number_texts(stacked[f"{name}_difference"].sel(reading=source), "+.0%"))
     return Grid(str(compared.attrs["title"]), headings, list(zip(*columns, strict=True)))
 
 
@@ -179,16 +181,15 @@ def agreement(compared: xr.Dataset) -> Grid:
     headings = ungrouped("output", "reading", "record", "cells", "median difference")
     headings += [("cells that agree", f"within {share:.0%}") for share in CLOSE]
     rows = []
-    outputs = [name for name in WRITTEN if name in compared]
     readings, records = compared["reading"].values.tolist(), compared["record"].values.tolist()
-    for name, reading, record in product(outputs, readings, [ALL, *records]):
-        one = compared if record == ALL else compared.sel(record=record)
-        difference = one[f"{name}_difference"].sel(reading=reading).values
-        off = np.abs(difference[np.isfinite(difference)])
-        paper, computed, written = paper_and_computed(one, name, reading)
+    for name, reading, record in product((name for name in WRITTEN if name in compared), readings, [ALL, *records]):
+        table = compared if record == ALL else compared.sel(record=record)
+        difference = table[f"{name}_difference"].sel(reading=reading).values
+        errors = np.abs(difference[np.isfinite(difference)])
+        paper, computed, written = paper_and_computed(table, name, reading)
         one_zero = int((np.isfinite(computed) & ((paper != 0) != written)).sum())
-        shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
-        median = f"{np.median(off):.0%}" if off.size else "-"
+        shares = [f"{int((errors <= share).sum())} of {errors.size}" for share in CLOSE]
+        median = f"{np.median(errors):.0%}" if errors.size else "-"
         place = [WRITTEN[name][0], READINGS[reading].label, _label("record", record)]
         rows.append([*place, str(paper.size), median, *shares, str(one_zero)])
     title = f"Agreement with {compared.attrs['title'].partition(':')[0]}"
@@ -197,29 +198,28 @@ def agreement(compared: xr.Dataset) -> Grid:
 
 def _records_grid(study: Study) -> Grid:
     """Write the ground motions beside Table 2."""
-    used = {record.name: record for record in study.records}
+    records = {record.name: record for record in study.records}
     rows = []
     for key, (pga, duration) in GROUND_MOTIONS.items():
-        here, note = ("-", "-"), "missing"
-        if key in used:
-            record = used[key]
-            here = f"{record.pga / STANDARD_GRAVITY:.3f}", f"{record.duration:.2f}"
+        texts = ["-", "-", "missing"]
+        if record := records.get(key):
             note = f"scaled by {record.scale:.4f} to the paper's peak" if key in RESCALED else "as recorded"
-        rows.append([record_title(key), f"{pga:g}", here[0], f"{duration:g}", here[1], note])
+            texts = [f"{record.pga / STANDARD_GRAVITY:.3f}", f"{record.duration:.2f}", note]
+        rows.append([record_title(key), f"{pga:g}", texts[0], f"{duration:g}", *texts[1:]])
     groups = [("", "record"), *product(("PGA (g)", "duration (s)"), ("paper", "here")), ("", "")]
     return Grid("Ground motions (Table 2)", groups, rows)
 
 
 def step_grid(steps: xr.Dataset, reading: Reading) -> Grid:
     """Write the errors of a reading: one row per scheme, locating and step."""
-    one = steps.sel(reading=reading.key)
+    errors = steps.sel(reading=reading.key)
     rows = []
-    for scheme, located, step in product(one["scheme"].values, one["located"].values[::-1], one["step"].values):
-        part = one.sel(scheme=scheme, located=located, step=step)
+    for scheme, located, step in product(steps["scheme"].values, steps["located"].values[::-1], steps["step"].values):
+        part = errors.sel(scheme=scheme, located=located, step=step)
         status = STATUS[int(part["status"])]
         texts = [_error_text(error) if status.has_values else "-" for error in part["error"].values.tolist()]
         rows.append([scheme, _LOCATED[located], f"{step * 1e3:g}", *texts, status.label.replace("_", " ")])
-    outputs = (STEP_OUTPUTS[name] for name in one["output"].values)
+    outputs = (STEP_OUTPUTS[name] for name in steps["output"].values)
     headings = ungrouped("scheme", "contacts located", "step ms", *outputs, "status")
     return Grid(reading.label.capitalize(), headings, rows)
 
@@ -265,12 +265,9 @@ def _hertz_grid(hertz: xr.Dataset) -> Grid:
     stiffnesses = [f"{stiffness:.3g} kN/m^1.5" for stiffness in hertz["stiffness"].values]
     headings = [*ungrouped("model", "floors in Table 5")]
     headings += product(stiffnesses, ("median ratio", "90 % over 10 % fractile"))
-    rows = []
-    for law in hertz["law"].values:
-        one = hertz.sel(law=law)
-        values = one[["force_ratio", "ratio_spread"]].to_dataarray().transpose("stiffness", "variable").values.ravel()
-        texts = [f"{value:.2f}" if np.isfinite(value) else "-" for value in values]
-        rows.append([str(one["law_model"].item()), str(int(one["cells"].max())), *texts])
+    ratios = hertz[["force_ratio", "ratio_spread"]].to_dataarray().transpose("law", "stiffness", "variable")
+    laws = zip(hertz["law_model"].values, hertz["cells"].max("stiffness").values, ratios, strict=True)
+    rows = [[str(model), str(cells), *_number_texts(values, ".2f")] for model, cells, values in laws]
     return Grid("Computed peak force over that of Table 5", headings, rows)
 
 

@@ -1,4 +1,4 @@
-"""Figures of cubes: responses along axes and heights, energies, and what suites of ground motions do."""
+"""Figures of cubes: responses, energies, suites of ground motions, inputs that matter, and what accuracy costs."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm, LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import ScaledTranslation
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
 from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directions, needed_for
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, pounding_only
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import CONTACT, FIRST_STOREY, NO_CONTACT, TWO_AXES, figure_of
+from pounding_sweep.figures import CONTACT, FIRST_STOREY, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
+    RESPONSES,
+    NothingToDrawError,
     PlotAxis,
     check_value,
     choose_axis,
@@ -30,6 +32,7 @@ from pounding_sweep.figures.select import (
     coord_text,
     drawn_unit,
     is_log,
+    labels_with_values,
     law_name,
     over_records,
     panels,
@@ -50,13 +53,14 @@ from pounding_sweep.figures.style import (
     MARKERS,
     cell_edges,
     finish,
+    join_nonempty,
     legend_below,
     put_title,
     spell_units,
     subplots,
     unit_text,
 )
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.outputs.variables import Status, get_variable
 
 _FORCES = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}
 #: Amplifications, the first three of which that are there are drawn.
@@ -107,12 +111,12 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     check_value(value, _FORCES)
     cube = pounding_only(with_dims(cube, "law", "gap"))
     axis = choose_axis(cube, x or ("gap" if cube.sizes["gap"] > 1 else None)) or plot_axis(cube, "gap")
-    cube, shown = select_default(cube, ("law", axis.dim), ["impact_force_max"])
+    cube, selection = select_default(cube, ("law", axis.dim), ["impact_force_max"])
     rows = {name: label for name, label in _FORCES.items() if value in (None, name)}
     figure, axes = _draw_laws(cube[[*rows]].max("storey"), rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), ax)
     for panel in axes[:, 0]:
         panel.set_ylim(bottom=0.0)
-    return finish(figure, axes, axis.label, [*rows.values()], shown)
+    return finish(figure, axes, axis.label, [*rows.values()], selection)
 
 
 @figure_of("amplification", "cube", f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}")
@@ -129,7 +133,7 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     rows = [value] if value else present[:3]
     result = with_dims(result_of(with_dims(cube, "law"), "amplification", responses=needed_for(rows)), "building")
     axis = choose_axis(result, x) or plot_axis(with_dims(result, "storey"), "storey")
-    result, shown = select_default(result, ("law", axis.dim), rows, median=True)
+    result, selection = select_default(result, ("law", axis.dim), rows, median=True)
     result, over = result[rows], ""
     if axis.dim != "storey" and "storey" in result.dims:
         over = "largest of the storeys" * (result.sizes["storey"] > 1)
@@ -140,7 +144,9 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         if axis.dim == "storey":
             panel.set_xticks(axis.values(result))
-    return finish(figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], shown, over)
+    return finish(
+        figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], selection, over
+    )
 
 
 @figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
@@ -154,22 +160,21 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     name = next(name for name in _COMPARED if f"{name}_compared" in result)
     reference = result.attrs["reference_law"]
     peak = with_dims(result, "pair", "storey", absent="")[f"{name}_compared"].max("storey")
-    base = peak.sel(law=reference, drop=True).reset_coords(drop=True)
+    base = peak.sel(law=reference).reset_coords(drop=True)
     ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
     axis = choose_axis(ratio, x or ("restitution" if ratio.sizes.get("restitution", 1) > 1 else None), but=["basis"])
     if axis is None:
         raise InputError(
             "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
         )
-    ratio, shown = select_default(ratio, ("law", "basis", axis.dim), ["ratio"], median=True)
+    ratio, selection = select_default(ratio, ("law", "basis", axis.dim), ["ratio"], median=True)
     bases = ratio["ratio"].to_dataset("basis")
     figure, axes = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1))
-    for row, basis in zip(axes, bases, strict=True):
-        for panel, pair in zip(row, bases["pair"].values, strict=True):
-            panel.set_title(f"pair {pair}\nequal {basis} restitution")
+    for panel, (basis, pair) in zip(axes.flat, product(bases, bases["pair"].values), strict=True):
+        panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
     rows = [f"{_COMPARED[name]}\nover the reference's (-)"] * len(bases)
-    return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", shown)
+    return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
 
 
 #: Rows of panels at most.
@@ -207,11 +212,11 @@ def response_map(
     status of several records the worst is shown.
     """
     upward = choose_axis(cube, y) if y else None
-    but = [upward.dim] if upward else []
-    ratios = [axis.name for axis in plot_axes(cube).values() if "period_ratio_" in axis.name and axis.dim not in but]
-    across = choose_axis(cube, x or next(iter(ratios), None), but)
+    used = [upward.dim] if upward else []
+    periods = (axis.name for axis in plot_axes(cube).values() if "period_ratio_" in axis.name and axis.dim not in used)
+    across = choose_axis(cube, x or next(periods, None), used)
+    upward = upward or choose_axis(cube, None, [across.dim] if across else [])
     assert across is not None
-    upward = upward or choose_axis(cube, None, [across.dim])
     assert upward is not None
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
     if value in ratios and value not in cube:
@@ -219,67 +224,65 @@ def response_map(
     check_value(value, [str(key) for key, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"], ratios)
     name, label, factor, per = choose_response(cube, "map", value)
     cube = with_dims(cube, "law", per, absent="")
-    over = ""
-    if "storey" in cube[name].dims:
-        over, storeys = "largest of the storeys", cube[name]
-        least = name.endswith("_min") or name == "first_impact_time"
-        cube = cube.assign({name: storeys.min("storey") if least else storeys.max("storey")})
+    storeys = "storey" in cube[name].dims
+    if storeys:
+        smallest = name.endswith("_min") or name == "first_impact_time"
+        cube = cube.assign({name: cube[name].min("storey") if smallest else cube[name].max("storey")})
     records = ["record"] if cube.sizes.get("record", 1) > 1 else []
-    cube, shown = select_default(cube, ("law", per, upward.dim, across.dim, *records), [name])
+    cube, selection = select_default(cube, ("law", per, upward.dim, across.dim, *records), [name])
     ratio = name.endswith("_ratio") and "touches" in cube
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
     if records:
-        cube, shown = over_records(cube, shown, [name], worst=name == "status")
+        cube, selection = over_records(cube, selection, [name], worst=name == "status")
     share = touch.mean(records)
     share = share.where((share < 0.5) & (ratio or per == "pair"))  # else there is a colour
-    valued = [law for law in cube["law"].values.tolist() if per != "pair" or law != "none"]
+    laws = [law for law in cube["law"].values.tolist() if per != "pair" or law != "none"]
     cube = cube.assign({name: factor * cube[name].where(share.isnull()), "share": share})[[name, "share"]]
-    cube = cube.sel(law=valued[:_LAWS]).sortby([across.name, upward.name])
+    cube = cube.sel(law=laws[:_LAWS]).sortby([across.name, upward.name])
     cube = cube.transpose("law", per, upward.dim, across.dim)
     rows, columns = cube.sizes["law"], cube.sizes[per]
     size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
     figure, axes = subplots(rows, columns, size, ax)
-    look, levels, ticks = _choose_colours(cube[name].values, name, ratio)
-    at = [axis.values(cube) for axis in (across, upward)]
-    edges = [cell_edges(values, even=not is_log(values)) for values in at]
+    colours, levels, ticks = _choose_colours(cube[name].values, name, ratio)
+    grid = [axis.values(cube) for axis in (across, upward)]
+    edges = [cell_edges(values, even=not is_log(values)) for values in grid]
     for panel, part in panels(axes, cube, "law", per):
         grey, values = part["share"].values, part[name].values
         panel.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
         # cells without a colour: darkest where no record touches, the lighter the more do
         panel.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
         for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
-            panel.text(at[0][j], at[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
-        mesh = panel.pcolormesh(*edges, values, **look)
+            panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
+        mesh = panel.pcolormesh(*edges, values, **colours)
         if contours and len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
-            panel.clabel(panel.contour(*at, values, levels, colors="black", linewidths=0.7), fontsize=7, fmt="%g")
+            panel.clabel(panel.contour(*grid, values, levels, colors="black", linewidths=0.7), fontsize=7, fmt="%g")
         panel.grid(visible=False)
-        for axis, along in zip((panel.xaxis, panel.yaxis), at, strict=True):
-            scale_axis(axis, along, marked=True)
-    bar = axes[0, 0].figure.colorbar(mesh, ax=axes, label=label)
-    bar.minorticks_off()
-    if ticks:
-        bar.set_ticks([*ticks], labels=[*ticks.values()])
-    greys = {
-        "grey: no contact": cube["share"] == 0.0,
-        "light grey: the share of records that touch, less than half": cube["share"] > 0.0,
+        scale_axis(panel.xaxis, grid[0], marked=True)
+        scale_axis(panel.yaxis, grid[1], marked=True)
+    axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
+    title = {
+        selection: True,
+        f"{rows} of {len(laws)} laws": rows < len(laws),
+        "largest of the storeys": storeys,
+        "grey: no contact": (cube["share"] == 0.0).any(),
+        "light grey: the share of records that touch, less than half": (cube["share"] > 0.0).any(),
     }
-    cut = f"{rows} of {len(valued)} laws" if rows < len(valued) else ""
-    title = shown, cut, over, *(text for text, cells in greys.items() if cells.any())
-    return finish(figure, axes, across.label, [upward.label] * rows, *title, legend=0)
+    words = [text for text, is_true in title.items() if is_true]
+    return finish(figure, axes, across.label, [upward.label] * rows, *words, legend=0)
 
 
-def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[Any, str]]:
-    """Return colours of all panels, levels of lines of equal value, and ticks of the scale of colours."""
+def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[str, Any]]:
+    """Return colours of all panels, levels of lines of equal value, and ticks of the colour bar."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     if name == "status":  # a colour for each that is drawn
         codes = np.unique(finite)
-        named = {status: status.label for status in Status if status in codes}
         norm = BoundaryNorm([*(codes - 0.5), high + 0.5], len(codes))
-        return {"cmap": colormaps["YlOrRd"].resampled(len(codes)), "norm": norm}, (), named
+        ticks = {"ticks": codes, "format": FuncFormatter(lambda code, _: Status(int(code)).label)}
+        return {"cmap": colormaps["YlOrRd"].resampled(len(codes)), "norm": norm}, (), ticks
     if ratio:  # to both sides of 1
         wide = max(high, 1.0 / low if low > 0.0 else high, 1.05)
-        ticks = {level: f"{level:g}" for level in sorted((*_LEVELS, 1.0)) if 1.0 / wide <= level <= wide}
+        ticks = {"ticks": sorted((*_LEVELS, 1.0)), "format": "%g"}
         return {"cmap": "PuOr_r", "norm": LogNorm(1.0 / wide, wide)}, _LEVELS, ticks
     levels = MaxNLocator(_LINES).tick_values(low, high)
     return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, levels, {}
@@ -306,22 +309,19 @@ def stability_map(cube: xr.Dataset) -> Figure:
     rows = -(-len(schemes) // columns)
     figure, axes = subplots(rows, columns, (1.2, 3.4, 1.2, 2.8))
     edges = [cell_edges(cube[name].values) for name in ("dt", "stiffness")]
-    legend: dict[str, Any] = {}
     for ax, scheme in zip(axes.flat, schemes, strict=False):
         part = cube.sel(scheme=scheme).transpose("stiffness", "dt", ...)
         mesh = ax.pcolormesh(*edges, part.peak_force_error.clip(1e-8, 1.0), norm=LogNorm(1e-8, 1.0), cmap="viridis_r")
         for status, (marker, colour, label) in _MARKS.items():
             i, j = np.nonzero(part.status.values == int(status))
             if len(i):
-                style = {"marker": marker, "color": colour, "s": 14, "linewidths": 0.8}
-                legend[label] = ax.scatter(cube.dt[j], cube.stiffness[i], label=label, **style)
+                ax.scatter(cube.dt[j], cube.stiffness[i], 14, colour, marker=marker, linewidths=0.8, label=label)
         ax.set(xscale="log", yscale="log", title=scheme)
         ax.grid(visible=False)
     for ax in axes.flat[len(schemes) :]:
         ax.set_visible(False)
     figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
-    if legend:
-        figure.legend(handles=[*legend.values()], loc="outside lower center", ncols=2)
+    legend_below(figure, axes.flat, most=2)
     label = f"contact stiffness ({unit_text(cube.stiffness.attrs) or '-'})"
     return finish(figure, axes, "time step (s)", [label] * rows, str(cube.attrs.get("title", "")), legend=0)
 
@@ -348,7 +348,7 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
-    cube, shown = select_default(with_dims(cube, "law"), ("law",), row_of)
+    cube, selection = select_default(with_dims(cube, "law"), ("law",), row_of)
     laws = cube["law"].values.tolist()
     by_law = [law for law in laws if law != "none"] if len(laws) > _TOGETHER else []
     responses = [row for row in _ROWS if row in row_of.values()]
@@ -358,41 +358,41 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     size = (1.4, 2.4, 1.3, 1.9 if len(rows) <= len(_ROWS) else 1.3)
     sharing: Any = {"sharex": "all" if by_law else "row", "sharey": True}
     figure, axes = subplots(len(rows), cube.sizes["building"], size, **sharing)
-    for line, (own, (both, words, where)) in zip(axes, rows, strict=True):
+    for row, (row_law, (both, words, where)) in zip(axes, rows, strict=True):
         styles = {law: {"label": law_name(cube, law), **style} for law, style in zip(laws, MARKED, strict=False)}
-        if own:  # before the others
-            styles = {law: {"color": "0.75", "linewidth": 1.0} for law in by_law if law != own}
-            next(iter(styles.values()))["label"] = "other laws"
+        if row_law:  # before the others
+            styles = {law: {"color": "0.75", "linewidth": 1.0, "label": "other laws"} for law in by_law}
             if "none" in laws:
                 styles["none"] = {"color": "black", "linestyle": ":", "label": law_name(cube, "none")}
-            styles[own] = {"color": COLOURS[2], "marker": "o", "linewidth": 1.6, "label": "law of the row"}
+            del styles[row_law]
+            styles[row_law] = {"color": COLOURS[2], "marker": "o", "linewidth": 1.6, "label": "law of the row"}
         names = [name for name in both if name in cube]
         unit, factor = drawn_unit(cube[names[0]].attrs)
-        for ax, part in panels(line, cube, "building"):
+        for ax, part in panels(row, cube, "building"):
             floors = np.isfinite(part.floor_elevation.values)
             heights = part.floor_elevation.values[floors]
             for (law, style), name in product(styles.items(), names):
                 x, y, marked = factor * part[name].sel(law=law).values[floors], heights, slice(None)
                 if where == "storeys":  # straight from the floor below to the floor above, marked halfway
-                    below = np.concatenate([[0.0], heights[:-1]])
+                    below = np.append(0.0, heights[:-1])
                     x, y = np.repeat(x, 3), np.column_stack([below, 0.5 * (below + heights), heights]).ravel()
                     marked = slice(1, None, 3)
                 elif where == "floors and base":
-                    x, y, marked = np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), slice(1, None)
-                ax.plot(x, y, markevery=marked, **style | ({} if name == names[0] else {"label": ""}))
+                    x, y, marked = np.append(0.0, x), np.append(0.0, y), slice(1, None)
+                ax.plot(x, y, markevery=marked, **style)
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
-            if line[0] is not axes[0, 0]:
+            if row[0] is not axes[0, 0]:
                 ax.set_title("")
-            if not by_law or own == by_law[-1]:
+            if not by_law or row_law == by_law[-1]:
                 ax.set_xlabel(f"{words} ({unit})")
         if where != "floors and base":
-            line[0].set_xlim(left=0)
-        title = f"{fill(law_name(cube, own), 18, break_on_hyphens=False)}\n" if own else ""
-        line[0].set_ylabel(f"{title}elevation (m)")
+            row[0].set_xlim(left=0)
+        title = f"{fill(law_name(cube, row_law), 18, break_on_hyphens=False)}\n" if row_law else ""
+        row[0].set_ylabel(f"{title}elevation (m)")
     axes[0, 0].set_ylim(bottom=0)
-    legend_below(figure, axes[0, 0], most=3 if by_law else 4)
-    return put_title(figure, shown)
+    legend_below(figure, axes[0], most=3 if by_law else 4)
+    return put_title(figure, selection)
 
 
 #: Parts of the energy input, from below; told apart by colour and hatching.
@@ -415,45 +415,44 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     work that the contacts of each pair took. Of all axes but ``law`` the middle value is shown: an energy balance
     is one scenario's.
     """
-    result, shown = select_default(result_of(cube, "energy"), ("law",), ["energy_input"])
+    result, selection = select_default(result_of(cube, "energy"), ("law",), ["energy_input"])
     result = with_dims(result, "law", absent="").fillna(0.0)
     result["stored"] = result["energy_kinetic"] + result["energy_strain"]
-    laws, buildings = result["law"].values, result.sizes["building"]
-    names = [fill(law_name(result, law), 16) for law in laws]
+    buildings, x = result.sizes["building"], np.arange(result.sizes["law"])
+    names = [fill(law_name(result, law), 16) for law in result["law"].values]
     longest = max(len(line) for name in names for line in name.split("\n"))
     count = buildings + ("contact_work" in result)
     figure, axes = subplots(1, count, (1.0, 1.9, 3.6 + 0.09 * longest, 0.0), sharex=False, sharey=False)
-    x, ends = np.arange(len(laws)), [0.0, *result["energy_input"].values.ravel()]
+    for ax in axes[0, 1:buildings]:
+        ax.sharey(axes[0, 0])
+        ax.tick_params(labelleft=False)
     for ax, part in panels(axes[0, :buildings], result, "building"):
-        above, below = np.zeros((2, len(laws)))
+        ax.use_sticky_edges = False  # bars would end at the frame
+        above, below = np.zeros((2, len(x)))
         for name in (name for name in _PARTS if name in part):
             values = part[name].values
             ax.bar(x, values, 0.7, bottom=np.where(values >= 0.0, above, below), edgecolor="white", **_PARTS[name])
             above, below = above + np.maximum(values, 0.0), below + np.minimum(values, 0.0)
-        ends += [*above, *below]
         ax.hlines(part["energy_input"], x - 0.42, x + 0.42, color="black", linewidth=1.6, label="input")
     if "contact_work" in result:  # with a scale of its own
         ax, pairs = axes[0, -1], result["pair"].values
-        width = 0.7 / len(pairs)
-        for number, shade in enumerate(np.linspace(0.25, 0.75, len(pairs))):
-            work = result["contact_work"].isel(pair=number)
-            ax.bar(x - 0.35 + (number + 0.5) * width, work, width, color=str(shade), label=pairs[number])
+        shades, width = np.linspace(0.25, 0.75, len(pairs)), 0.7 / len(pairs)
+        for number, (pair, shade) in enumerate(zip(pairs, shades, strict=True)):
+            work = result["contact_work"].sel(pair=pair)
+            ax.bar(x - 0.35 + (number + 0.5) * width, work, width, color=str(shade), label=pair)
         ax.set_title("work of the contacts (kN m)")
-        ax.margins(y=0.3)  # room for the legend above the bars
+        ax.margins(y=0.3)  # space for the legend above the bars
         ax.legend(loc="upper right", fontsize=8)
-    low, high = min(ends), max(ends)
-    margin = 0.05 * (high - low) or 1.0  # else bars would end at the frame
-    for number, ax in enumerate(axes[0]):
+    if min(ax.dataLim.y0 for ax in axes[0, :buildings]) >= 0.0:
+        axes[0, 0].set_ylim(bottom=0.0)
+    for ax in axes[0]:
         ax.axhline(0.0, color="black", linewidth=0.8)
         ax.set_xticks(x, names, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
-        if number < buildings:
-            ax.set_ylim(low - margin if low < 0.0 else 0.0, high + margin)
-            ax.tick_params(labelleft=number == 0)
     axes[0, 0].set_ylabel("energy (kN m)")
-    legend_below(figure, axes[0, 0], most=2)
-    return put_title(figure, shown)
+    legend_below(figure, axes[0, :1], most=2)
+    return put_title(figure, selection)
 
 
 #: Dashes of fractiles.
@@ -500,7 +499,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     keep = (*TRIALS, "bound", "intensity", "quantile")
     varied = choose_axis(result, None, keep)
     axis = varied.dim if varied else "law"
-    result, shown = select_default(result, (*keep, axis), ["happened"])
+    result, selection = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
     figure, axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
     for ax, end in panels(axes[0], lines, per):
@@ -508,12 +507,12 @@ def fragility(cube: xr.Dataset) -> Figure:
             _draw_fit(ax, end.isel({axis: number}), axis, style, marker)
         ax.set_ylim(-0.02, 1.02)
     label = _draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
-    below = ScaledTranslation(0.0, -0.4 - 0.16 * label.count("\n"), figure.dpi_scale_trans)  # of the label
+    below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
     for ax in axes[0]:
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + below, fontsize=8)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=below, fontsize=8)
     cross = "curves cross, as each has its own dispersion" if crossed(lines) else ""
-    one = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
-    title = words, _name_records(result), shown, cross, one
+    common = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
+    title = words, _name_records(result), selection, cross, common
     return finish(figure, axes, label, [f"probability that\n{words} (-)"], *title, legend=0)
 
 
@@ -551,7 +550,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     result = result_of(cube, "incremental", outputs=dict.fromkeys((name, touch)))
     result = with_dims(result, "law", per, "storey", absent="")
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
-    result, shown = select_default(result, ("law", "record", scaled, "quantile", "level"), [name])
+    result, selection = select_default(result, ("law", "record", scaled, "quantile", "level"), [name])
     laws = [law for law in result["law"].values if per == "building" or law != "none"]
     result = result.sel(law=laws[:_LAWS])
     ways, suite = directions(result[scaled].values), result.sizes["record"] > 1
@@ -565,23 +564,19 @@ def incremental(cube: xr.Dataset) -> Figure:
         for way in ways:
             curves = part.isel({scaled: way}).transpose(scaled, ...)
             dot = "" if len(way) > 1 else "."  # of one scale there is no line
-            ax.plot(curves["intensity"], curves[name] * factor, marker=dot, **thin)
-        ax.lines[0].set_label("record")
-        whole = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
-        fractiles = part[f"{name}_fractiles"].where(whole) * factor
-        for q, dashes in zip(part["quantile"].values if suite and whole.any() else (), _DASHES, strict=False):
-            look = {"label": f"{q:.0%} fractile", "color": COLOURS[2], "linestyle": dashes}
-            look = {"label": "median", "color": COLOURS[0]} if q == 0.5 else look
-            ax.plot(part["level"], fractiles.sel(quantile=q), linewidth=1.8, **look)
+            ax.plot(curves["intensity"], curves[name] * factor, marker=dot, label="record", **thin)
+        complete = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
+        fractiles = part[f"{name}_fractiles"].where(complete) * factor
+        for q, dashes in zip(part["quantile"].values if suite and complete.any() else (), _DASHES, strict=False):
+            style = {"label": f"{q:.0%} fractile", "color": COLOURS[2], "linestyle": dashes}
+            style = {"label": "median", "color": COLOURS[0]} if q == 0.5 else style
+            ax.plot(part["level"], fractiles.sel(quantile=q), linewidth=1.8, **style)
     for ax in axes[:, 0]:
         ax.set_ylim(bottom=0.0)
     intensity = _draw_intensities(axes[0, 0], result)  # shared by all, as y is by a row
-    finish(figure, axes, intensity, [label] * rows, _name_records(result), shown, legend=4)
-    if suite and NO_FRACTILES in result.attrs:
-        words = f"No fractiles: {spell_units(result.attrs[NO_FRACTILES])}."
-        words = fill(words, int(12.5 * figure.get_figwidth()))
-        figure.suptitle("\n".join(filter(None, (figure.get_suptitle(), words))))
-    return figure
+    words = spell_units(result.attrs.get(NO_FRACTILES, "")) if suite else ""
+    title = _name_records(result), selection, f"No fractiles: {words}" if words else ""
+    return finish(figure, axes, intensity, [label] * rows, *title, legend=4)
 
 
 @figure_of("gap-for-probability", "cube", "pair, several record")
@@ -594,7 +589,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     """
     result = with_dims(result_of(cube, "gap-for-probability"), "pair")
     axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "suite")
-    result, shown = select_default(result, ("record", "probability", "curve", axis), ["median", "trial_gap"])
+    result, selection = select_default(result, ("record", "probability", "curve", axis), ["median", "trial_gap"])
     rows = ["probability of touching (-)", *["annual rate of touching (1/year)"] * ("gap_in_years" in result)]
     figure, axes = subplots(len(rows), result.sizes["pair"], (1.6, 3.0, 0.9, 2.7))
     result = select_lines(with_dims(result, axis, absent=""), axis)
@@ -617,10 +612,9 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
         ax.set(yscale="log", title="")
         ax.legend(loc="upper right", fontsize=8)
     axes[0, 0].set_xlim(left=0.0)
-    intensity = spell_units(result.attrs.get("intensity", ""))
-    said = f"{result.attrs['confidence']:.0%} intervals; dots: shares of the {result.attrs['suite']} records"
-    finish(figure, axes, "gap (mm)", rows, f"lognormal with {said}", shown)
-    figure.legends[0].set_title(intensity or None, {"size": 9})
+    intervals = f"lognormal with {result.attrs['confidence']:.0%} intervals"
+    finish(figure, axes, "gap (mm)", rows, intervals, f"dots: shares of the {result.attrs['suite']} records", selection)
+    figure.legends[0].set_title(spell_units(result.attrs.get("intensity", "")), {"size": 9})
     return figure
 
 
@@ -642,33 +636,142 @@ def required_gap(cube: xr.Dataset) -> Figure:
     """
     result = result_of(cube, "required-gap")
     trials = "case" if "case" in result.dims else "record"
-    result, shown = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
-    rules = result["rule"].values.tolist()
-    names = [str(rule).replace("_", " ") for rule in rules]
+    result, selection = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
+    names = [str(rule).replace("_", " ") for rule in result["rule"].values]
     figure, axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
     x = np.arange(result.sizes[trials])
-    spread = np.linspace(-0.22, 0.22, len(x)) if len(x) > 1 else np.zeros(1)
+    offsets = np.linspace(-0.22, 0.22, len(x)) if len(x) > 1 else np.zeros(1)
     tilted: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
     for (gaps, pair), ratios in zip(panels(axes[0], result, "pair"), axes[1], strict=True):
         part = pair.sortby("exact")
         gaps.bar(x, part["exact"].values * 1e3, color="0.8", width=0.8, label="exact", zorder=1)
         ratios.axhline(1.0, color="0.4", linewidth=0.9, zorder=0)
-        for number, rule in enumerate(rules):
+        for number, name in enumerate(names):
             hollow = {"markerfacecolor": "none", "markersize": 6} if number % 2 else {}  # one seen through the other
             mark = {"color": COLOURS[1:][number % 7], "marker": MARKERS[number % 8], "linestyle": "none", **hollow}
-            ratio = part["ratio"].sel(rule=rule)
-            gaps.plot(x, 1e3 * part["rule_gap"].sel(rule=rule), label=names[number], **mark)
-            ratios.plot(number + spread, ratio, **mark)
-            ratios.plot([number - 0.35, number + 0.35], [ratio.median()] * 2, color="black", linewidth=1.6)
+            rule = part.isel(rule=number)
+            gaps.plot(x, 1e3 * rule["rule_gap"], label=name, **mark)
+            ratios.plot(number + offsets, rule["ratio"], **mark)
+            ratios.hlines(rule["ratio"].median(), number - 0.35, number + 0.35, color="black", linewidth=1.6, zorder=2)
         if len(x) <= _NAMED and trials == "record":
             gaps.set_xticks(x, [fill(record_name(key), 22) for key in part["record"].values.tolist()], **tilted)
         else:
             gaps.set_xlabel(f"{trials}s, by rising required gap")
-        ratios.set_xticks(range(len(rules)), names, **tilted)
+        ratios.set_xticks(range(len(names)), names, **tilted)
         gaps.set_axisbelow(True)
-        for panel in (gaps, ratios):
-            panel.grid(visible=False, axis="x")
+        gaps.grid(visible=False, axis="x")
+        ratios.grid(visible=False, axis="x")
     axes[0, 0].set(ylim=(0.0, None), ylabel="required gap (mm)")
     axes[1, 0].set_ylabel("rule over exact (-)")
-    legend_below(figure, axes[0, 0], most=4)
-    return put_title(figure, shown)
+    legend_below(figure, axes[0], most=4)
+    return put_title(figure, selection)
+
+
+#: What tells groups of scenarios apart.
+_GROUP = ("law", "record", "beside")
+#: What is drawn of each input: how it is called, colour, marker, and how far above its place.
+_INDICES = {
+    "first": ("first index: of the input alone", COLOURS[1], "o", 0.16),
+    "total": ("total index: with what it does together with others", COLOURS[2], "s", -0.16),
+}
+
+
+@figure_of("sensitivity", "design", SALTELLI)
+def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
+    """Draw which inputs of a design matter: first and total Sobol indices.
+
+    Bars are confidence intervals; inputs that matter most are at the top. One column per pair or building, at its
+    highest storey that has indices, one row per law, record and value of other axes, three at most.
+    """
+    result = result_of(cube, "sensitivity")
+    names = [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]
+    check_value(value, names)
+    valued = [name for name in (*RESPONSES, *names) if name in names and result[f"{name}_total"].notnull().any()]
+    if not valued or value not in (None, *valued):
+        raise NothingToDrawError
+    value = value or valued[0]
+    key = f"{value}_total"
+    per = next((dim for dim in ("pair", "building") if dim in result[key].dims), "scenario")
+    result = with_dims(result, per, absent="")
+    result = result.sel({per: labels_with_values(result, per, [key])})
+    if "storey" in result[key].dims:  # the highest that has indices
+        valid = result[key].notnull().any(["group", "input"])
+        result = result.isel(storey=valid.cumsum("storey").argmax("storey"))
+    complete = result[key].notnull().all("input").any(per).values
+    groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
+    varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
+    result = result.isel(group=groups[:_LAWS])
+    result = result.isel(input=result[key].mean(["group", per]).fillna(0.0).argsort())  # the largest last, at the top
+    rows, n = result.sizes["group"], result.sizes["input"]
+    figure, axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
+    extremes = [0.0, 1.0]
+    for (row, column), panel in np.ndenumerate(axes):
+        part = result.isel({per: column, "group": row})
+        for name, (label, colour, marker, up) in _INDICES.items():
+            y = np.arange(n) + up
+            low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
+            panel.hlines(y, low, high, color=colour, linewidth=1.0)
+            panel.plot(part[f"{value}_{name}"], y, color=colour, marker=marker, linestyle="none", label=label)
+            extremes += [*low, *high]
+        panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
+        place = [coord_text(part, dim) for dim in (per, "storey") if dim in part.coords]
+        lines = [join_nonempty(*place), _describe_group(part, varied)]
+        panel.set_title("\n".join(fill(text, 34) for text in lines if text))
+    inputs = [str(name).replace("_", " ") for name in result["input"].values]
+    limits = {"xlim": (np.nanmin(extremes) - 0.03, np.nanmax(extremes) + 0.03), "ylim": (-0.6, n - 0.4)}
+    for panel in axes[:, 0]:
+        panel.set(yticks=range(n), yticklabels=inputs, **limits)
+    response = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
+    title = [f"Sobol indices of the {response}", f"{result.attrs['confidence']:.0%} intervals"]
+    title.append(_describe_group(result.isel(group=0), [name for name in _GROUP if name not in varied]))
+    title.append(f"{rows} of {len(groups)} groups of scenarios" if rows < len(groups) else "")
+    return finish(figure, axes, "share of the variance (-)", ["input"] * rows, *title, legend=1)
+
+
+def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
+    """Say that of a group of scenarios which `names` mean."""
+    law, record, others = (str(group[name].item()) if name in names and name in group.coords else "" for name in _GROUP)
+    records = "records drawn" if record == "drawn" else f"record {record_name(record)}" if record else ""
+    return join_nonempty(law_name(group, law) if law else "", records, others.replace("_", " "))
+
+
+@figure_of("work-precision", "trade", "scheme, located, error, cost")
+def work_precision(trade: xr.Dataset) -> Figure:
+    """Draw worst error of schemes, steps and number formats against their cost, from 'tradeoff'.
+
+    The cost is seconds per thousand scenarios; there is one line per scheme, located or not, and number format.
+    Along a line the step changes. Colour and marker tell scheme and locating; a hollow marker on a dashed line is
+    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors
+    in the grey band are below what the converged solution resolves.
+    """
+    check_trade(trade)
+    chosen = trade.sel(population="steady", statistic="worst")
+    chosen = chosen.where(np.isfinite(chosen["error"]) & np.isfinite(chosen["cost"]) & (chosen["error"] > 0.0))
+    if not chosen["error"].notnull().any():
+        raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
+    outputs = leading_outputs(trade)
+    figure, axes = subplots(1, len(outputs), (1.2, 3.6, 4.6, 0.0))
+    ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
+    for ax, output in zip(axes[0], outputs, strict=True):
+        one = chosen.sel(output=output)
+        kinds = product(one["scheme"].values, one["located"].values)
+        for ((scheme, located), style), precision in product(zip(kinds, MARKED, strict=False), one["precision"].values):
+            line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
+            hollow = {"linestyle": "--", "markerfacecolor": "white"} if precision == "float32" else {}
+            label = f"{scheme}, {'located' if located else 'not located'}, {precision}"
+            if line.sizes["step"]:
+                ax.plot(line["cost"], line["error"], label=label, **style | hollow)
+        front = one.where(one["pareto"] == 1).stack(place=one["error"].dims)
+        ax.plot(front["cost"], front["error"], label="Pareto front", **ring)
+        ax.set(yscale="log", title=get_variable(output).long_name)
+        use_logarithms(ax.xaxis)
+    bottom = axes[0, 0].get_ylim()[0]
+    for ax, output in zip(axes[0], outputs, strict=True):
+        limit = float(trade["resolution"].sel(population="steady", statistic="worst", output=output).max())
+        if limit > bottom:
+            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
+    axes[0, 0].set_ylim(bottom=bottom)
+    count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
+    steps = trade["step"].values * 1e3
+    title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
+    return finish(figure, axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)

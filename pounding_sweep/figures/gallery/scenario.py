@@ -45,32 +45,28 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
-
-    def draw(panel: Any, line: xr.DataArray, label: str, peaks: list[tuple[int, xr.DataArray]]) -> None:
-        """Draw a history unless it is zero, and a ring at each peak (upwards, or downwards) that is in the part."""
-        values = line.sel(time=part.time)
-        shown = bool(values.any())
-        (curve,) = panel.plot(part.time, values, label=label * shown, linewidth=1.0, visible=shown)
-        for sign, peak in peaks if shown else ():
-            at = (sign * line).idxmax("time")
-            if part.time[0] <= at <= part.time[-1]:
-                panel.plot(at, peak, "o", color=curve.get_color(), markerfacecolor="none", markersize=6)
-
-    for building in one.building.values:
-        floor = _top_floor(one, building)
-        signs = {"displacement_max": 1, "displacement_min": -1}
-        peaks = [(sign, 1e3 * floor[name]) for name, sign in signs.items() if name in one]
-        draw(top, 1e3 * floor.displacement, building, peaks)
+    floors = {building: _top_floor(one, building) for building in one.building.values}
+    lines = [(top, 1e3 * floor.displacement, building, floor) for building, floor in floors.items()]
     for panel, pair in zip(contacts, pairs, strict=True):
-        if panel is not contacts[0]:
-            panel.sharey(contacts[0])
         for storey in one.storey.values:
             contact = one.sel(pair=pair, storey=storey)
-            peaks = [(1, contact.impact_force_max)] if "impact_force_max" in one else []
-            draw(panel, contact.contact_force.fillna(0.0), f"storey {storey}", peaks)
-        _say_no_contact(panel)
-    for panel in axes[1:, 0]:
+            lines.append((panel, contact.contact_force.fillna(0.0), f"storey {storey}", contact))
+    for panel, line, label, response in lines:
+        values = line.sel(time=part.time)
+        moves = bool(values.any())
+        (curve,) = panel.plot(part.time, values, label=label * moves, linewidth=1.0, visible=moves)
+        extremes = ("displacement_max", "displacement_min") if panel is top else ("impact_force_max",)
+        for name in extremes if moves else ():
+            at = line.idxmin("time") if name == "displacement_min" else line.idxmax("time")
+            if name in response and part.time[0] <= at <= part.time[-1]:
+                peak = response[name] * (1e3 if panel is top else 1.0)
+                panel.plot(at, peak, "o", color=curve.get_color(), markerfacecolor="none", markersize=6)
+    for panel in contacts[1:]:
+        panel.sharey(contacts[0])
+    for panel in (top, *contacts):
         legend_beside(panel)
+    for panel in contacts:
+        _say_no_contact(panel)
     if pairs and not (part.contact_force < 0.0).any():
         contacts[0].set_ylim(bottom=0.0)
     labels = ["ground acc. (m/s²)", "top floor (mm)", *(f"{pair}\nforce (kN)" for pair in pairs)]
@@ -118,8 +114,8 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
             words, dashes = ("gap", "-") if face == gap else ("bumpers", "--")
             panel.axhline(face, color="0.4", linewidth=1.6, linestyle=dashes, label=words)
         panel.axhspan(gap, max(gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
-        panel.set_xlim(time[0], time[-1])
         legend_beside(panel)
+    axes[0, 0].set_xlim(time[0], time[-1])
     labels = [f"{pair}\nrelative displacement (mm)" for pair in scene.pair_names]
     return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
 
@@ -133,16 +129,16 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     part, scene = time_slice(one, start, end), stored_scene(one)
     members = [item.name for item in scene.row]
     figure, axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
-    for panel, here in panels(axes[0], part, "building"):
-        building = here.building.item()
-        top = _top_floor(part, building)
+    for panel, building in panels(axes[0], part, "building"):
+        name = building.building.item()
+        top = _top_floor(part, name)
         panel.plot(1e3 * top.displacement, top.velocity, color="0.55", linewidth=0.7, label="apart")
         if "contact_force" in part:
-            at = members.index(building)
-            places = sorted({contact.place for contact in scene.contacts if contact.pair in (at - 1, at)})
-            near = (abs(part.contact_force.isel(pair=places)) > 0.0).any(["pair", "storey"])
+            right = members.index(name)  # number of the pair on its right
+            pairs = sorted({contact.place for contact in scene.contacts if contact.pair in (right - 1, right)})
+            touches = (abs(part.contact_force.isel(pair=pairs)) > 0.0).any(["pair", "storey"])
             bold = {"color": COLOURS[2], "linewidth": 1.8, "label": "in contact"}
-            panel.plot(1e3 * top.displacement.where(near), top.velocity.where(near), **bold)
+            panel.plot(1e3 * top.displacement.where(touches), top.velocity.where(touches), **bold)
     axes[0, 0].legend(loc="upper left", fontsize=8)
     return finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
 
@@ -158,13 +154,13 @@ def force_penetration(
     """
     part = time_slice(one, start, end)
     figure, axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
-    for panel, here in panels(axes[0], part, "pair"):
-        for storey in here.storey.values:
-            depth, force = 1e3 * here.penetration.sel(storey=storey), here.contact_force.sel(storey=storey)
+    for panel, pair in panels(axes[0], part, "pair"):
+        for storey in pair.storey.values:
+            depth, force = 1e3 * pair.penetration.sel(storey=storey), pair.contact_force.sel(storey=storey)
             near = np.convolve(depth > 0.0, [1, 1, 1], "same") > 0  # with an instant apart on each side
             label = f"storey {storey}" if near.any() else ""
             panel.plot(depth.where(near), force.where(near), label=label, linewidth=1.0, visible=near.any())
-        if (here.penetration > 0.0).any():
+        if panel.get_legend_handles_labels()[1]:
             panel.legend(loc="upper left", fontsize=8)
         _say_no_contact(panel)
     return finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
@@ -175,14 +171,14 @@ def hysteresis(one: xr.Dataset) -> Figure:
     """Draw storey shear against drift of the storeys that yield, from 'simulate'."""
     figure, axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
-        here = building.dropna("storey", how="all", subset=["storey_drift"])
-        largest = np.argsort(-np.abs(here.storey_drift).max("time").values)[:_STOREYS]
+        storeys = building.dropna("storey", how="all", subset=["storey_drift"])
+        largest = np.argsort(-np.abs(storeys.storey_drift).max("time").values)[:_STOREYS]
         for number in sorted(largest.tolist(), reverse=True):  # the lowest storey is drawn last
-            part = here.isel(storey=number)
-            label = f"storey {int(part.storey)}{'' if (part.plastic_drift != 0.0).any() else ', elastic'}"
+            storey = storeys.isel(storey=number)
+            label = f"storey {int(storey.storey)}{'' if storey.plastic_drift.any() else ', elastic'}"
             colour = COLOURS[number % len(COLOURS)]
-            ax.plot(part.storey_drift * 1e3, part.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
-        ax.set_title(here.building.item())
+            ax.plot(storey.storey_drift * 1e3, storey.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
+        ax.set_title(building.building.item())
         ax.legend(loc="upper left", fontsize=7, reverse=True)
     return finish(figure, axes, "drift (mm)", ["storey shear (MN)"], scenario_title(one), legend=0)
 
@@ -239,11 +235,9 @@ def draw_row(
     inside, is_wall = [members.index(name) for name in names], np.array([isinstance(item, Wall) for item in scene.row])
     heights = [np.append(0.0, z[np.isfinite(z)]) for z in one.floor_elevation.values]
     top = max(z[-1] for z in heights)
-    motion = one.displacement.fillna(0.0).values
-    gaps, most = np.array(scene.gaps), float(np.abs(motion).max(initial=0.0))
-    limits = [_SWAY * top / most] if most > 0 else []
-    limits += [_GAP * _WIDTH * top / gaps.max()] if gaps.any() else []
-    largest = min(limits, default=1.0)
+    motion, gaps = one.displacement.fillna(0.0).values, np.array(scene.gaps)
+    limits = {_SWAY: np.abs(motion).max(initial=0.0), _GAP * _WIDTH: gaps.max(initial=0.0)}
+    largest = min((share * top / value for share, value in limits.items() if value > 0.0), default=1.0)
     power = 10.0 ** math.floor(math.log10(largest))
     factor = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= largest * (1.0 + 1e-12))
     # motion of each member's base and floors, and the turning of bases, as they are drawn
@@ -254,7 +248,7 @@ def draw_row(
         if name in one:
             part[:, inside] = factor * one[name].fillna(0.0).values
     width = np.where(is_wall, _WALL, 1.0) * _WIDTH * top
-    left = np.concatenate([[0.0], np.cumsum(width[:-1] + factor * gaps)])  # faces of members at rest
+    left = np.append(0.0, np.cumsum(width[:-1] + factor * gaps))  # faces of members at rest
     right = left + width
     low = min(left[inside[0]] - 1.2 * _SWAY * top, left[0])
     high = max(right[inside[-1]] + 1.2 * _SWAY * top, right[-1])
@@ -354,35 +348,39 @@ def animate(
     target = Path(path)
     check_movie(target, frames, speed)
     require(one, "row")
-    time, forces, part = one.time.values, contact_forces(one), _choose_part(one, start, end)
+    time, forces = one.time.values, contact_forces(one)
+    moved, rate = (float(np.square(one[name]).mean()) for name in ("displacement", "velocity"))
+    length = PERIODS * 2.0 * np.pi * np.sqrt(moved / rate) if rate else time[-1] - time[0]  # of all floors' motion
+    if start is None:
+        start = time[find_strongest(one)] - 0.25 * length if end is None else end - length
+    part = time_slice(one, start, start + length if end is None else end)
     first, last = part.time.values[[0, -1]]
-    shown = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
-    inside = np.isin(time, part.time)
+    instants = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
+    forces_in_part = forces[np.isin(time, part.time)]
     writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
     writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
     with in_style():
-        figure, (_, *strips), factor, show = draw_row(one, below=2 if forces.shape[1] else 1)
-        strips[0].plot(part.time, part.ground_acceleration, color="black", linewidth=0.8)
-        strips[0].set_ylabel("ground\n(m/s²)")
-        strips[0].tick_params(labelbottom=len(strips) == 1)
-        for strip in strips[1:]:
-            strip.set_prop_cycle(DASHED)
-            strip.plot(part.time, forces[inside].max(axis=2), label=one.pair.values.tolist(), linewidth=1.0)
-            strip.set_ylabel("force\n(kN)")
-            legend_beside(strip)
-        strips[-1].set_xlabel("time (s)")
-        cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in strips]
-        for strip in strips:
+        figure, (_, ground, contacts), factor, show = draw_row(one, below=2)
+        ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.8)
+        ground.set_ylabel("ground\n(m/s²)")
+        ground.tick_params(labelbottom=False)
+        contacts.set_prop_cycle(DASHED)
+        for pair, line in enumerate(forces_in_part.max(axis=2).T):
+            contacts.plot(part.time, line, label=one.pair.values[pair], linewidth=1.0)
+        contacts.set(xlabel="time (s)", ylabel="force\n(kN)")
+        legend_beside(contacts)
+        cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in (ground, contacts)]
+        for strip in (ground, contacts):
             strip.set_xlim(first, last)
         put_title(figure, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
         title = figure.get_suptitle()
         heading = figure.suptitle(f"{title}\n{first:.2f} s")
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves from frame to frame but the row
-        marks = fading_marks(forces / (forces[inside].max(initial=0.0) or 1.0), shown)
+        marks = fading_marks(forces / (forces_in_part.max(initial=0.0) or 1.0), instants)
         try:
             with writer.saving(figure, str(target), dpi=70):
-                for number, areas in zip(shown.tolist(), marks, strict=True):
+                for number, areas in zip(instants.tolist(), marks, strict=True):
                     show(number, areas)
                     heading.set_text(f"{title}\n{time[number]:.2f} s")
                     for cursor in cursors:
@@ -393,10 +391,10 @@ def animate(
     return target
 
 
-def fading_marks(forces: np.ndarray, shown: np.ndarray) -> np.ndarray:
+def fading_marks(forces: np.ndarray, instants: np.ndarray) -> np.ndarray:
     """Return the areas of marks in the frames at those instants: the largest force since the frame before, fading."""
-    starts = np.concatenate([shown[:1], shown[:-1] + 1])
-    marks = np.maximum.reduceat(forces[: shown[-1] + 1], starts, axis=0)
+    starts = np.append(instants[0], instants[:-1] + 1)
+    marks = np.maximum.reduceat(forces[: instants[-1] + 1], starts, axis=0)
     for before, now in pairwise(marks):
         np.maximum(now, np.where(before > 0.05, _FADING * before, 0.0), out=now)
     return marks
@@ -415,14 +413,3 @@ def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) 
         raise InputError(f"frames is {frames!r}; an animation needs at least 2")
     if speed is not None and not speed > 0.0:
         raise InputError(f"speed is {speed!r}; it must be a positive number of record seconds per second")
-
-
-def _choose_part(one: xr.Dataset, start: float | None, end: float | None) -> xr.Dataset:
-    """Return the part of the record that is shown: by default, four periods round the strongest impact."""
-    time = one.time.values
-    rates = float(np.square(one.velocity).mean()) if "velocity" in one else 0.0
-    squares = float(np.square(one.displacement).mean())
-    period = 2.0 * np.pi * np.sqrt(squares / rates) if rates else time[-1] - time[0]  # of the motion of all floors
-    if start is None:
-        start = time[find_strongest(one)] - 0.25 * PERIODS * period if end is None else end - PERIODS * period
-    return time_slice(one, start, start + PERIODS * period if end is None else end)

@@ -12,7 +12,7 @@ from pounding_sweep.analysis.spectra import floor_spectra
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import law_name, record_name, scenario_title
-from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, label_edges, legend_below, put_title, subplots
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)
@@ -38,17 +38,16 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     halves: Any = figure.subfigures(1, 2, width_ratios=[width, 4.2])
     left, right = halves
     axes = left.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for number, ax in enumerate(axes.T.flat):
-        if number >= n:
-            ax.set_axis_off()
-            continue
+    for ax in axes.T.flat[n:]:
+        ax.set_axis_off()
+    for number, ax in enumerate(axes.T.flat[:n]):
         motion = motions.isel(record=number)
         peak = motion.isel(point=int(abs(motion["ground_acceleration"]).argmax("point")))
         colour = COLOURS[number] if n <= MOST_LINES else COLOURS[0]
         ax.plot(motion["time"], motion["ground_acceleration"], linewidth=0.7, color=colour)
         ax.plot(peak["time"], peak["ground_acceleration"], "o", markersize=3.5, color=colour)
-        words = f"{record_name(motion['record'].item())}: {abs(peak['ground_acceleration'].item()):.3g} m/s²"
-        ax.set_title(words, loc="left", fontsize=7, pad=2)
+        title = f"{record_name(motion['record'].item())}: {abs(peak['ground_acceleration'].item()):.3g} m/s²"
+        ax.set_title(title, loc="left", fontsize=7, pad=2)
         ax.tick_params(labelbottom=number in (n - 1, *range(rows - 1, n, rows)))
     limit = 1.3 * float(abs(motions["ground_acceleration"]).max() or 1.0)
     axes[0, 0].set(xlim=(0.0, float(motions["time"].max()) or 1.0), ylim=(-limit, limit))
@@ -66,13 +65,11 @@ def ground_motion(motions: xr.Dataset) -> Figure:
 @figure_of("response-spectra", "spectra", "period, pseudo_acceleration, spectral_displacement")
 def response_spectra(spectra: xr.Dataset) -> Figure:
     """Draw response or floor spectra: pseudo-acceleration and displacement against period."""
-    title = [str(spectra.attrs.get("title", "Response spectra"))]
-    for name in (name for name in ("record", "law") if name not in spectra.dims):
-        key = str(spectra[name].item() if name in spectra.coords else spectra.attrs.get(name, ""))
-        title.append(record_name(key) if name == "record" else law_name(spectra, key))
-    if "damping_ratio" in spectra.coords and not spectra["damping_ratio"].ndim:
-        title.append(f"damping ratio {spectra['damping_ratio'].item():g}")
-    return _draw_both(spectra, *title)
+    single = {str(name): coord.item() for name, coord in spectra.coords.items() if not coord.ndim}
+    values = {"title": "Response spectra", "record": "", "law": ""} | spectra.attrs | single
+    names = record_name(values["record"]), law_name(spectra, values["law"])
+    damping = f"damping ratio {values['damping_ratio']:g}" if "damping_ratio" in single else ""
+    return _draw_both(spectra, values["title"], *names, damping)
 
 
 @figure_of("floor-spectra", "histories", "time, acceleration")
@@ -82,23 +79,18 @@ def floor_response(histories: xr.Dataset) -> Figure:
 
 
 def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
-    """Draw pseudo-acceleration above displacement, in a column for each building that there is."""
-    buildings = spectra["building"].values.tolist() if "building" in spectra.dims else [""]
-    figure, axes = subplots(2, len(buildings), (2.6, 3.4, 5.6, 0.0))
-    entries: dict[str, Any] = {}
-    for column, building in enumerate(buildings):
-        part = spectra.sel(building=building) if building else spectra
-        for ax, (name, (label, factor)) in zip(axes[:, column], _ORDINATES.items(), strict=True):
-            _draw_spectra(ax, part[name] * factor)
-            ax.set_ylabel(label * (column == 0))
-            entries |= {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-        axes[0, column].set_title(building)
-        axes[1, column].set_xlabel("period (s)")
-    for ax in axes[:, 0]:
-        ax.set_ylim(bottom=0.0)
-    if len(entries) > 1:
-        columns = min(2 * len(buildings), len(entries))
-        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
+    """Draw pseudo-acceleration above displacement, in a column for each building, if there are any."""
+    spectra = spectra if "building" in spectra.dims else spectra.expand_dims(building=[""])
+    columns = spectra.sizes["building"]
+    figure, axes = subplots(2, columns, (2.6, 3.4, 5.6, 0.0))
+    for row, (name, (_, factor)) in zip(axes, _ORDINATES.items(), strict=True):
+        for ax, building in zip(row, spectra["building"].values, strict=True):
+            _draw_spectra(ax, spectra[name].sel(building=building) * factor)
+            ax.set_title(building if row[0] is axes[0, 0] else "")
+        row[0].set_ylim(bottom=0.0)
+    label_edges(axes, "period (s)", [label for label, _ in _ORDINATES.values()])
+    if len(axes[0, 0].lines) > 1:
+        legend_below(figure, axes[0], most=2 * columns)
     return put_title(figure, *title)
 
 
@@ -117,16 +109,16 @@ def _draw_spectra(ax: Any, values: xr.DataArray) -> None:
     if len(lines) > MOST_LINES:
         curves = np.array([*lines.values()])
         ax.plot(periods, curves.T, color="0.75", linewidth=0.6)
-        for share, dashes in ((0.84, ":"), (0.5, "-"), (0.16, "--")):
-            name = "median" if share == 0.5 else f"{share:.0%} fractile"
+        for share, dashes, name in ((0.84, ":", "84% fractile"), (0.5, "-", "median"), (0.16, "--", "16% fractile")):
             ax.plot(periods, np.quantile(curves, share, axis=0), color=COLOURS[0], linestyle=dashes, label=name)
     else:
-        for (name, curve), style in zip(lines.items(), DASHED, strict=False):
-            ax.plot(periods, curve, label=name, **style)
-    even = periods.size < 3 or np.allclose(np.diff(periods), periods[1] - periods[0])
-    if not even:
+        ax.set_prop_cycle(DASHED)
+        ax.plot(periods, np.transpose([*lines.values()]), label=[*lines])
+    positive = periods[periods > 0]
+    start = 0.0
+    if len(periods) > 2 and not np.allclose(np.diff(periods), periods[1] - periods[0]):
+        start = positive.min()
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
-    positive = periods[periods > 0]
     if positive.size > 1:
-        ax.set_xlim(0.0 if even else positive.min(), positive.max())
+        ax.set_xlim(start, positive.max())
