@@ -74,10 +74,9 @@ def export_nrml(
     Notes
     -----
     One function, with all limit states, for each pair or building and each combination of the cube's axes but records
-    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Accelerations are in g
-    (9.81 m/s2), PGV in cm/s; `mean` and `stddev` are those of the intensity itself: with median theta and dispersion
-    beta, mean = theta exp(beta^2 / 2), stddev = mean sqrt(exp(beta^2) - 1). `minIML` and `maxIML` are the weakest and
-    the strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
+    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Accelerations are in g (9.81 m/s2), PGV in
+    cm/s; with median theta and dispersion beta, `mean` = theta exp(beta^2 / 2), `stddev` = mean sqrt(exp(beta^2) - 1).
+    `minIML` and `maxIML` are the weakest and the strongest motion tried.
     """
     if not limit_states:
         raise InputError('no limit states: give at least one, {"touch": ("touch", None)} for instance')

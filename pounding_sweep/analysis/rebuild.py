@@ -1,8 +1,6 @@
 """From a cube back to what it was made of: the row, the records with their intensities, the runs without pounding.
 
-A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by name and digest only: their motions
-must be found again, and are taken only where the digest agrees. Runs without pounding are the planner's own, by which
-scenarios that never touch are left out of sweeps: the law "none" with the output ``closing_max``.
+A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by name and digest only.
 """
 
 from __future__ import annotations
@@ -202,8 +200,8 @@ def intensity_of(
         base = _measured(cube, intensity, records, folders).sel(record=record)
     else:
         peaks = {entry["name"]: entry["pga"] for entry in json.loads(cube.attrs.get("records", "[]"))}
-        known = xr.apply_ufunc(lambda name: peaks.get(str(name), np.nan), record, vectorize=True)
-        base = described(cube.coords.get("record_pga", known), "m s-2", "peak ground acceleration")
+        stored = xr.apply_ufunc(lambda name: peaks.get(str(name), np.nan), record, vectorize=True)
+        base = described(cube.coords.get("record_pga", stored), "m s-2", "peak ground acceleration")
     about = {"units": "1", "long_name": "intensity"} | base.attrs
     scale = abs(cube["scale"]) if "scale" in cube.coords else 1.0
     return described(base * scale, about["units"], about["long_name"], bare=True)

@@ -137,8 +137,8 @@ def uncoupled_cases(cube: xr.Dataset) -> list[int]:
 
 def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
     """Return 1 where floors touched, 0 where they did not, missing where the scenario is not ok or no floors meet."""
-    known = [values(cube, name) for name in need_variables(cube, what, TOUCH_VARIABLES, one=True)]
-    surest = next((part for part in known if part.notnull().any()), known[0])
+    parts = [values(cube, name) for name in need_variables(cube, what, TOUCH_VARIABLES, one=True)]
+    surest = next((part for part in parts if part.notnull().any()), parts[0])
     return (surest > 0.0).astype(np.float64).where(surest.notnull())
 
 
@@ -168,11 +168,11 @@ def long_name(part: xr.DataArray, name: str) -> str:
 
 def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Interpolate linearly along the last axis; nothing is extrapolated, and a place itself needs no neighbour."""
-    known = np.flatnonzero(np.isfinite(at))
-    places, first = np.unique(at[known], return_index=True)
+    finite = np.flatnonzero(np.isfinite(at))
+    places, first = np.unique(at[finite], return_index=True)
     if not places.size:
         return np.full((*table.shape[:-1], len(targets)), np.nan)
-    table = table[..., known[first]]
+    table = table[..., finite[first]]
     inside = np.clip(targets, places[0], places[-1])
     position = np.interp(inside, places, np.arange(len(places)))
     low = position.astype(int)

@@ -177,12 +177,11 @@ def required_gap(
     -------
     xarray.Dataset
         On ``record``, and on ``scale``, building properties or ``case`` where the cube has them: ``closing`` (pair,
-        storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys
-        and the exact required gap, 0 where it is below 1e-9 of the sum of the floors' displacements; where there are
-        bumpers their ``thickness`` (pair; m) is in it, storey by storey, and in what rules ask for; ``never`` (pair) is
-        1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the exact one, missing
-        where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors meet. Beside ``rule`` stand
-        its title, formula, clause, edition and note, beside ``pair`` the row's own gap.
+        storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys,
+        0 where it is below 1e-9 of the floors' displacements, which ``never`` (pair) tells by 1; ``rule_gap`` (rule,
+        pair; m), and ``ratio`` (rule, pair) to the exact one; ``correlation`` (pair) of the first modes. The
+        ``thickness`` (pair; m) of bumpers is in the gaps. Missing where no floors meet. Beside ``rule`` stand its
+        title, formula, clause, edition and note, beside ``pair`` the row's own gap.
 
     Raises
     ------

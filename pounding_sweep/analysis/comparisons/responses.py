@@ -64,10 +64,9 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     -------
     xarray.Dataset
         ``<response>_ratio`` (dimensionless, above 1 where pounding amplifies) on the cube's axes, without the law
-        "none"; ``displacement_peak_ratio`` of the largest absolute displacements where the cube has both signs. Where
-        the cube tells, ``touches`` is 1 where floors of the row touch and 0 where none do, in which case every ratio is
-        1. Missing where either scenario is not ok, where the building has no such storey, and where the response
-        without pounding is below 1e-9 of the largest in the row: it is rounding there.
+        "none"; ``displacement_peak_ratio`` of the largest absolute displacements where the cube has both signs;
+        ``touches``, 1 where floors of the row touch and 0 where none do, where the cube tells. Missing where either
+        scenario is not ok, and where the response without pounding is below 1e-9 of the largest in the row.
 
     Raises
     ------
@@ -141,11 +140,10 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     xarray.Dataset
         On ``basis`` (nominal; realised, where it can be had) and the cube's axes, without the law "none":
         ``<output>_compared`` in the output's own units, and ``<output>_ratio``, the law's value over the reference's,
-        missing where that is below 1e-9 of the largest value in the row under any law, of the contact work below 1e-4:
-        there it is rounding, or nothing touches. On the basis ``realised``, ``restitution`` is that of two free masses,
-        and values are interpolated linearly between those of the sweep; missing where a law realises no such value
-        within the sweep, as laws without damping do below 1. The attribute ``realised_basis`` says how it was done, or
-        why not.
+        missing where that is below 1e-9 of the largest value in the row under any law, of the contact work below 1e-4.
+        On the basis ``realised``, ``restitution`` is that of two free masses, and values are linear between those of
+        the sweep, missing where a law realises no such value within it. The attribute ``realised_basis`` says how it
+        was done, or why not.
 
     Raises
     ------
@@ -209,10 +207,9 @@ def impact_statistics(
     -------
     xarray.Dataset
         On ``law`` and what else stays, without the law "none": ``scenarios`` that are ok and ``left_out`` that are not;
-        by pair and storey ``touching`` and ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share`` (a
-        touch at any storey); and on ``quantile``, by pair and storey, ``<output>_fractiles`` of the counts, forces,
-        impulses, approach speeds, penetrations and first times that the cube has, in their own units, over the
-        scenarios that touch there. The attribute ``over`` names what was taken together.
+        by pair and storey ``touching`` and ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share``;
+        on ``quantile``, by pair and storey, ``<output>_fractiles`` of what the cube has of contacts, in their own
+        units, over the scenarios that touch there. The attribute ``over`` names what was taken together.
 
     Raises
     ------
@@ -387,10 +384,9 @@ def fractiles(
     -------
     xarray.Dataset
         On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own units, and
-        ``<output>_count``, how many values its fractiles are of: values are missing where a scenario is not ok, and
-        some where it is (no time of a first impact without one, no such storey). ``scenarios`` is the number along
-        `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs. Fractiles are of what
-        is left: where scenarios were left out because they are extreme, they are too low, which the counts tell.
+        ``<output>_count``, how many values these are of: those of scenarios that are ok and have one. ``scenarios`` is
+        the number along `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs;
+        where these are extreme, fractiles are too low.
 
     Raises
     ------
@@ -462,9 +458,8 @@ def incremental_curves(
     xarray.Dataset
         Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
         ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
-        many curves have a value there. A curve's value at a level is linear between its two nearest scales, missing
-        outside the range of its scales and next to a scenario that is not ok: nothing is extrapolated, and a count
-        below the number of curves (attribute ``curves``) says so.
+        many of the ``curves`` (attribute) have a value there: linear between the two nearest scales, missing outside
+        their range and next to a scenario that is not ok.
 
     Raises
     ------
@@ -473,9 +468,8 @@ def incremental_curves(
 
     Notes
     -----
-    A record at negative scales is that record reversed: another ground motion of the same intensities, which a row that
-    is not symmetric answers otherwise. Where the cube has scales of both signs, each record is two curves, one per
-    direction (see `directions`), and both count in the fractiles.
+    A record at negative scales is that record reversed, another ground motion: where the cube has scales of both signs,
+    each record is two curves, and both count in the fractiles.
 
     Examples
     --------
@@ -508,11 +502,11 @@ def incremental_curves(
         at = np.linspace(low, high, LEVELS)
     result: dict[str, xr.DataArray] = {}
     for name in names:
-        whole = result[name] = values(cube, name).transpose("record", ..., scaled)
-        rows = np.stack([interpolate(whole.values[record][..., way], places, at) for record, way, places in curves])
-        coords = {dim: whole[dim] for dim in whole.dims[1:-1] if dim in whole.coords}
+        part = result[name] = values(cube, name).transpose("record", ..., scaled)
+        rows = np.stack([interpolate(part.values[record][..., way], places, at) for record, way, places in curves])
+        coords = {dim: part[dim] for dim in part.dims[1:-1] if dim in part.coords}
         coords["level"] = labelled("level", at, words, units)
-        on_levels = xr.DataArray(rows, coords, ("curve", *whole.dims[1:-1], "level"), attrs=whole.attrs)
+        on_levels = xr.DataArray(rows, coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
         result[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     over = over_text({"record": len(x), "direction": len(ways)})

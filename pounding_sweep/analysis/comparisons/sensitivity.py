@@ -130,18 +130,18 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
     order = np.argsort(cube["case"].values)  # numbers from 1, points of the design innermost
     groups, counts = np.unique((cube["case"].values[order] - 1) // len(design), return_counts=True)
     fixed = [_fixed(sweep["cases"][group * len(design)], design) for group in groups]
-    for known, count in zip(fixed, counts, strict=True):
+    for texts, count in zip(fixed, counts, strict=True):
         if count < len(design):
             raise InputError(
-                f"{len(design) - count} of the {len(design)} points of the design with {known['law']} are not "
+                f"{len(design) - count} of the {len(design)} points of the design with {texts['law']} are not "
                 "in this part of the cube; give the whole cube"
             )
     rows = order.reshape(len(groups), len(design.blocks), -1)
-    varied = {key for known in fixed for key in known if len({other.get(key) for other in fixed} - {None}) > 1}
     labels = []
-    for known in fixed:
-        law, record = known.pop("law"), known.pop("record", "drawn")
-        labels.append((law, record, " ".join(f"{key}={value}" for key, value in known.items() if key in varied)))
+    for texts in fixed:
+        varied = [key for key in texts if len({other.get(key) for other in fixed} - {None}) > 1]
+        others = " ".join(f"{key}={texts[key]}" for key in varied if key not in ("law", "record"))
+        labels.append((texts["law"], texts.get("record", "drawn"), others))
     return design, labels, rows
 
 
@@ -162,25 +162,24 @@ def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tu
     """Return indices, intervals and counts of points of outputs, from values of shape (blocks, samples, outputs)."""
     n_outputs = table.shape[2]
     indices, ends = np.full((2, d, n_outputs), np.nan), np.full((2, 2, d, n_outputs), np.nan)
-    known = np.isfinite(table).all(axis=0)
-    points, which = np.unique(known, axis=1, return_inverse=True)  # outputs that are known at the same points
+    valid = np.isfinite(table).all(axis=0)
+    points, which = np.unique(valid, axis=1, return_inverse=True)  # outputs that are valid at the same points
     for i, rows in enumerate(points.T):
         if rows.sum() >= LEAST:
             columns = np.flatnonzero(which.ravel() == i)
             blocks = table[:, rows][:, :, columns].swapaxes(1, 2)
             indices[:, :, columns] = sobol_indices(blocks)
             ends[:, :, :, columns] = bootstrap_intervals(blocks, confidence, resamples)
-    return indices, ends, known.sum(axis=0)
+    return indices, ends, valid.sum(axis=0)
 
 
 def sobol_indices(blocks: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Estimate first and total Sobol indices, shape (2, inputs, ...); NaN where values differ by rounding alone."""
-    # `blocks`, shape (inputs + 2, ..., n), are values at the points of A and B, two independent blocks of inputs, and
-    # at those of A with one input of B each; `weights` (n, resamples) of the points add a last dimension. First indices
-    # by Saltelli, Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2),
-    # 259-270, table 2 (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117,
-    # 35-43: half the mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all
-    # is taken off first, which changes no expectation but lessens the error
+    # `blocks`, shape (inputs + 2, ..., n), are values at A, B and A with one input of B each; `weights` (n, resamples)
+    # of the points add a last dimension. First indices by Saltelli et al. (2010), Computer Physics Communications
+    # 181(2), table 2 (b): mean of f(B) (f(AB_i) - f(A)) over the variance of A and B; total ones by Jansen (1999),
+    # ibid. 117: half the mean of (f(A) - f(AB_i))^2 over it. The mean of all is taken off first, which lessens the
+    # error
     size = ROUND_OFF * np.abs(blocks[0]).max(axis=-1)
     a, b, *mixed = blocks - blocks[:2].mean(axis=(0, -1))[..., None]
     columns = np.stack(
