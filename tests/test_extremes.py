@@ -261,7 +261,7 @@ def test_an_implicit_scheme_may_not_diverge(honest):
 def test_slowness_is_found_and_what_has_no_reference_counted(honest):
     run, reference = honest
     assert faults_of(honest, seconds=suite.TIME_LIMIT + 1.0) == [(0, "took 61 s")]
-    known, unknown = verdict(honest), verdict((run, suite.Reference(reference.peaks, np.full(3, np.nan))))
+    known, unknown = verdict(honest), verdict((run, suite.Reference(reference.values, np.full(3, np.nan))))
     assert np.isfinite(known.error).tolist() == unknown.unknown.tolist() == [True, True, False]
     assert not known.unknown.any()
 
@@ -277,7 +277,7 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not(monkeypatch):
     monkeypatch.setattr(suite, "REFERENCE_STEPS", 10)  # too few to converge
     reference = reference_of(batch)
     assert np.isnan(reference.step).all()
-    assert np.isnan(reference.peaks["impact_force_max"]).all()
+    assert np.isnan(reference.values["impact_force_max"]).all()
 
 
 @pytest.mark.slow
@@ -360,7 +360,7 @@ def test_strong_dampers_need_more_steps():
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_CONTACT, Status.OK]
     reference = reference_of(batch, np.array([5e-4, 4e-2]))
     assert np.isfinite(reference.step).all()
-    assert (peak_error(found, reference.peaks) > OK_CLAIM).tolist() == [True, False]
+    assert (peak_error(found, reference.values) > OK_CLAIM).tolist() == [True, False]
 
 
 def test_quickening_by_damping():
@@ -406,7 +406,7 @@ def test_a_motion_that_is_not_resolved_is_told():
     assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > postprocess.MAX_PHASE_ERROR
     found = batch.run("newmark", 1e-2)
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
-    assert peak_error(found, reference_of(batch, np.inf).peaks)[0] > OK_CLAIM
+    assert peak_error(found, reference_of(batch, np.inf).values)[0] > OK_CLAIM
 
 
 @pytest.mark.slow
@@ -422,7 +422,7 @@ def test_ground_that_turns_back_within_steps_is_told():
     ):
         found = batch.run(method, dt)
         assert found["status"].tolist() == [status]
-        assert peak_error(found, reference.peaks)[0] == pytest.approx(error, rel=0.1)
+        assert peak_error(found, reference.values)[0] == pytest.approx(error, rel=0.1)
         assert found["energy_residual"][0] == pytest.approx(residual, rel=0.1)
     assert not loses_ground(shaking, Numerics("exact", 1e-2))
     for record in (suite.earthquake(), ps.Record("quiet", 0.01, np.zeros(9)), ps.Record("point", 0.01, [1.0])):

@@ -28,7 +28,16 @@ from pounding_sweep.model.scene import CONTACTS, Building, Foundation, Scene, Wa
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import global_attributes
 from pounding_sweep.outputs import variables
-from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, STATUS, Status, get_variable, relative_error
+from pounding_sweep.outputs.variables import (
+    CHANGE,
+    OK_CLAIM,
+    SETTLED,
+    STATUS,
+    Status,
+    get_variable,
+    relative_error,
+    relative_errors,
+)
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record, synthetic_record
@@ -357,7 +366,7 @@ _WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 class Reference(NamedTuple):
     """What the scenarios of a batch should give."""
 
-    peaks: Values  # the peaks, shape (n, ...); NaN where no step was fine enough
+    values: Values  # of shape (n, ...); NaN where no step was fine enough
     step: np.ndarray  # time step (s) of the converged run, shape (n,); NaN without one
 
 
@@ -373,16 +382,10 @@ class Run:
     seconds: float = 0.0  # CPU time
 
 
-def peaks_of(values: Mapping[str, np.ndarray]) -> Values:
-    """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
-    displacement = np.stack([values["displacement_max"], values["displacement_min"]], axis=1)
-    names = (name for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in values)
-    return {"displacement_max": displacement, **{name: values[name] for name in names}}
-
-
-def peak_error(values: Mapping[str, np.ndarray], peaks: Mapping[str, np.ndarray]) -> np.ndarray:
+def peak_error(values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
     """Largest relative error of a run's peaks in each scenario, shape (n,)."""
-    return np.max([relative_error(name, peak, peaks[name]) for name, peak in peaks_of(values).items()], axis=0)
+    peaks = [name for name in (*PEAKS, *YIELDING_PEAKS) if name in values]
+    return np.max(list(relative_errors(peaks, values, reference).values()), axis=0)
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
@@ -395,26 +398,26 @@ def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Re
     if len(rows):
         step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
     coarse = batch[rows].run("rk4", step)
-    peaks = {name: np.full((len(batch), *peak.shape[1:]), np.nan) for name, peak in peaks_of(coarse).items()}
+    values = {name: np.full((len(batch), *column.shape[1:]), np.nan) for name, column in coarse.items()}
     while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
         step /= 2.0
         fine = batch[rows].run("rk4", step)
         done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
-        done &= peak_error(coarse, peaks_of(fine)) <= CONVERGED
-        for name, values in peaks_of(fine).items():
-            peaks[name][rows[done]] = values[done]
+        done &= peak_error(coarse, fine) <= CONVERGED
+        for name, column in fine.items():
+            values[name][rows[done]] = column[done]
         steps[rows[done]] = step
-        rows, coarse = rows[~done], {name: values[~done] for name, values in fine.items()}
-    return Reference(peaks, steps)
+        rows, coarse = rows[~done], {name: column[~done] for name, column in fine.items()}
+    return Reference(values, steps)
 
 
 def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.ndarray:
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
     sensitive = np.zeros(len(rows), bool)
-    peaks = {name: values[rows] for name, values in reference.peaks.items()}
+    expected = {name: values[rows] for name, values in reference.values.items()}
     for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
-        sensitive |= peak_error(moved.run("rk4", float(np.nanmin(reference.step[rows]))), peaks) > OK_CLAIM
+        sensitive |= peak_error(moved.run("rk4", float(np.nanmin(reference.step[rows]))), expected) > OK_CLAIM
     return sensitive
 
 
@@ -422,7 +425,7 @@ def unsettled_rows(run: Run, rows: np.ndarray) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
     half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
     whole = {name: values[rows] for name, values in run.values.items()}
-    return (peak_error(whole, peaks_of(half)) > SETTLED) | (half["status"] != Status.OK)
+    return (peak_error(whole, half) > SETTLED) | (half["status"] != Status.OK)
 
 
 def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -470,7 +473,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
         created = np.where(sound, created_energy(values), 0.0)
         share = np.where(sound, energy_share(batch, values), 0.0)
     judged = ok & sound & has_reference
-    error = np.where(judged, peak_error(values, reference.peaks), np.nan)
+    error = np.where(judged, peak_error(values, reference.values), np.nan)
     missed = judged & (error > OK_CLAIM)
     sensitive, unsettled = np.zeros((2, len(batch)), bool)
     if len(rows := np.flatnonzero(missed)):
@@ -639,7 +642,7 @@ def stability_map(
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
     references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
     name = "impact_force_max"
-    expected = np.concatenate([reference.peaks[name] for reference in references])
+    expected = np.concatenate([reference.values[name] for reference in references])
     has_reference = np.isfinite(np.concatenate([reference.step for reference in references]))
     errors = np.array([[relative_error(name, run[name], expected) for run in line] for line in runs])
     drawn = has_reference & np.isin(status, _WITH_VALUES)

@@ -220,13 +220,12 @@ def _print_laws(as_json: bool) -> None:
     from pounding_sweep.model.laws import LAWS
     from pounding_sweep.model.rebound import RELATIONS
 
-    columns = [column for column in _LAW_COLUMNS if as_json or column[1]]
-    rows = [[str(getattr(law, name) or "") for name, _, _ in columns] for law in LAWS.values()]
     if as_json:
-        laws = [dict(zip([key for _, _, key in columns], row, strict=True)) for row in rows]
+        laws = [{key: str(getattr(law, name) or "") for name, _, key in _LAW_COLUMNS} for law in LAWS.values()]
         print_json([law | {"relation": law["relation"] and RELATIONS[law["relation"]].text} for law in laws])
         return
-    print_table([heading for _, heading, _ in columns], [[cell or "-" for cell in row] for row in rows])
+    columns = {heading: name for name, heading, _ in _LAW_COLUMNS if heading}
+    print_table(list(columns), [[str(getattr(law, name) or "-") for name in columns.values()] for law in LAWS.values()])
     print("\nd: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
     print("paper: model number in Mate, Bakre & Jaiswal (2015). Laws of your own: FILE.py:NAME, see --check.")
 
@@ -245,7 +244,7 @@ def _print_certificate(nominal: Sequence[float] | None, as_json: bool) -> None:
     if as_json:
         print_json({**settings, "largest_deviation": {"value": worst.item(), **place}, "rows": rows})
         return
-    by_basis = [[row for row in rows if row["basis"] == basis] for basis in table.basis.values]
+    by_basis = ([row for row in rows if row["basis"] == basis] for basis in table.basis.values)
     lines = []
     for published, realised in zip(*by_basis, strict=True):
         takes = get_law(published["law"]).takes_restitution
@@ -280,12 +279,8 @@ def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> Non
     else:
         print_pairs([(name, str(value)) for name, value in about.items() if value not in ("", None, False)])
         print()
-        forms = {"damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}
-        lines = [
-            [row["basis"], f"{row['restitution']:g}", *_cells(row, **forms)]
-            for row in rows
-            if row["measured"] is not None
-        ]
+        forms = {"restitution": "g", "damping_number": ".6g", "measured": ".9f", "solved": ".9f", "analytic": ".9f"}
+        lines = [[row["basis"], *_cells(row, **forms)] for row in rows if row["measured"] is not None]
         headings = ["basis", "asked e", "damping number", "gives (kernels)", "by a solver", "closed form"]
         print_table(headings, lines, right=range(1, len(headings)))
         worst = max(check.twin, key=check.twin.__getitem__)
@@ -294,10 +289,8 @@ def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> Non
             "solver of the formulas (DOP853), and by the closed form.\n"
             f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst})."
         )
-        for fault in faults:
-            print(f"fault: {fault}")
-        if not faults:
-            print("All agree: the kernels do what the formulas say.")
+        agree = ["All agree: the kernels do what the formulas say."]
+        print(*([f"fault: {fault}" for fault in faults] or agree), sep="\n")
     if faults:
         raise Exit(app.FAILED)
 
@@ -318,20 +311,18 @@ def doctor_command(
     as_json: AsJson = False,
 ) -> None:
     """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""
+    from pounding_sweep.accuracy.self_check import self_check
     from pounding_sweep.run.diagnosis import diagnose
 
     state = diagnose()
     if not as_json:
         _print_state(state)
-    if not no_check:
-        from pounding_sweep.accuracy.self_check import self_check
-
-        state["self_check"] = self_check()
-        if not as_json:
-            _print_state({"self_check": state["self_check"]})
+    check = {} if no_check else {"self_check": self_check()}
     if as_json:
-        print_json(state)
-    if not no_check and not state["self_check"]["passed"]:
+        print_json(state | check)
+    else:
+        _print_state(check)
+    if check and not check["self_check"]["passed"]:
         say("failed: this installation does not compute the stored values; install it again, or report this")
         raise Exit(app.FAILED)
 

@@ -262,6 +262,10 @@ def animate_command(
     print(animate(_simulate(options), out, start=start, end=end, frames=frames, speed=speed))
 
 
+#: Options that choose a value of an axis.
+_CHOICES = ("law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale", "case")
+
+
 def _simulate(options: ScenarioOptions) -> xr.Dataset:
     """Run the chosen scenario; say which it is, and how fine its histories are."""
     from pounding_sweep.figures.select import scenario_title
@@ -269,17 +273,14 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     from pounding_sweep.run.simulate import simulate_shown
     from pounding_sweep.run.sweep import load_sweep
 
-    choice = dict(vars(options))
-    sweep, folders, skip_missing, at, step = (
-        choice.pop(name) for name in ("sweep", "folders", "skip_missing", "at", "output_step")
-    )
-    for name, values in app.axis_values(at or []).items():
+    choice = {name: getattr(options, name) for name in _CHOICES}
+    for name, values in app.axis_values(options.at or []).items():
         if choice.get(name) is not None:
             raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)
-    spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
+    spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders or None).spec
     app.say_laws(spec.own_laws)
-    histories = simulate_shown(spec, step, **choice)
+    histories = simulate_shown(spec, options.output_step, **choice)
     say(scenario_title(histories))
     if histories.sizes.get("time", 0) > 1:
         interval = 1e3 * float(histories["time"][1] - histories["time"][0])

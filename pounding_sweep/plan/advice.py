@@ -2,9 +2,8 @@
 
 ``measured.json`` (made by ``python -m benchmarks.calibrate``, from a clone) holds, for every law, scheme and class of
 outputs, the relative error against the number of steps in the shortest time of a scenario, the shorter of its shortest
-contact and half the period of the buildings' highest mode. The advice reads off the largest step that keeps most errors
-within what is asked, from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it where stability
-or a long record of hardly damped buildings needs it, and takes the scheme whose steps cost least.
+contact and half the period of the buildings' highest mode. Scenarios begin with the largest step that keeps most errors
+within what is asked, in the scheme whose steps cost least.
 """
 
 from __future__ import annotations
@@ -251,11 +250,10 @@ class Demand:
     def contact(self) -> np.ndarray:
         """Shortest contact of each scenario (s)."""
         spec, variants, result = self.spec, self.variants, np.full(len(self.table), np.inf)
+        speeds = np.zeros((len(spec.records), len(variants), len(spec.scene.pair_names)))
         # only forces that are not linear make contacts of a duration that depends on the speed
-        every = (*self.laws, *(bumper.law for bumper in spec.scene.bumpers))
-        linear = all(law.exponent in (None, 1.0) for law in every)
-        still = np.zeros((len(variants), len(spec.scene.pair_names)))
-        speeds = np.stack([still if linear else approach_speeds(variants, record) for record in spec.records])
+        if any(law.exponent not in (None, 1.0) for law in (*self.laws, *(b.law for b in spec.scene.bumpers))):
+            speeds = np.stack([approach_speeds(variants, record) for record in spec.records])
         for i, rows in self.table.by_law():
             part = self.table[rows]
             speed = np.abs(part.scale)[:, None] * speeds[part.record, part.variant] + self.initial_speed
@@ -265,6 +263,7 @@ class Demand:
 
     def needs(self, measured: Measured, scheme: SchemeAndFormat) -> tuple[dict[str, float], tuple[float, str]]:
         """Return what laws need, `refinement` of exact flight, else steps in the shortest time, and the worst error."""
+        method, precision = scheme
         spec, need, worst, of_bumpers = self.spec, dict[str, float](), (0.0, ""), 0.0
         for law in (*(bumper.law for bumper in spec.scene.bumpers), *self.laws):
             # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
@@ -278,11 +277,11 @@ class Demand:
                 ) from None
             # the run that is kept has half the step
             ordered = not law.impulsive and self.accuracy <= ORDERLY
-            start = EARLY * self.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
+            start = EARLY * self.accuracy * (SCHEMES[method].leeway if ordered else 1.0)
             pairs = [(curve.needed(self.accuracy), curve.needed(start)) for curve in curves]
             most = max(pair[0] if math.inf in pair else pair[1] for pair in pairs)
             # steps by series hardly err: it is flight that decides
-            if kernel_shape(spec.scene, law, Numerics(scheme[0], 1.0, precision=scheme[1]), ()).series:
+            if kernel_shape(spec.scene, law, Numerics(method, 1.0, precision=precision), ()).series:
                 most = max(most, 0.5 * flight_refinement(self.accuracy))
             if law in self.laws:
                 need[law.key] = max(most, of_bumpers) if law.has_contact else most
@@ -323,12 +322,12 @@ class Demand:
         flies = SCHEMES[method].flies_exactly and not stepped
         limit = MAX_PHASE_ERROR if flies else min(self.accuracy, MAX_PHASE_ERROR)
         result = np.zeros(len(self.variants), dtype=int)
-        for steps in _STEPS.tolist():
-            numerics = Numerics(method, record.dt / steps)
-            late = phase_error(self.variants, record, numerics) > limit
-            result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
-            if result.all():
-                break
+        steps = iter(_STEPS.tolist())
+        while not result.all():
+            count = next(steps)
+            numerics = Numerics(method, record.dt / count)
+            if not loses_ground(record, numerics):
+                result[(result == 0) & (phase_error(self.variants, record, numerics) <= limit)] = count
         return result
 
     def cost(self, method: str, nanoseconds: float, steps: np.ndarray, need: dict[str, float]) -> float:
@@ -350,8 +349,7 @@ def advise(demand: Demand) -> Advice:
     Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
     """
     spec, table, measured = demand.spec, demand.table, load_measured()
-    candidates: list[tuple[float, SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray]] = []
-    reached: list[str] = []
+    candidates, reached = list[tuple[float, SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray]](), list[str]()
     for scheme, cost in measured.cost.items():
         method, precision = scheme
         # small differences of large numbers need the wide format
@@ -372,15 +370,12 @@ def advise(demand: Demand) -> Advice:
             "less, for other laws or another method, or give dt and see the audit of the cube"
         )
     if not candidates:
-        may_be = spec.method is None or SCHEMES[spec.method].ladder
-        how = ", or measure them, from a clone: python -m benchmarks.calibrate" if may_be else ""
         whose = spec.method or "any scheme that runs this row"
-        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead{how}")
-    least, scheme, need, steps, uncoupled = min(candidates, key=lambda candidate: candidate[0])
+        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead")
+    (least, scheme, need, steps, uncoupled), *rest = sorted(candidates, key=lambda candidate: candidate[0])
     (method, precision), quantile = scheme, float(measured.about["quantile"])
-    others = {" ".join(name): cost / least for cost, name, *_ in candidates if name != scheme and least}
-    cheapest = min(others, key=others.__getitem__, default=None)
-    more = "" if cheapest is None else f" ({cheapest}: {others[cheapest]:.2g} times the cost)"
+    others = {" ".join(name): cost / least for cost, name, *_ in rest if least}
+    more = "".join([f" ({name}: {ratio:.2g} times the cost)" for name, ratio in others.items()][:1])
     interval, used = np.array([record.dt for record in spec.records]), uncoupled[:, np.unique(table.variant)]
     counts = np.concatenate([steps, used.ravel()])
     lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
@@ -399,9 +394,9 @@ def advise(demand: Demand) -> Advice:
         "relative_cost_of_others": others,
     }
     largest = float((interval / uncoupled.min(axis=1)).max())
-    rest = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
+    settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
     sentence = (
         f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
         f"scenarios refined{more}"
     )
-    return Advice(Numerics(method, largest, *rest), steps, uncoupled, sentence, numbers)
+    return Advice(Numerics(method, largest, *settings), steps, uncoupled, sentence, numbers)

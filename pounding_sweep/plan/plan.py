@@ -1,11 +1,8 @@
 """From a sweep to the scenarios that must really run.
 
-Every combination that was asked for is reduced to what can matter to it: a law without restitution ignores that axis,
-no pounding ignores gap, stiffness and restitution, a row in which no floors meet ignores the law. What remains once is
-run once and broadcast back into the cube. A scenario whose every gap is at least the largest closing displacement of
-the run without pounding never touches: it is that run.
-
-Where the sweep asks for an accuracy, scheme and steps are chosen here too, for each scenario by what it must resolve.
+Every combination is reduced to what can matter to it: a law without restitution ignores that axis, no pounding ignores
+gap, stiffness and restitution. What differs is run once and broadcast back into the cube. A scenario whose every gap is
+at least the largest closing displacement of the run without pounding never touches: it is that run.
 """
 
 from __future__ import annotations
@@ -166,11 +163,7 @@ class Plan:
         return len(self.variants) == 1 or len(self.unique) >= least * runs
 
     def shapes(self) -> list[KernelSpec]:
-        """Return the kernels that a run needs, none twice; that without contact decides who can touch.
-
-        A scenario in single precision that is refined goes on in double: that kernel is among them, so that none is
-        compiled in the middle of a run.
-        """
+        """Return the kernels that a run needs, none twice; where steps are refined, those in double precision too."""
         last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
         kernels = [self.kernel(law) for law in np.unique(laws[laws != last]).tolist()]
         if self.spec.accuracy is not None:
@@ -181,11 +174,7 @@ class Plan:
 
     @cached_property
     def uncoupled_to_run(self) -> np.ndarray:
-        """Rows of `uncoupled_runs` that are worth running, rising.
-
-        Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
-        other scenarios whether they touch: fewer are as soon run themselves.
-        """
+        """Rows of `uncoupled_runs` that are asked for, or tell of `LEAST_SHARED` or more scenarios if they touch."""
         requested, count = (
             np.bincount(self.uncoupled_of[~self.refused & rows], minlength=len(self.uncoupled_runs))
             for rows in (self.no_contact, ~self.no_contact)

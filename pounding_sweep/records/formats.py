@@ -124,9 +124,10 @@ def _read_header(source: RecordText) -> tuple[Lines, int, str]:
         if floats(row) if source.layout == "rows" else _numbers(row):
             return header, line, row
         header += [(line, row[:_MOST_HEADER])] if row else []
-    if len(source.lines) > _MOST_HEADER:
-        raise RecordError(f"its first {_MOST_HEADER} lines hold no row of numbers; is it a record?")
-    raise RecordError("holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
+    raise RecordError(
+        f"has no row of numbers in its first {_MOST_HEADER} lines; give a PEER AT2 file, two columns (time, "
+        "acceleration) or one of acceleration"
+    )
 
 
 def _read_table(
@@ -151,8 +152,6 @@ def _read_table(
     first, passed = values[0, 0], np.diff(values[:, 0])
     rises = len(passed) > 1 and passed.min() > 0.0 and passed.max() < 3.0 * passed.min()
     time = -1 if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else -1
-    if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
-        raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
     names = heads or [str(index + 1) for index in range(columns)]
     chosen = source.choose({index + 1: name for index, name in enumerate(names) if index != time}) - 1
     counts = time == 0 and not timed and first in (0.0, 1.0) and len(passed) > 0 and bool((passed == 1.0).all())
@@ -173,8 +172,8 @@ def _read_table(
         step = step_of_times(source, values[:, time], printed, steps, what)
         # a row before the first, of which some value is no number, looks like a line of the header
         last = header[-1][1] if header else ""
-        before, expected = floats("".join(_cells(last)[:1])), values[0, time] - step[0]
-        if before and len(before) == 1 and abs(expected - before[0]) < 1e-6 + 1e-3 * abs(expected):
+        before = floats("".join(_cells(last)[:1]))
+        if before and np.allclose(before, values[0, time] - step[0], rtol=1e-3, atol=1e-6):
             raise RecordError(f"{last[:24]!r} before line {line} is a row of data with a value that is no number")
     heading = [(where, heads[chosen])] if heads else []
     return values[:, chosen], step, heading, names[chosen] if columns - (time >= 0) > 1 else None

@@ -165,8 +165,7 @@ def plain_words(block: str) -> Array | None:
 def load_text(file: Path, record: str) -> RecordText:
     """Read a regular file of bounded size as text, whatever its encoding; `record` is the name it is read for."""
     try:
-        status = file.stat()
-        raw = b""
+        status, raw = file.stat(), b""
         if stat.S_ISREG(status.st_mode) and status.st_size <= MAX_FILE_BYTES:  # opening a pipe would wait for ever
             with file.open("rb") as stream:
                 raw = stream.read(status.st_size + 1)  # memory for what is asked is taken at once
@@ -178,19 +177,16 @@ def load_text(file: Path, record: str) -> RecordText:
     if not stat.S_ISREG(status.st_mode):
         raise RecordError("is a folder or a device; give a file")
     if status.st_size > MAX_FILE_BYTES:
-        size, limit = status.st_size / 2**20, MAX_FILE_BYTES // 2**20
+        limit = f"{MAX_FILE_BYTES // 2**20} MiB are refused"
         raise RecordError(
-            f"has {size:.0f} MiB; files of more than {limit} MiB are refused: is it a record? If so, cut it"
+            f"has {status.st_size / 2**20:.0f} MiB; files of more than {limit}: is it a record? If so, cut it"
         )
     for pattern, what in read_data("records.toml")["not_read"].items():
         if re.match(pattern.encode(), raw, re.DOTALL | re.IGNORECASE):
             raise RecordError(f"is {what}")
-    wide = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
     try:
-        text = raw.decode("utf-16" if wide else "utf-8-sig")
+        text = raw.decode("utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
     except UnicodeDecodeError:
-        if wide:
-            raise RecordError("has a UTF-16 mark but is no UTF-16 text; save it as plain text") from None
         text = raw.decode("latin-1")
     text = text.translate(_DASHES).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a\n\t ")  # ^Z: of DOS
     if not text.strip():
@@ -279,9 +275,8 @@ def _units_of(patterns: Iterable[str], text: str) -> list[tuple[str, str]]:
 
 def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> list[Stated]:
     """Collect the units that the lines of a header state for the column with a heading."""
-    units = []
-    for unit, _ in _units_of(_HEADING_UNITS, heading[1])[:1] if heading else ():
-        units.append(Stated(unit, f"{heading[1]!r}, line {heading[0]}" if heading else ""))
+    place, title = heading or (0, "")
+    units = [Stated(unit, f"{title!r}, line {place}") for unit, _ in _units_of(_HEADING_UNITS, title)[:1]]
     for line, text in lines:
         ways = (_units_of(patterns, text) for patterns in _REMARK_UNITS)
         for unit, phrase in next(filter(None, ways), []):
@@ -303,14 +298,13 @@ def check_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | 
 def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
     """Choose the unit of a file, and say where it is from; `wanted` is what the caller gave, which always wins."""
     stated: dict[str, Stated] = {}
+    others = [item for item in content.units if plain_unit(item.text) in _QUANTITIES.keys() - UNITS.keys()]
     for item in content.units:
-        if match_unit(item.text) or plain_unit(item.text) not in _QUANTITIES:
+        if item not in others:
             stated.setdefault(match_unit(item.text) or item.text, item)
     valid = [unit for unit in stated if unit in UNITS]
-    if content.units and not valid:
-        for item in content.units:
-            if quantity := _QUANTITIES.get(plain_unit(item.text)):
-                raise not_acceleration(quantity, item.where)
+    if others and not valid:
+        raise not_acceleration(_QUANTITIES[plain_unit(others[0].text)], others[0].where)
     if wanted:
         over = " and ".join(item.where for unit, item in stated.items() if unit != wanted)
         return wanted, f"given{', in place of ' + over if over else ''}"

@@ -57,10 +57,8 @@ def synthetic_record(
     ----------
     seed
         Seed, an integer from 0 to 2**64 - 1; the same seed and parameters give the same record.
-    duration
-        Length in s, at least `dt`.
-    dt
-        Time step in s.
+    duration, dt
+        Length, at least `dt`, and time step in s.
     pga
         Peak ground acceleration in m/s2.
     ground_frequency, ground_damping
@@ -87,11 +85,8 @@ def synthetic_record(
     Notes
     -----
     Frequency content doesn't change with time, and no baseline is corrected: a small velocity remains at the end.
-
-    References
-    ----------
-    R. W. Clough, J. Penzien, Dynamics of Structures, 2nd ed., McGraw-Hill, 1993 (filters).
-    P. C. Jennings, G. W. Housner, N. C. Tsai, Simulated Earthquake Motions, Caltech, 1968 (envelope).
+    Filters: R. W. Clough, J. Penzien, Dynamics of Structures, 2nd ed., McGraw-Hill, 1993. Envelope: P. C. Jennings,
+    G. W. Housner, N. C. Tsai, Simulated Earthquake Motions, Caltech, 1968.
 
     Examples
     --------
@@ -268,9 +263,6 @@ def near_fault_record(
     velocity v = A/2 (1 + cos(x / gamma)) cos(x + nu), acceleration
     a = -A pi / (gamma T) (sin(x / gamma) cos(x + nu) + gamma (1 + cos(x / gamma)) sin(x + nu)). The ground is at rest
     before and after; what remains is a displacement. Add it to a recorded or synthetic motion for the high frequencies.
-
-    References
-    ----------
     G. P. Mavroeidis, A. S. Papageorgiou, A mathematical representation of near-fault ground motions, Bulletin of the
     Seismological Society of America 93(3), 1099-1131, 2003.
 
