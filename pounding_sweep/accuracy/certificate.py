@@ -37,7 +37,7 @@ NO_STIFFNESS = 1e-10
 
 def contact_stiffness(law: Law) -> float:
     """Contact stiffness (kN/m**exponent) whose undamped contact lasts `DURATION`."""
-    n = 1.0 if law.exponent is None else law.exponent
+    n = law.exponent or 1.0
     of_one = float(elastic_duration(n, np.ones(1), np.full(1, MASS / 2.0), np.full(1, APPROACH))[0])
     return (of_one / DURATION) ** (n + 1.0)
 

@@ -48,11 +48,8 @@ from pounding_sweep.schemes.stability import largest_step
 
 #: Peaks whose error is judged, and what every run reports beside them; the same of storeys that yield.
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
-OUTPUTS = (
-    *PEAKS,
-    *(f"energy_{kind}" for kind in ("input", "damping", "kinetic", "strain", "residual")),
-    "contact_work",
-)
+ENERGIES = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain", "energy_residual", "contact_work")
+OUTPUTS = (*PEAKS, *ENERGIES)
 YIELDING_PEAKS = ("ductility_max",)
 YIELDING_OUTPUTS = (*YIELDING_PEAKS, "residual_drift", "hysteretic_energy")
 
@@ -137,12 +134,11 @@ def beside_wall(damping: float = 0.05) -> Scene:
 
 def yielding_pair(strength: float, hardening: float, damping_stiffness: str = "initial") -> Scene:
     """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
+    settings: dict[str, Any] = {"hardening": hardening, "damping_stiffness": damping_stiffness}
     buildings = []
     for building, acceleration in zip(pair().buildings, (strength, 1.0), strict=True):
-        strengths = [acceleration * float(mass) for mass in np.cumsum(building.masses[::-1])[::-1]]
-        buildings.append(
-            replace(building, yield_strengths=strengths, hardening=hardening, damping_stiffness=damping_stiffness)
-        )
+        above = np.cumsum(building.masses[::-1])[::-1]
+        buildings.append(replace(building, yield_strengths=(acceleration * above).tolist(), **settings))
     return row(*buildings)
 
 
@@ -282,7 +278,7 @@ def all_families() -> dict[str, list[Case]]:
         families[family] = []
         for case in cases:
             name, scene, of = case.pop("name"), SCENES[case.pop("scene")], case.pop("of", [])
-            settings = case | ({"record": RECORDS[case["record"]]} if "record" in case else {})
+            settings = case | {"record": RECORDS.get(case.get("record"))}
             families[family] += [(name.format(*values), scene(*values), settings) for values in product(*of)]
     return families
 
@@ -331,9 +327,8 @@ def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
     buildings: list[Building | Wall] = []
     for name in names:
         plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), len(names))
-        masses, stiffnesses = plain.masses, plain.stiffnesses
-        if len(names) == 2:
-            masses, stiffnesses = (rng.uniform(0.5, 2.0, (2, 2)) * [plain.masses, plain.stiffnesses]).tolist()
+        factors = rng.uniform(0.5, 2.0, (2, 2)) if len(names) == 2 else np.ones((2, 1))
+        masses, stiffnesses = (factors * [plain.masses, plain.stiffnesses]).tolist()
         buildings.append(Building(name, masses, stiffnesses, float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))))
     return row(*buildings, *([Wall()] if len(names) == 1 else []))
 
@@ -448,7 +443,7 @@ def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     gained = values["energy_kinetic"] + values["energy_strain"]
     parts = [np.abs(values["energy_input"]), values["energy_damping"], gained, np.abs(work)]
     size = np.max([part.sum(axis=1) for part in parts], axis=0)
-    return np.asarray(np.abs(work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
+    return np.asarray(-work.min(axis=1, initial=0.0) / np.where(size > 0.0, size, 1.0))
 
 
 def judge(run: Run, reference: Reference) -> pd.DataFrame:
@@ -503,12 +498,13 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
 def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     """Whether there is what a value is of, not so at walls, missing storeys and floors that meet nothing."""
     dims, scene = get_variable(name).dims, batch.scene
+    exists = np.zeros((1, *values.shape[1:]))
     if dims == ("building", "storey"):
-        exists = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
-        return np.isfinite(variables.scatter_dof(exists[None], scene))[0]
-    if dims == ("pair", "storey"):
-        return np.isfinite(variables.scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
-    return np.ones(values.shape[1:], bool)
+        column = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
+        exists = variables.scatter_dof(column[None], scene)
+    elif dims == ("pair", "storey"):
+        exists = variables.scatter_contact(np.zeros((1, len(scene.contacts))), scene)
+    return np.isfinite(exists[0])
 
 
 def run_judged(batch: Batch, precision: str, methods: Sequence[str]) -> list[pd.DataFrame]:
@@ -549,7 +545,7 @@ def run_extremes(
     The report has a result for each family and scheme, the number of violations, and what was run in which time.
     """
     schemes = measured_schemes() if methods is None else tuple(methods)
-    chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
+    chosen = [law for law in map(get_law, LAWS if laws is None else laws) if law.has_contact]
     if not chosen:
         raise InputError(
             f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
@@ -558,10 +554,9 @@ def run_extremes(
         raise InputError(f"scenes = {scenes} and seed = {seed} must not be negative")
     progress, start = progress or Progress(), time.perf_counter()
     valid = [*all_families(), RANDOM]
-    keys = valid if families is None else list(dict.fromkeys(families))
-    for key in keys:
-        if key not in valid:
-            raise InputError(unknown("family", key, valid))
+    keys = dict.fromkeys(valid if families is None else families)
+    if wrong := keys.keys() - valid:
+        raise InputError(unknown("family", wrong.pop(), valid))
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
     kernels = [

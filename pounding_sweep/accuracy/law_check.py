@@ -50,7 +50,7 @@ class LawCheck:
     @property
     def faults(self) -> list[str]:
         """Where the ways do not agree; empty where the law is what it says."""
-        table, worst = self.certificate, max(self.twin, key=lambda name: self.twin[name])
+        table, worst = self.certificate, max(self.twin, key=self.twin.__getitem__)
         differ = "restitutions that differ by {:.1e}"
         kernel, closed = (
             abs(one - table.solved).max().item() for one in (table.measured, table.analytic.fillna(table.solved))

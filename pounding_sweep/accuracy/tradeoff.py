@@ -184,7 +184,12 @@ def measure(
     reference = Numerics("rk4", min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
     grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
     limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
-    refused = [_refused(plan, numerics, limits[numerics.method]) for numerics in grid]
+    true_steps = np.array([[_step(record, step) for step in axes["step"]] for record in spec.records])
+    beyond = {
+        (name, step): (column[plan.unique.record] > limits[name]) & (not spec.force_unstable)
+        for name, (step, column) in product(limits, zip(axes["step"], true_steps.T, strict=True))
+    }
+    refused = [beyond[one.method, one.dt] | (one.scheme.flies_exactly and not one.locate) for one in grid]
     timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
     kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
@@ -221,7 +226,7 @@ def measure(
     durations = np.array([record.duration for record in spec.records])[plan.unique.record]
     lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
     best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
-    shares = np.array([rows.sum() / sample.touching.sum() for rows in of_laws])
+    shares = np.mean(of_laws, axis=1) / sample.touching.mean()
 
     shape = [len(values) for values in axes.values()]
     statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
@@ -238,7 +243,7 @@ def measure(
     coordinates = {
         **{name: list(values) for name, values in axes.items()},
         "located": np.array(axes["located"], np.int8),
-        "time_step": (("record", "step"), [[_step(record, step) for step in axes["step"]] for record in spec.records]),
+        "time_step": (("record", "step"), true_steps),
         "output": list(outputs),
         "status": [s.label for s in STATUS],
         "law": laws[timed_laws].tolist(),
@@ -252,41 +257,12 @@ def measure(
         "scenario_stiffness": ("scenario", table.stiffness),
         "scenario_restitution": ("scenario", table.restitution),
     }
-    return xr.Dataset(
-        data, coordinates, _provenance(spec, plan, sample, reference) | {"seed": seed, "repeats": repeats}
-    )
-
-
-def _step(record: Record, step: float) -> float:
-    """Time step (s) that is taken for a largest one: the record's, divided evenly."""
-    return record.dt / Numerics("rk4", step).steps(record)
-
-
-def _refused(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
-    """Rows of the plan's table that a sweep refuses: a step beyond the stability limit, or `exact` without locating."""
-    if numerics.scheme.flies_exactly and not numerics.locate:
-        return np.ones(len(plan.unique), bool)
-    steps = np.array([_step(record, numerics.dt) for record in plan.spec.records])[plan.unique.record]
-    return (steps > limit) & (not plan.spec.force_unstable)
-
-
-def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
-    """Relative errors (n, outputs): infinite where the run diverged, NaN where it or the reference has no values."""
-    errors = relative_errors(outputs, values, reference)
-    table = np.stack([errors[name] for name in outputs], axis=1)
-    table[values["status"] == Status.DIVERGED] = np.inf
-    table[(values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)] = np.nan
-    return table
-
-
-def _provenance(spec: SweepSpec, plan: Plan, sample: TradeSample, reference: Numerics) -> dict[str, Any]:
-    """Return attributes: settings, machine and sweep."""
     state = diagnose()
     machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
-    return {
+    attributes = {
         **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
-        "sample_scenarios": len(sample.rows),
+        "sample_scenarios": n,
         "touching_scenarios": int(sample.touching.sum()),
         "unique_scenarios": len(plan.unique),
         "reference": f"{reference.method}, located, {reference.precision}",
@@ -299,7 +275,24 @@ def _provenance(spec: SweepSpec, plan: Plan, sample: TradeSample, reference: Num
         "sweep": to_json(spec),
         "sweep_sha256": digest(spec),
         **{f"{name}_version": version for name, version in library_versions().items()},
+        "seed": seed,
+        "repeats": repeats,
     }
+    return xr.Dataset(data, coordinates, attributes)
+
+
+def _step(record: Record, step: float) -> float:
+    """Time step (s) that is taken for a largest one: the record's, divided evenly."""
+    return record.dt / Numerics("rk4", step).steps(record)
+
+
+def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
+    """Relative errors (n, outputs): infinite where the run diverged, NaN where it or the reference has no values."""
+    errors = relative_errors(outputs, values, reference)
+    table = np.stack([errors[name] for name in outputs], axis=1)
+    table[values["status"] == Status.DIVERGED] = np.inf
+    table[(values["status"] == Status.BEYOND_STABILITY_LIMIT) | (reference["status"] == Status.DIVERGED)] = np.nan
+    return table
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -369,8 +362,8 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     for name, variable in trade.variables.items():
         text, units = _ABOUT.get(str(name).removeprefix("law_"), ("", ""))
         flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
-        variable.attrs = {"long_name": text} if text else {}
-        variable.attrs |= flags if " " in units else {"units": units} if units else {}
+        about = {"long_name": text} | (flags if " " in units else {"units": units})
+        variable.attrs = {key: value for key, value in about.items() if key == "flag_values" or value}
     return trade.assign_attrs(sensitive_scenarios=int(sensitive.sum()))
 
 
@@ -448,10 +441,9 @@ def tradeoff(
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, in the order of `valid`."""
-    names = tuple(requested)
-    for name in names:
-        if name not in valid:
-            raise InputError(unknown(kind, name, valid))
+    names = set(requested)
+    if wrong := names.difference(valid):
+        raise InputError(unknown(kind, wrong.pop(), valid))
     if not names:
         raise InputError(f"no {kind} is given; valid: {', '.join(valid)}")
     return tuple(name for name in valid if name in names)

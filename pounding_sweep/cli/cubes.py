@@ -66,9 +66,9 @@ def _sidecar(survey: Survey) -> str:
 def _print_unfinished(survey: Survey) -> None:
     """Print what is done and what is missing of a sweep."""
     state = f"{survey.now} is at work on it" if survey.now else "not running; run the same command to resume"
-    asked = "no run came as far as its first stage"
-    if survey.asked is not None:
-        asked = f"{survey.asked} asked, at most {survey.at_most} to run"
+    asked = f"{survey.asked} asked, at most {survey.at_most} to run"
+    if survey.asked is None:
+        asked = "no run came as far as its first stage"
     rows = [("unfinished", str(survey.folder)), *([("title", survey.title)] if survey.title else [])]
     rows += [*survey.details.items(), ("state", state), ("scenarios", asked)]
     if survey.asked is not None and not survey.planned:
@@ -141,10 +141,10 @@ def _print_figures(dataset: xr.Dataset) -> None:
     """Print which figures a dataset allows, and what the others lack."""
     from pounding_sweep.figures import FIGURES
 
-    lacks = [(kind, kind.missing(dataset)) for kind in FIGURES.values()]
+    lacks = [(kind, ", ".join(kind.missing(dataset))) for kind in FIGURES.values()]
     if possible := [[kind.key, kind.title] for kind, missing in lacks if not missing]:
         print_table(["figure", "shows"], possible)
-    if others := [[kind.key, ", ".join(missing)] for kind, missing in lacks if missing]:
+    if others := [[kind.key, missing] for kind, missing in lacks if missing]:
         print()
         print_table(["not possible", "lacks"], others)
 
@@ -202,8 +202,9 @@ def export_command(
     ):
         if value and not fits:
             raise InputError(f"{flag} is for {output}, or leave it out")
-    if fragility and len(intensities or ()) > 1:
-        raise InputError(f"--intensity is given {len(intensities or ())} times, and a fragility is of one")
+    measures = intensities or []
+    if fragility and len(measures) > 1:
+        raise InputError(f"--intensity is given {len(measures)} times, and a fragility is of one")
     with open_cube(cube) as dataset:
         part = select(dataset, app.axis_values(at or []))
         paths: list[Any] = [out]
@@ -212,12 +213,12 @@ def export_command(
             say(f"{samples} samples of building {pelicun}")
         elif fragility:
             states = dict(map(_limit_state, limit_states or ["touch=touch"]))
-            measure = next(iter(intensities or ()), None)
+            measure = next(iter(measures), None)
             skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None)
             for name, why in skipped.items():
                 say(f"warning: {name} is left out: {why}")
         else:
-            part = with_intensities(part, intensities or (), folders=folders or None)
+            part = with_intensities(part, measures, folders=folders or None)
             paths = export_tables(part, out, names or (), overwrite=overwrite, table=table)
         print(*paths, sep="\n")
 

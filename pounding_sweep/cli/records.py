@@ -51,32 +51,26 @@ def records_command(
         from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
         from pounding_sweep.records.catalogue import PEER, data_folder
 
-        listed = list_records(folders or None, column)
-        records = {name: item for name, item in listed if isinstance(item, Record)}
-        unreadable = [{"name": name, "error": item} for name, item in listed if not isinstance(item, Record)]
-        known = [entry for entry in KNOWN_RECORDS.values() if entry.key not in {name for name, _ in listed}]
+        listed = dict(list_records(folders or None, column))
+        records = {name: item for name, item in listed.items() if isinstance(item, Record)}
+        errors = {name: item for name, item in listed.items() if not isinstance(item, Record)}
         installed = data_folder() is not None
         report = {
             "records": [
                 {**read_as(record), "name": name, **asdict(record_measures(record))} for name, record in records.items()
             ],
-            "unreadable": unreadable,
+            "unreadable": [{"name": name, "error": error} for name, error in errors.items()],
             "missing": [
-                {
-                    "name": entry.key,
-                    "description": entry.description,
-                    "files": list(entry.files),
-                    "place": f"{PEER}, RSN {entry.rsn}",
-                }
-                for entry in known
+                {"name": key, "description": text, "files": list(files), "place": f"{PEER}, RSN {rsn}"}
+                for key, text, files, rsn in KNOWN_RECORDS.values()
+                if key not in listed
             ],
             "sets": [
                 {"name": item.key, "title": item.title, "records": item.components, "installed": installed}
                 for item in RECORD_SETS.values()
             ],
         }
-        warnings = [item["error"] for item in unreadable]
-        for text in warnings + [text for record in records.values() for text in record_doubts(record)]:
+        for text in [*errors.values(), *(text for record in records.values() for text in record_doubts(record))]:
             say(f"warning: {text}")
         if as_json:
             print_json(report)
@@ -103,9 +97,9 @@ def print_read(rows: list[dict[str, Any]], missing: list[str]) -> None:
     """Print what was read of each record of a sweep, one line a record; of very many the first."""
     lines = []
     for row in rows[:_LISTED]:
-        scale = "" if row["scale"] == 1.0 else f" (scaled by {row['scale']:.4g})"
-        peak = f"PGA {row['pga_g']:.4g} g{scale}"
-        lines.append((row["name"], f"{row['points']} points, dt {row['dt']:g} s, {peak}; {row['read']}"))
+        scale = "" if row["scale"] == 1.0 else " (scaled by {scale:.4g})"
+        text = "{points} points, dt {dt:g} s, PGA {pga_g:.4g} g" + scale + "; {read}"
+        lines.append((row["name"], text.format(**row)))
     if len(rows) > _LISTED:
         lines.append(("...", f"and {len(rows) - _LISTED} more records; --json has all"))
     if missing:
@@ -153,13 +147,12 @@ def plot_command(
         if data is not None:
             check_output(data, overwrite)
         where, column = folders or context.obj[0] or None, column or context.obj[1]
-        if names:
-            records = resolve_records(names, where, column=column)
-        else:
-            listed = list_records(where, column)
-            for item in (item for _, item in listed if not isinstance(item, Record)):
+        records = resolve_records(names or (), where, column=column)
+        for _, item in () if names else list_records(where, column):
+            if isinstance(item, Record):
+                records.append(item)
+            else:
                 say(f"warning: {item}")
-            records = [item for _, item in listed if isinstance(item, Record)]
         motions = response_spectrum(records, damping_ratio=damping).merge(records_dataset(records))
         motions.attrs["title"] = "Ground motions and their response spectra"
         print(plot(motions, "ground-motion", out))

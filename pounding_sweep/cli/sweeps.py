@@ -189,11 +189,11 @@ def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
     _print_description(report)
     if report["summary"]:
-        numbers = ("peak_force", "impacts_max", "impacts_median")
         rows = []
         for row in report["summary"]:
             touching = "-" if row["touching"] is None else f"{row['touching']}/{row['scenarios']}"
-            rows.append([row["law"], row["pair"], *(number_text(row[name]) for name in numbers), touching])
+            numbers = (number_text(row[name]) for name in ("peak_force", "impacts_max", "impacts_median"))
+            rows.append([row["law"], row["pair"], *numbers, touching])
         print_table(["law", "pair", "peak force kN", "impacts", "median", "touching"], rows, right=(2, 3, 4, 5))
         print("impacts: most at one floor in one scenario; median: of that, over the scenarios that touch\n")
     run = f"{counts['asked']} asked, {counts['run']} run"
@@ -211,11 +211,12 @@ def _print_run(report: dict[str, Any]) -> None:
     ]
     lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
     lines += [("audit", report["audit_sentence"])] if report["audit"] else []
-    largest = {row["output"]: row["error_max"] for row in report["audit"] if row["scenarios"]}
-    if errors := [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in largest.items()]:
-        lines.append(("errors", f"relative, up to: {', '.join(errors)}"))
-    bad = [item for item in report["statuses"] if item["remedy"]]
-    lines += [(item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}") for item in bad]
+    errors = {row["output"]: row["error_max"] for row in report["audit"] if row["scenarios"]}
+    if texts := [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in errors.items()]:
+        lines.append(("errors", f"relative, up to: {', '.join(texts)}"))
+    for item in report["statuses"]:
+        if item["remedy"]:
+            lines.append((item["label"], "{count}: {meaning}; {remedy}".format(**item)))
     print_pairs(lines)
     print(report["cube"])
 

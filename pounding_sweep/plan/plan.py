@@ -175,11 +175,8 @@ class Plan:
     @cached_property
     def uncoupled_to_run(self) -> np.ndarray:
         """Rows of `uncoupled_runs` that are asked for, or tell of `LEAST_SHARED` or more scenarios if they touch."""
-        requested, count = (
-            np.bincount(self.uncoupled_of[~self.refused & rows], minlength=len(self.uncoupled_runs))
-            for rows in (self.no_contact, ~self.no_contact)
-        )
-        return np.flatnonzero((requested > 0) | (count >= LEAST_SHARED))
+        weights = np.where(self.refused, 0, np.where(self.no_contact, LEAST_SHARED, 1))
+        return np.flatnonzero(np.bincount(self.uncoupled_of, weights, len(self.uncoupled_runs)) >= LEAST_SHARED)
 
     def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[Chunk]:
         """Cut rows of `unique`, or of `uncoupled_runs`, into chunks; depends on nothing but the sweep and the rows."""
@@ -219,7 +216,7 @@ class Plan:
         rows = np.flatnonzero(~self.refused)
         seconds, most, least = 0.0, {}, {}
         for index, record in enumerate(self.spec.records):
-            steps = self.steps[rows[self.unique.record[rows] == index]]
+            steps = self.steps[~self.refused & (self.unique.record == index)]
             seconds += float(self.scenario_seconds(index, steps).sum())
             steps = (record.n_points - 1) * (steps if len(steps) else self.uncoupled_steps[index])
             most[record.name], least[record.name] = int(steps.max()), int(steps.min())
@@ -245,11 +242,8 @@ class Plan:
         """
         plan = summary or {**self.summary(), "workers": 1}
         axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
-        least = plan["steps_least"]
-        steps = ", ".join(
-            f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
-            for name, count in plan["steps"].items()
-        )
+        ranges = {name: dict.fromkeys((plan["steps_least"][name], most)) for name, most in plan["steps"].items()}
+        steps = ", ".join(f"{' to '.join(map(str, counts))} ({name})" for name, counts in ranges.items())
         missing, run = plan.get("kernels_to_compile"), f"about {seconds_text(plan['seconds'])}"
         kernels = "" if missing is None else f", {missing} to compile" if missing else ", all compiled"
         workers = f"{plan['workers']} worker{'s' * (plan['workers'] != 1)}"

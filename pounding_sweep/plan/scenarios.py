@@ -45,7 +45,7 @@ class Scenarios:
         return len(self.law)
 
     def __getitem__(self, rows: Any) -> Scenarios:
-        return Scenarios(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        return Scenarios(*(column[rows] for column in vars(self).values()))
 
     def by_law(self) -> Iterator[tuple[int, np.ndarray]]:
         """Go through the rows of each law, so many at a time."""
@@ -177,14 +177,13 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
 
 def joined(parts: Sequence[Scenarios]) -> Scenarios:
     """Put tables one below the other."""
-    return Scenarios(
-        *(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True))
-    )
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return Scenarios(*map(np.concatenate, columns))
 
 
 def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
     """Return one row for each stretch of rows that differ in their gaps alone, and how many rows that has."""
-    columns = [getattr(table, name) for name in Scenarios.__dataclass_fields__ if name != "gaps"]
+    columns = [column for name, column in vars(table).items() if name != "gaps"]
     new = np.ones(len(table), bool)
     new[1:] = np.any([column[1:] != column[:-1] for column in columns if column.strides[0]], axis=0)  # 0: one for all
     if new.all():
