@@ -310,10 +310,10 @@ def progress_display(quiet: bool = False) -> Iterator[Progress]:
         yield progress
 
 
-def axis_values(texts: list[str]) -> dict[str, list[str]]:
+def axis_values(texts: list[str] | None) -> dict[str, list[str]]:
     """Read texts AXIS=VALUE, of which several may be of one axis; raises `InputError` for any other text."""
     values: dict[str, list[str]] = {}
-    for text in texts:
+    for text in texts or ():
         axis, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01")

@@ -149,7 +149,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
         from pounding_sweep.output.select import select
         from pounding_sweep.outputs.variables import Status
 
-        at = axis_values(options.at or [])
+        at = axis_values(options.at)
         keys, arguments = options.checked()
         with open_cube(options.cube) as cube:
             laws = law_keys(pounding_only(cube))

@@ -111,7 +111,7 @@ def plot_command(
         print_table(["figure", "shows", "drawn from"], rows)
         return
     with open_cube(cube) as dataset:
-        chosen = _select(dataset, app.axis_values(at or []), kind)
+        chosen = _select(dataset, app.axis_values(at), kind)
         if only_list or kind is None:
             _print_figures(chosen)
         elif out is None:
@@ -206,7 +206,7 @@ def export_command(
     if fragility and len(measures) > 1:
         raise InputError(f"--intensity is given {len(measures)} times, and a fragility is of one")
     with open_cube(cube) as dataset:
-        part = select(dataset, app.axis_values(at or []))
+        part = select(dataset, app.axis_values(at))
         paths: list[Any] = [out]
         if pelicun is not None:
             samples = export_pelicun(part, out, pelicun, overwrite=overwrite)

@@ -275,7 +275,7 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     from pounding_sweep.run.sweep import load_sweep
 
     choice = {name: getattr(options, name) for name in _CHOICES}
-    for name, values in app.axis_values(options.at or []).items():
+    for name, values in app.axis_values(options.at).items():
         if choice.get(name) is not None:
             raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)

@@ -280,11 +280,11 @@ _GEONET_UNIT = r"in units of +([\d.]+) +(\S+)|Acceleration: +peak +[-\d.]+ +(\S+
 
 def _parse_geonet(source: RecordText) -> Content:
     starts = [line for _, line in source.find(r"^\s*(?:un)?corrected accelerogram")]
-    ends = [*starts[1:], len(source.lines) + 1]
-    components = [source.find(r"^Component (\S+)", *lines) for lines in zip(starts, ends, strict=True)]
+    parts = list(zip(starts, [*starts[1:], len(source.lines) + 1], strict=True))
+    components = [source.find(r"^Component (\S+)", *part) for part in parts]
     names = {i: component[0][0][1] if component else "unnamed" for i, component in enumerate(components, 1)}
     chosen = source.choose(names)
-    start, end = starts[chosen - 1], ends[chosen - 1]
+    start, end = parts[chosen - 1]
     first = next((line for line in range(start, end) if floats(source.lines[line - 1]) is not None), end)
     steps = stated_steps(source, enumerate(source.lines[start - 1 : first - 1], start))
     points, (unit, line) = source.find(_GEONET_POINTS, start, first)[0][0], source.find(_GEONET_UNIT, start, first)[0]

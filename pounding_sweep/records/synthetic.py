@@ -127,9 +127,9 @@ def synthetic_record(
     motion = np.fft.irfft(np.fft.rfft(noise) * ground * high_pass, size)[:n]
     # Jennings' envelope: parabolic rise, 1, exponential decay
     part, tail = np.linspace(0.0, 1.0, n), 1 - rise - strong
-    up = np.clip(part / rise, 0, 1) ** 2 if rise > 0 else np.ones_like(part)
-    down = np.clip((part - rise - strong) / tail, 0, 1) if tail > 1e-12 else np.zeros_like(part)
-    motion = motion * np.asarray(up * end_level**down)
+    up = np.clip(part / rise, 0, 1) ** 2 if rise > 0 else 1.0
+    down = np.clip((part - rise - strong) / tail, 0, 1) if tail > 1e-12 else 0.0
+    motion = motion * (up * end_level**down)
     label = f"synthetic-{seed}" if name is None else name
     source = (
         f"{_SYNTHETIC}: seed={int(seed)}, duration={duration:g} s, dt={dt:g} s, pga={pga:g} m/s2, "
