@@ -37,7 +37,7 @@ def paper_command(
     as_json: AsJson = False,
 ) -> None:
     """Compute Mate, Bakre & Jaiswal (2015) again and report on its tables, figures and conclusions."""
-    with reporting() as said, ExitStack() as stack:
+    with reporting() as warnings, ExitStack() as stack:
         from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.paper.figures import save_figures
         from pounding_sweep.paper.report import contents_of, summary, write_report
@@ -56,26 +56,25 @@ def paper_command(
         contents = contents_of(computed)
         write_report(contents, pictures, report)
         if as_json:
-            judgements = [
+            verdicts = [
                 {
-                    "conclusion": one.conclusion["key"],
-                    "reading": one.reading,
-                    "verdict": one.verdict.value,
-                    "claims": [{"verdict": claim.verdict.value, **asdict(claim)} for claim in one.outcomes],
+                    "conclusion": judgement.conclusion["key"],
+                    "reading": judgement.reading,
+                    "verdict": judgement.verdict,
+                    "claims": [{"verdict": claim.verdict, **asdict(claim)} for claim in judgement.outcomes],
                 }
-                for one in contents["judgements"]
+                for judgement in contents["judgements"]
             ]
-            print_json(
-                {
-                    "report": str(report),
-                    "figures": [str(path) for _, _, path in pictures],
-                    "records": [record.name for record in computed.records],
-                    "missing": dict(computed.missing),
-                    "verdict": [asdict(part) for part in contents["opening"]],
-                    "verdicts": judgements,
-                    "warnings": said,
-                }
-            )
+            answer = {
+                "report": str(report),
+                "figures": [str(path) for _, _, path in pictures],
+                "records": [record.name for record in computed.records],
+                "missing": dict(computed.missing),
+                "verdict": [asdict(part) for part in contents["opening"]],
+                "verdicts": verdicts,
+                "warnings": warnings,
+            }
+            print_json(answer)
             return
         for grid in summary(contents):
             print(f"{grid.title}\n")

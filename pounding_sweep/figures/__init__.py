@@ -113,15 +113,15 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Any]
             from pounding_sweep.figures.style import in_style
             from pounding_sweep.output.netcdf import with_texts
 
-            whole = _with_inner_dims(with_texts(dataset))
-            require(whole, key)
+            prepared = _with_inner_dims(with_texts(dataset))
+            require(prepared, key)
             with in_style():
                 try:
-                    figure = draw(whole, **options)
+                    figure = draw(prepared, **options)
                 except NothingToDrawError:
-                    at = describe(whole)
+                    at = describe(prepared)
                     raise InputError(
-                        f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(whole)}; "
+                        f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(prepared)}; "
                         "choose others with --at"
                     ) from None
             result: Figure = figure if hasattr(figure, "savefig") else figure.get_figure()  # of axes that were given
@@ -146,9 +146,9 @@ def _why_nothing(dataset: xr.Dataset) -> str:
     from pounding_sweep.outputs.variables import Status
 
     codes = dataset["status"].values.ravel().tolist() if "status" in dataset.data_vars else []
-    counts = {status: codes.count(status) for status in Status if status != Status.OK}
-    failed = [f"{count} of {len(codes)} scenarios are {status.label}" for status, count in counts.items() if count]
-    return ", ".join(failed) or "none of its values is a number"
+    failed = [status for status in Status if status != Status.OK and status in codes]
+    counts = [f"{codes.count(status)} of {len(codes)} scenarios are {status.label}" for status in failed]
+    return ", ".join(counts) or "none of its values is a number"
 
 
 def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
@@ -198,8 +198,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     Raises
     ------
     InputError
-        The figure is unknown or has no such option, the dataset lacks what it needs or has no value
-        to be drawn, or `dpi` is out of range.
+        The figure or option is unknown, the dataset lacks what it needs or has no values, or `dpi` is out of range.
     OutputError
         The file can't be written.
     """

@@ -77,9 +77,9 @@ def over_records(
 ) -> tuple[xr.Dataset, str]:
     """Take the median, or the largest, of several records, and say so before the words."""
     records, valued = dataset.sizes["record"], len(labels_with_values(dataset, "record", drawn))
-    of = f"{valued} of {records}" if 0 < valued < records else str(records)
-    words = join_nonempty(f"{'worst' if worst else 'median'} of {of} records", words)
-    return dataset.max("record", keep_attrs=True) if worst else dataset.median("record", keep_attrs=True), words
+    count = f"{valued} of {records}" if 0 < valued < records else str(records)
+    result = dataset.max("record", keep_attrs=True) if worst else dataset.median("record", keep_attrs=True)
+    return result, join_nonempty(f"{'worst' if worst else 'median'} of {count} records", words)
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
@@ -178,9 +178,9 @@ def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
 
 def law_name(cube: xr.Dataset | xr.DataArray, law: str) -> str:
     """Return what a contact law is called: by the registry, else by the cube, else its key."""
-    if law in LAWS or "law_title" not in cube.coords:
-        return LAWS[law].title if law in LAWS else law
-    keys, titles = (np.atleast_1d(cube[name].values).tolist() for name in ("law", "law_title"))
+    if law in LAWS:
+        return LAWS[law].title
+    keys, titles = (np.atleast_1d(cube.coords.get(name, [])).tolist() for name in ("law", "law_title"))
     return str(dict(zip(keys, titles, strict=False)).get(law, law))
 
 
@@ -204,9 +204,9 @@ def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Da
     part = one.sel(time=slice(start, end))
     if part.sizes["time"] < 2:
         first, last = one["time"].values[[0, -1]]
-        asked = f"from {first if start is None else start:g} s to {last if end is None else end:g} s"
+        period = f"from {first if start is None else start:g} s to {last if end is None else end:g} s"
         raise InputError(
-            f"fewer than two instants of the histories lie {asked}; they run from {first:g} s to {last:g} s"
+            f"fewer than two instants of the histories lie {period}; they run from {first:g} s to {last:g} s"
         )
     return part
 
@@ -241,26 +241,26 @@ def plot_axes(result: xr.Dataset) -> dict[str, PlotAxis]:
     return {name: plot_axis(result, name) for name in (*dims, *along)}
 
 
-def choose_axis(result: xr.Dataset, asked: str | None, but: Collection[str] = ()) -> PlotAxis | None:
-    """Return the axis that was asked for, else the first that has several numbers, building properties last, or None.
+def choose_axis(result: xr.Dataset, requested: str | None, but: Collection[str] = ()) -> PlotAxis | None:
+    """Return the requested axis, else the first that has several numbers, building properties last, or None.
 
     Along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
     means the first of such names.
     """
     axes = plot_axes(result)
-    if asked is None:
+    if requested is None:
         free = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case", *but)]
         dim = next((dim for dim in free if dim in axes), None)
         ratios = [axis for axis in axes.values() if axis.dim == dim and "_ratio_" in axis.name]
         return ratios[0] if ratios else axes.get(str(dim))
-    name = asked if asked in axes else next((name for name in axes if name.startswith(f"{asked}_")), asked)
+    name = requested if requested in axes else next((key for key in axes if key.startswith(f"{requested}_")), requested)
     if name in result.coords and len(dims := result[name].dims) > 1:
         varied = " and ".join(map(str, dims))
         raise InputError(
             f"{name} varies with {varied}; choose one value of all but one of them with --at, such as {dims[0]}=..."
         )
     if name not in axes:
-        raise InputError(unknown("axis to draw along", asked, axes))
+        raise InputError(unknown("axis to draw along", requested, axes))
     if axes[name].dim in but:
         raise InputError(f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}")
     return axes[name]

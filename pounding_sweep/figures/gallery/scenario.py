@@ -310,9 +310,8 @@ def animate(
 ) -> Path:
     """Write an animation of the row.
 
-    Displacements and gaps are drawn larger than they are, by the factor in the
-    title. A star marks each impact since the frame before, its area the force, and
-    fades. Below run the ground acceleration and the largest contact force of each pair.
+    Displacements and gaps are drawn larger than they are, by the factor in the title. A star marks each impact since
+    the frame before, its area the force, and fades. Below run ground acceleration and largest force of each pair.
 
     Parameters
     ----------
