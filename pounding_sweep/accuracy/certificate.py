@@ -75,12 +75,10 @@ def certify(
         Nominal coefficients of restitution.
     laws : sequence of str or Law, optional
         Contact laws; all that have contact by default.
-    method : str
-        Scheme, one of `pounding_sweep.schemes.SCHEMES`.
-    steps, workers : int
-        Time steps in an undamped contact, and processes to compile kernels in; one per core by default.
-    progress : Progress, optional
-        Display.
+    method, steps : str and int
+        Scheme, one of `pounding_sweep.schemes.SCHEMES`, and its time steps in an undamped contact.
+    workers, progress : int and Progress, optional
+        Processes to compile kernels in, one per core by default; and the display.
 
     Returns
     -------
@@ -91,9 +89,7 @@ def certify(
     Raises
     ------
     InputError
-        No restitution, or one outside [0, 1].
-    LawError
-        A law is unknown or has no contact.
+        No restitution, or one outside [0, 1]; `LawError` if a law is unknown or has no contact.
 
     Examples
     --------

@@ -81,7 +81,7 @@ def check_law(
     Returns
     -------
     LawCheck
-        What was found; its ``faults`` are empty where all agree.
+        Its ``faults`` are empty where all agree.
 
     Raises
     ------

@@ -390,18 +390,14 @@ def tradeoff(
         Largest time steps (s); of those that cut a record alike, one is kept.
     methods : iterable of str, optional
         Schemes, out of `pounding_sweep.schemes.SCHEMES`; those that ``accuracy`` chooses from by default.
-    located : iterable of bool
-        With contacts located inside the step, without, or both.
-    precisions : iterable of str
-        Number formats, out of "float64" and "float32".
+    located, precisions : iterable of bool and of str
+        With contacts located inside the step, without, or both; number formats, out of "float64" and "float32".
     scenarios, seed : int
         About how many scenarios errors are measured on, and the seed of the random sample.
     repeats : int
         Passes over all configurations in which costs are measured.
-    workers : int, optional
-        Processes that compile kernels; one per core by default. Costs are always of one core.
-    progress : Progress, optional
-        Display.
+    workers, progress : int and Progress, optional
+        Processes that compile kernels, one per core by default (costs are always of one core); and the display.
 
     Returns
     -------

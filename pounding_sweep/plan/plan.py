@@ -62,14 +62,10 @@ class Plan:
 
     Attributes
     ----------
-    spec : SweepSpec
-        The sweep.
-    laws : tuple of Law
-        Laws by the index that `unique` uses; the last is no pounding.
-    unique : Scenarios
-        Scenarios that differ in something that matters.
-    variants : Variants
-        Building properties by the index that `unique` uses; row 0 is the scene as given.
+    spec, unique : SweepSpec and Scenarios
+        The sweep, and its scenarios that differ in something that matters.
+    laws, variants : tuple of Law and Variants
+        By the index that `unique` uses: the last law is no pounding, row 0 of the buildings the scene as given.
     inverse : ndarray of int, shape (n_asked,)
         Row of `unique` that answers each asked scenario, in the order of the cube.
     refused, limit, steps : ndarray of bool, float and int
@@ -79,10 +75,8 @@ class Plan:
         Scheme and largest step of the sweep.
     uncoupled_steps : ndarray of int, shape (records, variants)
         Steps per record interval of the runs without pounding.
-    uncoupled_runs : Scenarios
-        Distinct runs without pounding of all rows of `unique`.
-    uncoupled_of : ndarray of int
-        Row of `uncoupled_runs` for each row of `unique`.
+    uncoupled_runs, uncoupled_of : Scenarios and ndarray of int
+        Distinct runs without pounding of all rows of `unique`, and which of them is that of each row.
     choice, choice_numbers : str and dict
         What was chosen for the accuracy asked for, and the numbers that led to it; "" and None where the sweep gives
         scheme and step.
