@@ -94,7 +94,7 @@ def state_size(spec: KernelSpec) -> tuple[int, int]:
     """Numbers of the memory that the kernel's state takes, and how many of its rows a step leaves to the next."""
     lanes = width(spec.precision)
     group = make_group(spec, None, lanes, None)
-    return group.state.size * lanes + (_own_size(group) if spec.flies_exactly else 0), group.passing
+    return group.state.size * lanes + (_own_size(group) if spec.flies_exactly else 0), group.n_persistent_rows
 
 
 def _own_size(group: Group) -> int:
@@ -165,7 +165,7 @@ def _run(
     if fly is not None and not spec.only_flight:
         run_scenarios(group, ground, fly, Course(group, ledger.cell), note)
         return
-    counts = values["rows"], values["scenarios"], values.get("passing", group.passing)
+    counts = values["rows"], values["scenarios"], values.get("passing", group.n_persistent_rows)
     flights = make_flights(group, ground, values, counts, note, ledger)
     if spec.only_flight:
         flights.serve()

@@ -226,7 +226,8 @@ class RowKernel:
             return np.full(len(row), steps)
         frequencies = row.frequencies
         if self.shape.coupled:
-            w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
+            at = np.cumsum([0, *(many for _, many in self.shape.coupled_groups)])
+            w = coupled_modes(row, self.shape.precision).w
             frequencies = [w[:, low:high] for low, high in pairwise(at)]
         rates = np.zeros(len(row))  # least inverse (1/s) of an exact step
         for w in frequencies:

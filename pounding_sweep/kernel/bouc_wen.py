@@ -62,7 +62,7 @@ class Flow:
         #: Sums of weight x rate of what yielding has lost, in (1 - r) Vy, by storey.
         self.dissipated: dict[int, Any] = {}
 
-    def hold(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
+    def set_stage(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
         """Make shears those of this stage, of displacements x and velocities y."""
         group = self._group
         for storey, slip, rates in zip(self._storeys, self._now, self._rates, strict=True):
@@ -80,11 +80,11 @@ class Flow:
         pairs = zip(self._start, self._rates, strict=True)
         self._now = [after(stage, start, start, start, rates, h)[1] for start, rates in pairs]
 
-    def end(self) -> None:
+    def store_end(self) -> None:
         """Leave the plastic drifts of the step's end."""
         for storey, slip in zip(self._storeys, self._now, strict=True):
             storey.slip = slip
-        settle(self._group)
+        recompute(self._group)
 
 
 def rounds(group: Group) -> Iterator[None]:
@@ -147,7 +147,7 @@ def add_dissipated(storey: Storey) -> None:
     storey.travel = fma(storey.slip - storey.slip0, mean / storey.yield_drift, storey.travel)
 
 
-def settle(group: Group) -> None:
+def recompute(group: Group) -> None:
     """Make shears those of the present state."""
     for storey in iter_storeys(group):
         storey.kt = group.full(storey.stiffness)
@@ -206,7 +206,7 @@ def _too_long(group: Group, h: Any) -> Any:
     return lanes.now
 
 
-def first_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first kink is (1: none), in the lanes that ask."""
     h, first = group.state["h"], group.cell(1.0)
     for storey in iter_storeys(group):

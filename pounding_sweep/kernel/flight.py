@@ -154,7 +154,7 @@ def powers(spec: KernelSpec) -> list[Power]:
     """Return what the powers of a row are made of that are asked for."""
 
     def part(floor: int) -> tuple[int, int]:
-        return next(flock for flock in spec.flocks if flock[0] <= floor < sum(flock))
+        return next(floors for floors in spec.coupled_groups if floors[0] <= floor < sum(floors))
 
     factors = []
     if "energy" in spec.reducers:
@@ -194,7 +194,7 @@ class Layout:
         for quantity in self.watched:
             moved = np.array(quantity.weights) != 0.0
             moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
-            parts = [(first, many) for first, many in spec.flocks if moved[first : first + many].any()]
+            parts = [(first, many) for first, many in spec.coupled_groups if moved[first : first + many].any()]
             self.ranges.append((parts[0][0], sum(parts[-1]) - parts[0][0]))
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
@@ -391,7 +391,7 @@ class Flight:
 
     # from and to lanes ---------------------------------------------------------------------------------------------
 
-    def leave(self, lane: Any, t: Any) -> None:
+    def to_modes(self, lane: Any, t: Any) -> None:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
@@ -412,7 +412,7 @@ class Flight:
                 self.rows[name, part] = total - self.scale.now * self._still(name, t, part)
         self._account(lane, t, 1.0)
 
-    def enter(self, lane: Any, t: Any) -> None:
+    def to_floors(self, lane: Any, t: Any) -> None:
         """Put a scenario into its lane at point t."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
@@ -598,7 +598,7 @@ class Flight:
 
     # flight --------------------------------------------------------------------------------------------------------
 
-    def fly(self, lane: Any, note: Callable[[Any], None] | None = None) -> None:
+    def advance_free(self, lane: Any, note: Callable[[Any], None] | None = None) -> None:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
@@ -610,7 +610,7 @@ class Flight:
             amplitudes = [self.rows["amplitude", part] for part in self.mode_parts]
             moves = any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0)
             for _ in when(not_(moves)):  # nothing but the record moves the row
-                self._begin() if leaps else self._survey()
+                self._skip_to_first() if leaps else self._skip_free_blocks()
         for _ in while_any(lambda: self.active.now & (self.at.now < self.last)):
             t = self.at.now
             self._bounds()
@@ -647,7 +647,7 @@ class Flight:
                 for part in () if windows or blocks is not None else self.watched_parts:
                     self.rows["asks", part] = self.times.full(1.0)
                 for _ in when(self._near(t, "most", "least")) if windows else range(1):
-                    self._look(t)
+                    self._scan_window(t)
                 steps = self.steps.now
                 if self.layout.powers:
                     self._gather(lane, t, steps)
@@ -656,9 +656,9 @@ class Flight:
                 self.hits.now = steps < steps_left
                 self.active.now = not_(steps < steps_left)
                 if note is not None:
-                    self.enter(lane, t + steps)
+                    self.to_floors(lane, t + steps)
                     note(t + steps)
-                    self.leave(lane, t + steps)
+                    self.to_modes(lane, t + steps)
         self._keep_peaks(lane)
 
     @cached_property
@@ -743,7 +743,7 @@ class Flight:
             first = self._free_excursion(excursion, part) if excursion else zero
             w[row, part] = sum((chain.now for chain in chains), start=first)
 
-    def _begin(self) -> None:
+    def _skip_to_first(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
         low, high = Cell(0), Cell(self.last)
         for _ in when(self._met(self._extremes(self.last, "peak", "trough"))):
@@ -812,7 +812,7 @@ class Flight:
             e = [self.vector("advance", steps * (4 * m) + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
 
-    def _survey(self) -> None:
+    def _skip_free_blocks(self) -> None:
         """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
         w, far = self.rows, self.group.limit.far
         for part in self.watched_parts:
@@ -833,7 +833,7 @@ class Flight:
 
     # looking -------------------------------------------------------------------------------------------------------
 
-    def _look(self, t: Any) -> None:
+    def _scan_window(self, t: Any) -> None:
         """Look at a window of `steps` from point t on, which become those before floors may touch, or storeys yield."""
         w, coupled = self.rows, self.coupled
         for m in self.indices(self.layout.modes, 4):
@@ -845,7 +845,7 @@ class Flight:
         kinds = {quantity.kind for quantity in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             for q in self._reaching(kind):
-                for _ in when(self._reaches(q, kind == ONSET)):
+                for _ in when(self._crosses(q, kind == ONSET)):
                     for _ in when(not_(self.weighed.now)):
                         self._know_rates(t)
                         self._weigh(self.layout.misses, "missed", "missed0")
@@ -926,7 +926,7 @@ class Flight:
                 total.now = fma(self.tables.number(at + k), self.rows[RATES[row], low + k], total.now)
         return total.now
 
-    def _reaches(self, q: Any, onset: bool) -> Any:
+    def _crosses(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
         w = self.rows
         limit = w.number("high", q)
@@ -935,10 +935,10 @@ class Flight:
         if self.yields:
             limit = limit - w.number("shift", q)
         w["reached", q] = x = self._sum(q, "y") - limit
-        reaches = self._past(x, q, onset) + w.number("bulge", q) > 0.0
+        reaches = self._excess(x, q, onset) + w.number("bulge", q) > 0.0
         return any_lane(reaches & (self._numbers_of(0) <= real(self.steps.now)))
 
-    def _past(self, x: Any, q: Any, onset: bool) -> Any:
+    def _excess(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
         w = self.rows
         return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
@@ -948,9 +948,9 @@ class Flight:
         x, s0 = self.rows["reached", q], self._sum(q, "rate") * (1.0 / 3.0)
         x1, s1 = shifted(x), shifted(s0)
         # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
-        hull = self._past(x, q, onset)
+        hull = self._excess(x, q, onset)
         for value in (x1, x + s0, x1 - s1):
-            hull = maximum(hull, self._past(value, q, onset))
+            hull = maximum(hull, self._excess(value, q, onset))
         may = hull + self.rows.number("missed", q) > 0.0
         first = first_true(may & (self._numbers_of(0) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)

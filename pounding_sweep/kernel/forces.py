@@ -100,7 +100,7 @@ def _power(x: Any, exponent: float) -> Any:
     return power_of(x, exponent) if quick else roughly_power(maximum(x, 0.0), exponent)
 
 
-def measure(group: Group) -> Any:
+def update_penetrations(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s = group.state
     h, look = s["h"], group.cell(False)
@@ -143,7 +143,7 @@ def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
     return maximum(spring, law.damper(c, deepest) / mass) if law.shape.damper else spring
 
 
-def first_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
     first, cap = group.cell(1.0), group.cell(1.0)
     for contact in group.iter_contacts():
@@ -231,7 +231,7 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
     return where(sooner, t, when), where(sooner, where(ends, SLACK, PRESSING), target)
 
 
-def ends(group: Group, length: Any) -> None:
+def sample_forces(group: Group, length: Any) -> None:
     """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
     s, r, h = group.state, group.requested, group.state["h"]
     implicit = group.spec.implicit

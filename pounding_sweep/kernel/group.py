@@ -166,7 +166,7 @@ class Group:
         self.contacts = spec.contacts if spec.law is not None else ()
         self.touching = len(self.contacts) > 0
         #: Whether steps are cut at events: of contacts, or of storeys that yield.
-        self.eventful = self.touching or bool(spec.yielding)
+        self.has_events = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
         steep = [spec.staged and law.damper and 0.0 < law.damper_exponent < 1.0 for law in spec.laws]
         shares = [STEEP_SHARE if is_steep else GRADED_SHARE for is_steep in steep]
@@ -182,20 +182,20 @@ class Group:
         spec, nc, nb = self.spec, len(self.spec.contacts), self.spec.n_buildings
         rows, n = self._inputs.count | result_slots(spec, self.reducers).count, spec.n_moving
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
-        if spec.implicit or self.eventful or spec.links:
+        if spec.implicit or self.has_events or spec.links:
             rows |= {"a0": n}
         if "acceleration" in self.requested:
             rows |= dict.fromkeys(("acc_start", "acc_end", "acc_rate_start", "acc_rate_end"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
-            if self.eventful or spec.links:
+            if self.has_events or spec.links:
                 stages = [f"s{k}" for k in range(6 if spec.flies_exactly else 4)]
                 rows |= dict.fromkeys(("x", "y", "push", *stages), n) | dict.fromkeys(("dwork", "dimpulse"), nc)
         if "links" in self.requested:  # sums over the stages of a step
             rows |= {"dlink": nb, "dlink_loss": len(spec.links)}
         if spec.implicit and self.touching:
             rows |= {"response": (n if spec.solves_row else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
-        if self.eventful:
+        if self.has_events:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "accepted"), 1)
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
         if spec.yielding:
@@ -223,7 +223,7 @@ class Group:
         if any(law.yields for law in spec.laws):
             rows |= {"plastic": nc, "yield_depth": nc}
         #: What no step leaves to the next follows, from this row on.
-        self.passing = sum(rows.values())
+        self.n_persistent_rows = sum(rows.values())
         rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
         rows |= {"peak": n, "acc_inside": n, "press": nc} if self.presses and "acceleration" in self.requested else {}
         if spec.series:
@@ -312,7 +312,7 @@ class Group:
         return [list(range(self.spec.home(b), self.spec.home(b) + n)) for b, n in enumerate(self.spec.storeys)]
 
     @property
-    def long(self) -> bool:
+    def looped(self) -> bool:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
         return self.trace is not None and not self.spec.fused
 
@@ -343,7 +343,7 @@ class Group:
     def iter_contacts(self, straight: bool = False, touching: bool = True) -> Iterator[Contact]:
         """Go through the contacts, at run time (in a short row, if not `straight`); not `touching`: closings too."""
         contacts = self.contacts if touching else self.spec.contacts
-        if self.trace is None or (straight and not self.long):
+        if self.trace is None or (straight and not self.looped):
             yield from self.static_contacts(touching)
             return
 
@@ -356,7 +356,7 @@ class Group:
 
     def iter_links(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Go through the links and the floors that they join; in a long row at run time."""
-        if not (self.long and self.spec.links):
+        if not (self.looped and self.spec.links):
             yield from enumerate(self.spec.links)
             return
         for _, j, (left, right) in self._in_runs(self.spec.links, lambda _: 0):
@@ -364,7 +364,7 @@ class Group:
 
     def iter_buildings(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
-        if not self.long:
+        if not self.looped:
             yield from enumerate(self.building_floors)
             return
         spec = self.spec
@@ -375,7 +375,7 @@ class Group:
 
     def iter_storeys(self, those: Sequence[int], straight: bool = True) -> Iterator[Storey]:
         """Go through some storeys, in a short row at run time if not `straight`."""
-        if not self.long and (straight or self.trace is None or self.spec.foundations):
+        if not self.looped and (straight or self.trace is None or self.spec.foundations):
             yield from (self.storey(i) for i in those)
             return
         bottom = self.spec.bottom
@@ -406,7 +406,7 @@ class Group:
 
     def indices(self, n: Any, straight: bool = True) -> Iterator[Any]:
         """Count to n, at run time in a long row."""
-        if self.long or not straight or isinstance(n, Count):
+        if self.looped or not straight or isinstance(n, Count):
             yield from count_to(n)
         else:
             yield from range(n)

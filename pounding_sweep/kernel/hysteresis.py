@@ -36,7 +36,7 @@ def shear(storey: Storey, name: Any = "u") -> Any:
     return rising + storey.ct if constant else rising
 
 
-def far(storey: Storey) -> Any:
+def drift_scale(storey: Storey) -> Any:
     """How far a storey's floors are at both ends of a step, and its plastic drift: what its drift is rounded by."""
     group, i, below = storey.group, storey.index, storey.below
     total, base = size(storey.slip), group.spec.base_of(i)
@@ -51,7 +51,7 @@ def far(storey: Storey) -> Any:
 def _limits(storey: Storey) -> tuple[Any, Any]:
     """Yield drift, and with a margin for rounding."""
     dy, limit = storey.yield_drift, storey.group.limit
-    return dy, dy + (dy * limit.at_release + far(storey) * limit.exact)
+    return dy, dy + (dy * limit.at_release + drift_scale(storey) * limit.exact)
 
 
 def _ends(storey: Storey) -> tuple[Any, Any, Any, Any]:
@@ -76,7 +76,7 @@ def may_change(group: Group, h: Any) -> Any:
     return lanes.now
 
 
-def first_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first storey changes its phase (1: none), in the lanes that ask."""
     first = group.cell(1.0)
     for storey in iter_storeys(group):
@@ -116,7 +116,7 @@ def apply_events(group: Group, lands: Any) -> Any:
         with when_any(due):
             phase = where(due, storey.then, storey.phase)
             storey.phase = phase
-            _follow(storey)
+            _update_plastic_drift(storey)
             k, (hard, soft) = storey.stiffness, storey.hardened
             elastic = phase == 0.0
             yielding = phase * (soft * storey.yield_drift)
@@ -127,7 +127,7 @@ def apply_events(group: Group, lands: Any) -> Any:
     return switched.now
 
 
-def _follow(storey: Storey) -> None:
+def _update_plastic_drift(storey: Storey) -> None:
     """Let the plastic drift of a storey that yields follow its drift."""
     phase, p = storey.phase, storey.slip
     slip = where(phase == 0.0, p, storey.drift() - phase * storey.yield_drift)
@@ -136,10 +136,10 @@ def _follow(storey: Storey) -> None:
         storey.travel += size(slip - p)
 
 
-def follow(group: Group) -> None:
+def update_plastic_drifts(group: Group) -> None:
     """Let the plastic drifts of storeys that yield follow the motion to the present state."""
     for storey in iter_storeys(group, straight=True):
-        _follow(storey)
+        _update_plastic_drift(storey)
 
 
 def is_yielding(group: Group) -> Any:

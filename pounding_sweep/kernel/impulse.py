@@ -28,10 +28,10 @@ COUNTED = 1.0e-1
 LEAST_SHARE = 1.0e-3
 
 
-def join_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
+def equalise_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
     """Give resting floors one rate, in rows of the state or of another `memory`; keep what it took."""
     s: Any = group.state if memory is None else memory
-    values, forces = join(group, [s[name, i] for i in range(group.spec.n_moving)], resting(group))
+    values, forces = equalise(group, [s[name, i] for i in range(group.spec.n_moving)], resting(group))
     touched = {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}
     for i in touched:
         s[name, i] = values[i]
@@ -39,7 +39,7 @@ def join_rows(group: Group, name: str, keeps: str = "force", memory: Any = None)
         s[keeps, j] = x
 
 
-def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
     """Give resting floors one rate: the mean by mass along each row of them; returns rates and what it took."""
     spec, contacts, joined = group.spec, group.contacts, list(x)
     before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
@@ -82,24 +82,24 @@ def resting(group: Group) -> list[Any]:
     return [contact.k_active > 0.0 for contact in group.static_contacts()]
 
 
-def rest(group: Group, lanes: Any) -> None:
+def resting_accelerations(group: Group, lanes: Any) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
     put_accelerations(group, "alone", "u", "v", s["g1"])
-    join_rows(group, "alone", "joining")
+    equalise_rows(group, "alone", "joining")
     for i in group.indices(group.spec.n_moving):
         s.put(lanes, s["alone", i], "a", i)
     for contact in group.iter_contacts(straight=True):
         contact.put(lanes, force_end=contact.joining)
 
 
-def measure(group: Group) -> Any:
+def update_penetrations(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s, look = group.state, group.cell(False)
     h = s["h"]
     closed = is_closed(group)
     with when_any(closed):
-        rest(group, closed)
+        resting_accelerations(group, closed)
     for contact in group.iter_contacts():
         v0, v1 = contact.between("v0"), contact.between("v")
         d0, d1 = contact.penetration("u0"), contact.penetration()
@@ -109,7 +109,7 @@ def measure(group: Group) -> Any:
     return look.now
 
 
-def first_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
     _s, h = group.state, group.state["h"]
     first = group.cell(1.0)
@@ -135,7 +135,7 @@ def first_event(group: Group, asks: Any) -> Any:
     return first.now
 
 
-def ends(group: Group, length: Any) -> None:
+def sample_forces(group: Group, length: Any) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
     del length
     _s, r, h = group.state, group.requested, group.state["h"]
@@ -143,11 +143,11 @@ def ends(group: Group, length: Any) -> None:
         contact.impulse += 0.5 * h * (contact.force_start + contact.force_end)
 
 
-def hold(group: Group, end: str) -> None:
+def force_rates(group: Group, end: str) -> None:
     """Rates of the forces of resting floors at an end of the sub-step, from those of accelerations without them."""
     s = group.state
     slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
-    _, rates = join(group, [x - slope for x in group.floors(f"acc_rate_{end}")], resting(group))
+    _, rates = equalise(group, [x - slope for x in group.floors(f"acc_rate_{end}")], resting(group))
     for contact, x in zip(group.static_contacts(), rates, strict=True):
         setattr(contact, f"force_rate_{end}", x)
 
@@ -193,7 +193,7 @@ def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
         transfers.jumped(group)
 
 
-def _collide(group: Group, lanes: Any, h: Any) -> None:
+def _apply_impacts(group: Group, lanes: Any, h: Any) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
@@ -209,15 +209,15 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
         again.now = more.now
 
 
-def _halt(group: Group, lanes: Any) -> None:
-    """Floors at this instant that do not part stop to approach: what `_collide` has left of it."""
+def _stop_approach(group: Group, lanes: Any) -> None:
+    """Floors at this instant that do not part stop to approach: what `_apply_impacts` has left of it."""
     _s, r = group.state, group.requested
     for contact in group.iter_contacts():
         v = contact.between("v")
         contact.put(lanes, rate_end=v)
         stays = (contact.next > 0.0) & (v >= -PARTED * RESTING_SPEED)
         contact.put(lanes, k_active=where(stays, 1.0, 0.0))
-    speeds, impulses = join(group, group.floors("v"), resting(group))
+    speeds, impulses = equalise(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
     for contact, p in zip(group.static_contacts(), impulses, strict=True):
@@ -234,7 +234,7 @@ def _choose(group: Group, lanes: Any) -> None:
     active = Cell(lanes)
     for _ in while_any(lambda: active.now, at_most=len(group.contacts) + 1):
         mask = active.now
-        rest(group, mask)
+        resting_accelerations(group, mask)
         least, at = group.cell(-group.limit.released), group.cell(-1.0)
         for contact in group.iter_contacts():
             pressed = contact.force_end / contact.reduced
@@ -254,8 +254,8 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
         pressed = ~opened & (contact.force_end > released * contact.reduced)
         takes_part = pressed | (due & opened) | (~due & ~opened)
         contact.put(lanes, next=where(takes_part, 1.0, 0.0))
-    _collide(group, lanes, h)
-    _halt(group, lanes)
+    _apply_impacts(group, lanes, h)
+    _stop_approach(group, lanes)
     _choose(group, lanes)
     for contact in group.iter_contacts():
         mode = where(contact.k_active > 0.0, 1.0, 0.0)

@@ -83,7 +83,7 @@ def conclude(group: Group) -> None:
         v = s["v", i]
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
-    if group.eventful:
+    if group.has_events:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), 0.0)
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), 0.0)
     s["flags"] = flags
@@ -219,11 +219,11 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
             again.now &= late.now
         asks = asks | again.now
     with when_any(asks):
-        fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
+        fraction = kind.locate_event(group, asks) if group.touching else group.full(1.0)
         if group.spec.yielding:
-            fraction = minimum(fraction, hysteresis.first_event(group, asks))
+            fraction = minimum(fraction, hysteresis.locate_event(group, asks))
         if group.spec.smooth:
-            fraction = minimum(fraction, bouc_wen.first_event(group, asks))
+            fraction = minimum(fraction, bouc_wen.locate_event(group, asks))
         early = asks & (fraction < 1.0)
         s.put(early, fraction, "fraction")
         s.put(early, h * fraction, "ahead")
@@ -243,19 +243,19 @@ def substep(group: Group, h: Any) -> None:
     elif group.spec.implicit and group.touching:
         group.scheme.soften(group)
     add = group.scheme.trial(group)
-    look = kind.measure(group) if group.touching else group.full(False)
+    look = kind.update_penetrations(group) if group.touching else group.full(False)
     if group.spec.yielding:
         look = look | storeys_may_change(group, s["h"])
     accept_substep(group, look, kind)
     if group.touching:
-        kind.ends(group, group.prop("longest") if group.spec.staged else h)
+        kind.sample_forces(group, group.prop("longest") if group.spec.staged else h)
     turns(group)
     if group.spec.impulsive:
         samples(group)  # a motion may turn in a velocity jump
     add()
     if "acceleration" in r:
-        hold = impulse.hold if group.spec.impulsive else None
-        largest_accelerations(group, located=True, pressed=group.presses, hold=hold)
+        force_rates = impulse.force_rates if group.spec.impulsive else None
+        largest_accelerations(group, located=True, pressed=group.presses, force_rates=force_rates)
     reduce_step(group)
     close(group, kind, h)
 
@@ -271,9 +271,9 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         for contact in group.iter_contacts(straight=True):
             contact.age += s["h"]
     if group.spec.yielding:
-        hysteresis.follow(group)
+        hysteresis.update_plastic_drifts(group)
     if group.spec.smooth:
-        bouc_wen.settle(group)
+        bouc_wen.recompute(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
     accepted = s["accepted"] > 0.0
@@ -331,7 +331,7 @@ def storeys_may_change(group: Group, h: Any) -> Any:
 
 def may_touch(group: Group, h: Any) -> Any:
     """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
-    u0, v0, u, v = (name if group.long else group.floors(name) for name in ("u0", "v0", "u", "v"))
+    u0, v0, u, v = (name if group.looped else group.floors(name) for name in ("u0", "v0", "u", "v"))
     hit = group.cell(-1.0)
     for contact in group.iter_contacts(straight=True):
         gap = contact.gap
@@ -358,12 +358,12 @@ class FixedSteps:
                 number = i * ground.steps + j
                 group.number = lambda: number  # noqa: B023
                 s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
-                if not group.eventful:
+                if not group.has_events:
                     self._reduce(group.scheme.flight(group, ground.h), turning(group))
                 elif group.spec.located:
-                    self._locate(closed, flowing, ga, gb)
+                    self._step_events(closed, flowing, ga, gb)
                 else:
-                    self._plain(number)
+                    self._step_sampled(number)
                 if self.note is not None:
                     self.note(number + 1)
 
@@ -380,7 +380,7 @@ class FixedSteps:
         if "acceleration" in group.requested:
             largest_accelerations(group, group.spec.located)
 
-    def _locate(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
+    def _step_events(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
         group, s, h = self.group, self.group.state, self.ground.h
         touched = Cell(True)
         for _ in when(not_(closed.now)):
@@ -391,7 +391,7 @@ class FixedSteps:
             for _ in when(not_(touched.now)):
                 if flowing is not None:
                     for _ in when(flowing.now):
-                        hysteresis.follow(group)
+                        hysteresis.update_plastic_drifts(group)
                 self._reduce(add, turned)
         for _ in when(closed.now):
             keep_start(group)
@@ -409,7 +409,7 @@ class FixedSteps:
                 for _ in when(not_(closed.now)):
                     clear_forces(group, s["scale"] == s["scale"])
 
-    def _plain(self, number: Any) -> None:
+    def _step_sampled(self, number: Any) -> None:
         group, h = self.group, self.ground.h
         add = group.scheme.plain(group, h)
         plain_contacts(group, h, self.ground.time(number + 1))

@@ -178,10 +178,10 @@ def turning(group: Group) -> Any:
 
 
 def largest_accelerations(
-    group: Group, located: bool, pressed: bool = False, hold: Callable[[Group, str], None] | None = None
+    group: Group, located: bool, pressed: bool = False, force_rates: Callable[[Group, str], None] | None = None
 ) -> None:
     """Take the total accelerations of all floors over the step just taken; `pressed`: contacts may be closed."""
-    # `hold`: finds the rates of forces that hold floors together, at an end, from those of accelerations without them
+    # `force_rates`: finds rates of forces that hold floors together at an end, by those of accelerations without them
     s = group.state
     ends = [("end", "u", "v", "g1")] + ([("start", "u0", "v0", "g0")] if located else [])
     for end, u, v, _ in ends:
@@ -203,10 +203,10 @@ def largest_accelerations(
             bouc_wen.linearise(group, v[1:])
         put_accelerations(group, f"acc_rate_{end}", v, partial(relative, end, ground), rates=True)
     if group.spec.smooth:
-        bouc_wen.settle(group)
+        bouc_wen.recompute(group)
     for end, *_ in ends if group.touching else ():
-        if hold is not None:
-            hold(group, end)
+        if force_rates is not None:
+            force_rates(group, end)
         add_forces(group, f"acc_rate_{end}", f"force_rate_{end}")
     h = s["h"]
     closed = forces.is_closed(group) & (h > 0.0) if pressed else group.full(False)
@@ -251,7 +251,7 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
             bouc_wen.part(group, t)
         put_accelerations(group, "acc_inside", moved(group, t), moved(group, t, velocities=True))
         if group.spec.smooth:
-            bouc_wen.settle(group)
+            bouc_wen.recompute(group)
         for contact in group.iter_contacts():
             contact.press = 0.0
             with when_any(contact.mode > forces.OPEN):

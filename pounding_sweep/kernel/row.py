@@ -108,7 +108,7 @@ class Pushes:
     """Forces of contacts and links on floors: of a long row summed up in rows of its state, else one by one."""
 
     def __init__(self, group: Group, rows: bool | None = None) -> None:
-        self._group, self._rows = group, group.long if rows is None else rows
+        self._group, self._rows = group, group.looped if rows is None else rows
         self._signed: dict[Any, list[tuple[str, Any]]] = {}
         for i in group.indices(group.spec.n_dof) if self._rows else ():
             group.state["push", i] = 0.0

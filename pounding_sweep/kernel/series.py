@@ -64,7 +64,7 @@ def substep(group: Group, h: Any) -> None:
     s["span"] = s["h"]
     for i in group.indices(spec.n_dof):
         s["taylor_u", i] = s["u0", i]
-    if spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
+    if spec.yielding and group.touching and not group.looped:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
         for case, contacts in ((closed, True), (not_(closed), False)):
             for _ in when(case):
@@ -73,7 +73,7 @@ def substep(group: Group, h: Any) -> None:
         _expand_row(group, group.touching)
     for contact in group.iter_contacts() if not spec.yielding else ():
         _coefficients(contact, "taylor_pen")[spec.series] = contact.between(_Term(group, spec.series))
-    _meet(group)
+    _find_event(group)
     s["h"] = s["span"] * s["fraction"]
     if not spec.yielding:
         _place(group)
@@ -193,7 +193,7 @@ def _per(group: Group) -> Any:
     return where(span > 0.0, 1.0 / span, 0.0)
 
 
-def _meet(group: Group) -> None:
+def _find_event(group: Group) -> None:
     """Find the first instant at which contacts change their modes: ``fraction``, of the step."""
     s = group.state
     ongoing = s["time_left"] > 0.0
@@ -291,7 +291,7 @@ class _Choice:
         self.doubt = Cell(nobody)
         group.state["bends"] = 0.0
 
-    def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+    def propose(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         group, s, end = self.group, self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
@@ -334,38 +334,38 @@ def _choose(group: Group, asks: Any) -> _Choice:
     s, choice, per = group.state, _Choice(group), _per(group)
     for contact in group.iter_contacts():
         if not group.spec.yielding:
-            _offer_contact(contact, choice, asks, per)
+            _propose_contact(contact, choice, asks, per)
             continue
         farthest, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
         may_touch = farthest + _depth(contact).bulge(s["fraction"]) > contact.gap
         mask = asks & ((contact.mode > OPEN) | may_touch)
         with when_any(mask):
-            _offer_contact(contact, choice, mask, per)
+            _propose_contact(contact, choice, mask, per)
     if group.spec.yielding:
-        _offer_storeys(group, asks, choice)
+        _propose_storeys(group, asks, choice)
     return choice
 
 
-def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> None:
+def _propose_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> None:
     """Consider the changes of a contact's mode, in lanes that ask."""
     group, law, depth, mode = contact.group, contact.law, _depth(contact), contact.mode
     s = group.state
     closed, pressing = mode > OPEN, mode == PRESSING
 
-    def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+    def propose(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         number = group.change(contact.index, kind)
         is_next = (contact.next == target) & ~(contact.event > s["fraction"])
         lanes = lanes & ~is_next & ~(s["ruled_out", number] > 0.0)
-        choice.offer(real(number), lanes, sign, series, target, leans)
+        choice.propose(real(number), lanes, sign, series, target, leans)
 
     sign = where(closed, -1.0, 1.0)
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
-    offer(0, asks, sign, depth, where(closed, OPEN, PRESSING), leans)
+    propose(0, asks, sign, depth, where(closed, OPEN, PRESSING), leans)
     if law.shape.approach_only:
         toward = where(pressing, -1.0, 1.0)
-        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, PRESSING))
+        propose(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, PRESSING))
     if law.shape.clips:
         k, c = contact.k_law, contact.c_law * per
 
@@ -378,7 +378,7 @@ def _offer_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> No
             return where(size(elastic + damped) > group.limit.at_release * size(elastic), elastic + damped, 0.0)
 
         toward, target = where(pressing, -1.0, 1.0), where(pressing, SLACK, PRESSING)
-        offer(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
+        propose(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
 
 
 def _drift(storey: Storey, first: Any, sign: Any) -> Series:
@@ -394,7 +394,7 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
+def _propose_storeys(group: Group, asks: Any, choice: Any) -> None:
     """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
     s, first = group.state, len(group.contacts)
     for storey in hysteresis.iter_storeys(group):
@@ -402,7 +402,7 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
         # that of an event that ends the step as it is
         then = where(storey.turn > s["fraction"], phase, storey.then)
         sides = [group.change(first + storey.index, kind) for kind in range(2)]
-        margin = fma(dy, group.limit.same_time, hysteresis.far(storey) * group.limit.exact)
+        margin = fma(dy, group.limit.same_time, hysteresis.drift_scale(storey) * group.limit.exact)
         v0, v1 = storey.drift("v0"), storey.drift("v")
         z0, z1 = storey.drift("u0") - p, storey.drift("u") - p
         elastic = asks & (phase == 0.0)
@@ -428,7 +428,7 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
                 start = where(start > -margin, start - margin, start)
                 lanes = leaves & (hops | beyond) & ~(then == side)
                 number = where(side > 0.0, *(group.full(real(change)) for change in sides))
-                choice.offer(number, lanes, 1.0, _drift(storey, start, side), side)
+                choice.propose(number, lanes, 1.0, _drift(storey, start, side), side)
         yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
             rate = _drift(storey, z0, 1.0).rate
@@ -436,7 +436,7 @@ def _offer_storeys(group: Group, asks: Any, choice: Any) -> None:
             early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
             turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
             with when_any(turns):
-                choice.offer(real(sides[0]), turns, -phase, rate, 0.0)
+                choice.propose(real(sides[0]), turns, -phase, rate, 0.0)
 
 
 def _locate(group: Group, lanes: Any) -> None:

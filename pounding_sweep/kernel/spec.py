@@ -229,7 +229,7 @@ class KernelSpec:
         return self.flies_exactly and bool(self.dashpots or self.links)
 
     @property
-    def flocks(self) -> list[tuple[int, int]]:
+    def coupled_groups(self) -> list[tuple[int, int]]:
         """First floors and numbers of floors of what moves as one: linked buildings, and each other one alone."""
         joined = {self.building_of[left] for left, _ in self.links}  # those with a link to the right
         blocks: list[tuple[int, int]] = []

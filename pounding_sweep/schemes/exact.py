@@ -206,8 +206,8 @@ class Flights:
                         self._begin(lane)
                         has.now = True
                 for _ in when(has.now):
-                    flight.fly(lane, note_point)
-                    flight.enter(lane, flight.at.now)
+                    flight.advance_free(lane, note_point)
+                    flight.to_floors(lane, flight.at.now)
                     # a record of one point has no step
                     hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
                     for _ in when(hits):
@@ -236,7 +236,7 @@ class Flights:
             row = rounded(inputs.lane(block * inputs.size + inputs.first["tables"], number - block * LANES))
         flight.base.now = flight.layout.base(row, self._stops)
         flight.at.now = point
-        flight.leave(lane, point)
+        flight.to_modes(lane, point)
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
@@ -273,7 +273,7 @@ def run_scenarios(
         for _ in when(any_lane(course.leaves.now)):
             serve()
         more.now = any_lane(course.busy.now > 0.0)
-        for _ in when(more.now) if group.eventful else ():
+        for _ in when(more.now) if group.has_events else ():
             starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
             with when_any(starts):
                 march.begin_step(group, starts, ground_at(course.at.now), ground_at(course.at.now + 1), ground.h)

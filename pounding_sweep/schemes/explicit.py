@@ -78,7 +78,7 @@ class Explicit(Scheme):
             x, y = ("x", "y") if rows else ([m[name, i] for i in every()] for name in "xy")
             push = Pushes(group, rows)
             if flow is not None:
-                flow.hold(x, y, weight)
+                flow.set_stage(x, y, weight)
 
             def add(name: str, k: Any, value: Any, number: int = number, weight: float = weight) -> None:
                 value = weight * value
@@ -110,7 +110,7 @@ class Explicit(Scheme):
                     add("din", block[0][0] if rows else k, gained)
                     add("ddamp", block[0][0] if rows else k, damped)
             if joins:
-                impulse.join_rows(group, now, memory=m)
+                impulse.equalise_rows(group, now, memory=m)
                 for contact in group.iter_contacts(straight=True):
                     count(contact, m["force", contact.index])
             names = ("x", "y") if number < len(self.nodes) else ("u", "v")
@@ -121,13 +121,13 @@ class Explicit(Scheme):
             if flow is not None:
                 flow.advance(self.after, number, h)
         if flow is not None:
-            flow.end()
+            flow.store_end()
             m |= {("travel", i): x for i, x in flow.dissipated.items()}
         return m
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
-        if not group.long or group.spec.links:  # the row moves as one
+        if not group.looped or group.spec.links:  # the row moves as one
             return self._take(group, h)
         s = group.state
         for b, floors in group.iter_buildings():
@@ -164,7 +164,7 @@ class Explicit(Scheme):
             return contact.k_active, contact.c_active, contact.gap
 
         # of a short row once for all stages
-        constants = {} if group.long else {c.index: read(c) for c in group.iter_contacts(straight=True)}
+        constants = {} if group.looped else {c.index: read(c) for c in group.iter_contacts(straight=True)}
         presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in constants.items()}
 
         def press(contact: Contact, x: Any, y: Any) -> Any:
@@ -184,7 +184,7 @@ class Explicit(Scheme):
 
 def _row(group: Group) -> Part | None:
     """All buildings of a short row, and their floors; None of a long one."""
-    return None if group.long else list(enumerate(group.building_floors))
+    return None if group.looped else list(enumerate(group.building_floors))
 
 
 def _put(group: Group, m: Any) -> None:

@@ -333,7 +333,7 @@ class Newmark(Scheme):
     def begin(self, group: Group) -> None:
         """Accelerations at the start, which are part of the state."""
         if group.spec.impulsive and group.touching:
-            impulse.rest(group, group.state["scale"] == group.state["scale"])
+            impulse.resting_accelerations(group, group.state["scale"] == group.state["scale"])
         else:
             self.balance(group, None)
 
