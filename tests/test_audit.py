@@ -208,13 +208,13 @@ def test_a_sensitive_scenario_that_a_smaller_step_settles_is_not_excused():
     else:
         pytest.fail("no sensitive scenario of this row is off any more: look for others")
     assert (sweep.last_audit.exceeding >= wrong).all()
-    assert any("status ok whose error is beyond 5%" in str(w.message) for w in said)
+    assert any("status ok whose error is beyond 0.05" in str(w.message) for w in said)
 
 
 def test_a_broken_promise_is_told(monkeypatch):
     monkeypatch.setattr(audit, "TOLERANCE", 1e-9)
     sweep = make(audit=0.5)
-    with pytest.warns(RuntimeWarning, match=r"status ok whose error is beyond 0%.*smaller dt") as said:
+    with pytest.warns(RuntimeWarning, match=r"status ok whose error is beyond 1e-09.*smaller dt") as said:
         cube = sweep.run(scheduler="synchronous")
     assert len([w for w in said if "audit" in str(w.message)]) == 1
     bad = sweep.last_audit.exceeding
@@ -226,10 +226,10 @@ def test_a_broken_promise_is_told(monkeypatch):
     ("largest", "changes", "says"),
     [
         ([0.04, 0.04], {}, ""),
-        ([0.04, 0.06], {}, "found 1 with status ok whose error is beyond 5%, the worst 0.06 in drift_max; use"),
+        ([0.04, 0.06], {}, "found 1 with status ok whose error is beyond 0.05, the worst 0.06 in drift_max; use"),
         ([0.04, 0.06], {"undecided": np.array([False, True])}, ""),
         ([0.04, 0.06], {"status": np.array([Status.OK, Status.UNDER_RESOLVED_CONTACT])}, ""),
-        ([0.04, 0.06], {"tolerance": 1e-2, "for_accuracy": True}, "found 2 .* the 0.01 asked for, .* smaller acc"),
+        ([0.04, 0.06], {"tolerance": 1e-2}, "found 2 .* beyond 0.01, .* smaller acc"),
         ([np.inf, 0.04], {}, "the worst inf in drift_max"),
     ],
 )
@@ -237,7 +237,7 @@ def test_when_a_warning_is_given(largest, changes, says):
     none = np.zeros(2, bool)
     found = {"rows": np.array([1, 2]), "outputs": ("impact_force_max", "drift_max"), "sensitivity": np.zeros((2, 2))}
     found |= {"error": np.array([[0.001, each] for each in largest]), "status": np.zeros(2), "sensitive": none}
-    found |= {"undecided": none, "touching": 9, "share": 0.04, "tolerance": audit.TOLERANCE, "for_accuracy": False}
+    found |= {"undecided": none, "touching": 9, "share": 0.04, "tolerance": audit.TOLERANCE}
     result = audit.Audit(**{**found, **changes})
     assert re.search(says, result.warning) if says else not result.exceeding.any()
 

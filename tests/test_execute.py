@@ -168,7 +168,7 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest):
 
 
 @pytest.mark.parametrize(("scheduler", "workers"), [("synchronous", 1), ("threads", 1), ("threads", 3)])
-def test_chunks_are_begun_in_their_order(scheduler, workers):
+def test_chunks_are_begun_in_their_order(scheduler, workers, monkeypatch):
     begun, taken = [], []
 
     def job(position):
@@ -178,7 +178,8 @@ def test_chunks_are_begun_in_their_order(scheduler, workers):
     def run(kernel, record, table, *more):
         return f"{record.name} {table}"
 
-    with Dispatcher(scheduler, workers, run=run) as dispatcher:
+    monkeypatch.setattr("pounding_sweep.run.execute.run_chunk", run)
+    with Dispatcher(scheduler, workers) as dispatcher:
         for number in (50, 0):
             taken.extend(dispatcher.run(range(number), job))
     assert begun == list(range(50))

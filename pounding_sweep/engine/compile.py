@@ -1,8 +1,8 @@
 """Kernels compiled once and kept on disk, several at once, each process its share.
 
-A kernel is a small module whose one function has the traced kernel for its body. Its name is a digest of all that
-decides its machine code: what it is compiled for, the sources that trace it, the versions of numba and llvmlite, the
-processor. numba compiles under one lock per process, so missing kernels are shared out to child processes.
+A kernel is a module of one function, named by a digest of all that decides its machine code: what it is compiled for,
+the sources that trace it, numba, llvmlite and the processor. numba compiles under one lock per process, so missing
+kernels are shared out to child processes.
 """
 
 from __future__ import annotations
@@ -249,19 +249,15 @@ def still_to_compile(shapes: Iterable[KernelSpec]) -> tuple[int, float]:
 
 def shares(pieces: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
     """Cut pieces into at most `n` shares that take about as long to compile, each worth a process of its own."""
-    total, done = compiling_seconds(pieces), 0.0
-    parts: list[list[KernelSpec]] = [[] for _ in range(max(1, min(n, int(total / BEGINNING))))]
-    for piece in pieces:
-        seconds = compiling_seconds([piece])
-        parts[int((done + seconds / 2) * len(parts) / total)].append(piece)
-        done += seconds
-    return [part for part in parts if part]
+    n = max(1, min(n, len(pieces), int(compiling_seconds(pieces) / BEGINNING)))
+    longest_first = sorted(pieces, key=lambda piece: -compiling_seconds([piece]))
+    return [longest_first[i::n] for i in range(n)]
 
 
 def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled."""
     missing, pieces = missing_kernels(shapes)
-    first, *others = shares(pieces, workers) if pieces else [[]]
+    first, *others = shares(pieces, workers)
     elsewhere = {piece for part in others for piece in part}
     children = []
     for part in others:

@@ -23,7 +23,7 @@ LONGEST = 4
 #: Bytes that the processor fetches at once, twice; and of the widest vector that a kernel has.
 LINE = 128
 #: Memory of each thread.
-_KEPT = threading.local()
+_MEMORY = threading.local()
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def _values_of_coupled(
 
 def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndarray:
     """Factors of powers by q and by q' of all modes, shape (variants, factors, 2, modes)."""
-    scene, n, found = row.scene, layout.modes, []
+    scene, n, shapes = row.scene, layout.modes, []
     uq, up, vq, vp = np.moveaxis(modes.floors, 1, 0)
     masses = np.concatenate([b.masses for b in scene.buildings])
     for power in layout.powers:
@@ -171,59 +171,61 @@ def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndar
             link = scene.linked_floors[power.number]
             weights[link.left] += power.kind != "right"
             weights[link.right] += {"stretch": -1.0, "left": 0.0, "right": 1.0}[power.kind]
-        found.append(np.stack([weights @ each for each in ((vq, vp) if moves else (uq, up))], axis=1))
-    return np.stack(found, axis=1)
+        shapes.append(np.stack([weights @ each for each in ((vq, vp) if moves else (uq, up))], axis=1))
+    return np.stack(shapes, axis=1)
 
 
 def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """How modes move from a point to each Gauss node of the step, shape (variants, modes, nodes, numbers)."""
-    found = []
+    steps = []
     for share in nodes(layout.nodes)[0]:
         a = step(modes.w, modes.c, modes.participation, share * h)
         (q0, q1), (p0, p1) = ((a[f"{name}0"], a[f"{name}1"]) for name in "qp")
         ground = [(q0 + (1.0 - share) * q1, share * q1), (p0 + (1.0 - share) * p1, share * p1)]
-        found.append(np.stack([a["qq"], a["qp"] / h, *ground[0], a["pq"], a["pp"] / h, *ground[1]], axis=2))
-    return np.stack(found, axis=2)
+        steps.append(np.stack([a["qq"], a["qp"] / h, *ground[0], a["pq"], a["pp"] / h, *ground[1]], axis=2))
+    return np.stack(steps, axis=2)
 
 
 def _sets(row: Variants) -> np.ndarray:
     """Displacements at which a row rests whose storeys have drifts without shear, shape (variants, floors, storeys)."""
     n, at = row.scene.n_dof, 0
-    found = np.zeros((len(row), n, n))
+    rest = np.zeros((len(row), n, n))
     for group in row.scene.linked_buildings:
         _, stiff, _ = row.matrices(group)
         here = slice(at, at := at + stiff.shape[1])
         bottom = [s == 0 for b in group for s in range(row.scene.buildings[b].n_storeys)]
         drift = np.eye(len(bottom)) - np.diag([0.0 if first else 1.0 for first in bottom[1:]], -1)
-        found[:, here, here] = np.linalg.solve(stiff, drift.T * row.stiffnesses[:, None, here])
-    return found
+        rest[:, here, here] = np.linalg.solve(stiff, drift.T * row.stiffnesses[:, None, here])
+    return rest
 
 
 def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
     """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
-    kept: np.ndarray | None = getattr(_KEPT, name, None)
-    if kept is None or len(kept) < numbers:
-        kept = aligned(numbers, precision)
-        setattr(_KEPT, name, kept)
-    return kept[:numbers]
+    room: np.ndarray | None = getattr(_MEMORY, name, None)
+    if room is None or len(room) < numbers:
+        room = aligned(numbers, precision)
+        setattr(_MEMORY, name, room)
+    return room[:numbers]
 
 
 def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
     a = step(w, c, modes.participation, h)
-    found = a | {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
+    values = a | {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     if "weight" in layout.decays:  # energies of a unit mass at the first floor
         weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
-        found |= {"weight": weight, "area": area}
-        found |= {"adjoint_q": weight * (a["qq"] - 1.0), "adjoint_p": weight * a["qp"]}
-        found |= {
+        values |= {
+            "weight": weight,
+            "area": area,
+            "adjoint_q": weight * (a["qq"] - 1.0),
+            "adjoint_p": weight * a["qp"],
             "adjoint_rise_q": weight * (a["qq"] + area * (a["pq"] + c * (a["qq"] - 1.0))),
             "adjoint_rise_p": weight * (a["qp"] + area * (a["pp"] - 1.0 + c * a["qp"])),
         }
     rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
     for k, name in enumerate(layout.decays):
-        rows[:, k, : layout.modes] = found[name]
+        rows[:, k, : layout.modes] = values[name]
     return rows.ravel()
 
 
@@ -235,13 +237,13 @@ def _in_lanes(layout: Layout, modes: _Modes, ground: np.ndarray, h: float, subst
     head += [0.0] * (layout.wide_modes - n)
     numbers = groups * n * lanes * (names + STATE * stops_of(layout, len(ground), substeps))
     numbers += (groups * lanes * len(layout.decays) + STATE) * layout.wide_modes
-    found = _room(len(head) + numbers, "decays")
-    found[: len(head)], found[-STATE * layout.wide_modes :] = head, 0.0
-    rows = found[len(head) :][: groups * names * n * lanes].reshape(groups, names, n, lanes)
+    room = _room(len(head) + numbers, "decays")
+    room[: len(head)], room[-STATE * layout.wide_modes :] = head, 0.0
+    rows = room[len(head) :][: groups * names * n * lanes].reshape(groups, names, n, lanes)
     those = np.minimum(np.arange(groups * lanes), count - 1)  # idle lanes repeat the last one
     for k, each in enumerate((modes.w, modes.c)):
         rows[:, k] = each.T[:, those].reshape(n, groups, lanes).transpose(1, 0, 2)
-    return found
+    return room
 
 
 def stride_of(substeps: int) -> int:

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.variables import KernelResults, Status, cube_variables, get_variable
+from pounding_sweep.outputs.variables import VARIABLES, KernelResults, Status, cube_variables
 from pounding_sweep.records import Record
 
 #: Largest phase error of a building's fundamental motion (rad).
@@ -101,23 +100,17 @@ def variables_of(
     outputs: Sequence[str],
     record: Record,
     variants: Variants | None = None,
-) -> dict[str, Any]:
+) -> dict[str, np.ndarray]:
     """Turn a kernel's outputs into the variables of the cube."""
     row = variants_of(kernel.scene) if variants is None else variants
     raw = {name: np.asfortranarray(values) for name, values in raw.items()}  # scenarios side by side: see `scatter`
     step = record.dt / kernel.numerics.steps(record)
     kept = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
-    result: dict[str, Any] = {}
-    for name in cube_variables(outputs):
-        variable = get_variable(name)
-        if name == "status":
-            result[name] = _status(kernel, raw, kept.steps_by_law, record, row)
-        else:
-            values = variable.read(kept)
-            # where velocities jump, kernels leave a mark instead of what a law without a force can't answer
-            result[name] = (
-                np.where(values > 0.0, np.nan, values) if kernel.law.impulsive and variable.of_force else values
-            )
+    result = {name: VARIABLES[name].read(kept) for name in cube_variables(outputs)}
+    for name, values in result.items() if kernel.law.impulsive else ():
+        if VARIABLES[name].of_force:  # where velocities jump, kernels leave a mark instead of a force
+            result[name] = np.where(values > 0.0, np.nan, values)
+    result["status"] = _status(kernel, raw, kept.steps_by_law, record, row)
     return result
 
 

@@ -217,11 +217,7 @@ class RowKernel:
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
-        row = variants_of(self.scene) if variants is None else variants
-        return (_substeps_of_one if len(row) == 1 else RowKernel._flight_substeps)(self, record, row)
-
-    def _flight_substeps(self, record: Record, row: Variants) -> np.ndarray:
-        steps = self.numerics.steps(record)
+        row, steps = variants_of(self.scene) if variants is None else variants, self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
         frequencies = row.frequencies
@@ -255,21 +251,22 @@ class RowKernel:
 
         shape, n, groups = self.shape, len(scale), -(-len(scale) // LANES)
         outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
-        flies = shape.flies_exactly
-        flight_substeps = int(self.flight_substeps(record, row).max()) if flies else self.numerics.steps(record)
+        steps = flight_substeps = self.numerics.steps(record)
+        track = np.zeros(1, shape.precision)
+        if shape.flies_exactly:
+            flight_substeps = int(self.flight_substeps(record, row).max())
+            steps = flight_substeps if shape.series or shape.staged else steps
+            track = _ground(record, steps).astype(shape.precision)
         results = np.zeros((groups, outputs.size * LANES))
         history = np.zeros((1, 1)) if history is None else history
         kernel = partial(run_twin, shape) if twin else compile.get_kernel(shape)
-        steps = flight_substeps if shape.series or shape.staged else self.numerics.steps(record)
-        track = _ground(record, steps) if flies else np.zeros(1)
-        track = track.astype(shape.precision)
         brought = [np.asarray(values, float) for values in (scale, gaps, stiffness, restitution)]
         first = 0
         while first < groups:
             part = row[first * LANES :]
             tables, buildings, count = self._tables(record, flight_substeps, part, groups - first)
             mine = slice(first * LANES, (first + count) * LANES)
-            lanes = self._lanes(buildings, row[mine], record.is_rough, *(values[mine] for values in brought))
+            lanes = self._lanes(buildings, row[mine], record.is_rough, (values[mine] for values in brought))
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
@@ -316,17 +313,9 @@ class RowKernel:
         tables = flight_tables(layout, some, stops, _ground(record, n), record.dt / n, precision, n)
         return (*tables, len(needed)), which, groups
 
-    def _lanes(
-        self,
-        buildings: np.ndarray,
-        row: Variants,
-        rough: bool,
-        scale: np.ndarray,
-        gaps: np.ndarray,
-        stiffness: np.ndarray,
-        restitution: np.ndarray,
-    ) -> np.ndarray:
+    def _lanes(self, buildings: np.ndarray, row: Variants, rough: bool, inputs: Iterable[np.ndarray]) -> np.ndarray:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots times lanes)."""
+        scale, gaps, stiffness, restitution = inputs
         shape, slots, n = self.shape, input_slots(self.shape), len(scale)
         values: dict[str, Any] = {"scale": scale}
         if shape.contacts:
@@ -352,10 +341,6 @@ class RowKernel:
         groups, packed = -(-n // LANES), _packed(slots, values, n)
         rows = np.pad(packed, ((0, 0), (0, groups * LANES - n)), "edge")  # idle lanes repeat the last scenario
         return rows.reshape(-1, groups, LANES).transpose(1, 0, 2).reshape(groups, -1)
-
-
-#: Exact steps of a single row: each chunk asks for them.
-_substeps_of_one = lru_cache(maxsize=64)(RowKernel._flight_substeps)
 
 
 def _of_moving(name: str) -> Callable[[Variants], np.ndarray]:

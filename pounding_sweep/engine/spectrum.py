@@ -184,10 +184,8 @@ def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -
     found = np.zeros((2, periods.size))
     for count in np.unique(steps):
         chosen = steps == count
-        transition, forcing = _transition(frequency[chosen], damping, dt / count)
-        peaks = np.zeros((2, np.count_nonzero(chosen)))
-        step = dt / count
-        _march(ground, int(count), transition, forcing, frequency[chosen] * step, step, 2.0 * damping, peaks)
+        step, w, peaks = dt / count, frequency[chosen], np.zeros((2, np.count_nonzero(chosen)))
+        _march(ground, int(count), *_transition(w, damping, step), w * step, step, 2.0 * damping, peaks)
         found[:, chosen] = peaks
     return found[0], found[1] * frequency
 
@@ -205,14 +203,9 @@ def strengths_for(row: Variants, record: Record, ductilities: Array, dt: float =
         strengths = np.where(np.isnan(factors), 1.0, factors).reshape(n * m, -1)
         period, mass, ratio, _, hardening = (np.repeat(column, m, axis=0) for column in row.columns)
         variants = Variants(scene, period, mass, ratio, strengths, hardening)
-        one = np.ones(n * m)
-        lanes: dict[str, Any] = {
-            "scale": one,
-            "stiffness": one,
-            "restitution": one,
-            "gaps": np.ones((n * m, len(scene.pair_names))),
-        }
-        drift = kernel.run(record, variants=variants, **lanes)["drift"]
+        one, gaps = np.ones(n * m), np.ones((n * m, len(scene.pair_names)))
+        raw = kernel.run(record, scale=one, gaps=gaps, stiffness=one, restitution=one, variants=variants)
+        drift = raw["drift"]
         ductility = drift / np.where(np.isfinite(variants.yield_drifts), variants.yield_drifts, np.inf)
         largest = np.maximum.reduceat(ductility, scene.offsets[:-1], axis=1).reshape(factors.shape)
         return np.where(np.isnan(factors), np.nan, largest)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -118,9 +118,9 @@ class Variable:
     needs: Collection[str] = ()  # reducers of the compiled loop that it is made from, beside that of its slot
     #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
     error: str = ""
-    #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
-    #: difference of larger ones, or one end of a range
-    relative_to: tuple[str | tuple[str, str], ...] = ()
+    #: products of outputs to whose largest its error is relative as well as to its own: it is a difference of larger
+    #: ones, or one end of a range
+    relative_to: Sequence[tuple[str, ...]] = ()
     #: what its error is relative to at least: a touch at rest is found within rounding of the record's first point
     least: float = 0.0
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
@@ -131,9 +131,12 @@ class Variable:
     always: bool = False  # it is in every cube, asked for or not
     flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
     flag_meanings: str = ""
-    definition: str = ""  # what exactly is reported, out of `DEFINITIONS`
 
     def __post_init__(self) -> None:
+        #: What exactly is reported.
+        self.definition = DEFINITIONS[self.name]
+        own = [REDUCER_OF[self.source]] if self.source in REDUCER_OF else []
+        self.needs = frozenset([*self.needs, *own])
         #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
         self.dims = DIMS[self.per]
         #: What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing.
@@ -166,8 +169,8 @@ class Slot:
 
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
-        counts = {"contact": len(shape.contacts), "link": len(shape.links), "building": shape.n_buildings}
-        return {**counts, "base": len(shape.foundations)}.get(self.per, shape.n_dof)
+        counts = {"floor": shape.n_dof, "contact": len(shape.contacts), "link": len(shape.links)}
+        return (counts | {"building": shape.n_buildings, "base": len(shape.foundations)})[self.per]
 
 
 @dataclass(frozen=True)
@@ -355,8 +358,10 @@ def _closed_substep(group: Group) -> None:
         contact.tclosed += where(~(contact.mode == 0.0), group.state["h"], 0.0)
 
 
+#: Both ends of a range.
+_EXTREMES = (("displacement_max",), ("displacement_min",))
 #: Differences of larger energies: an undamped contact takes in no work in the end, however much passed through it.
-_EXCHANGED = ("energy_transfer_max", "energy_transfer_min", "contact_work")
+_EXCHANGED = (("energy_transfer_max",), ("energy_transfer_min",), ("contact_work",))
 
 
 def _work(results: KernelResults) -> np.ndarray:
@@ -381,6 +386,10 @@ _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
 _contact = partial(Variable, per="contact", error="contacts")
 _energy = partial(Variable, per="building", error="energies")
+_TRANSFER = (
+    "what the building has given to its contacts: the integral of their forces on it times its floors' velocities, "
+    "equal to input - kinetic - damping - strain - lost in yielding - given to links"
+)
 #: What each output is exactly, in one sentence or two.
 DEFINITIONS = {
     "displacement_max": "Largest signed displacement of the floor relative to the ground, positive to the right.",
@@ -434,12 +443,9 @@ DEFINITIONS = {
     "hardening) int k z dp, z the drift less its plastic part p.",
     "energy_links": "Energy that the building has given to its links until the end of the record, negative where it "
     "has taken it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
-    "energy_transfer_max": "Largest value over time of the transfer, what the building has given to its contacts: the"
-    " integral of their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - lost"
-    " in yielding - given to links.",
-    "energy_transfer_min": "Smallest value over time of the transfer, what the building has given to its contacts: "
-    "the integral of their forces on it times its floors' velocities, equal to input - kinetic - damping - strain - "
-    "lost in yielding - given to links; negative where the building has taken energy through its contacts.",
+    "energy_transfer_max": f"Largest value over time of the transfer, {_TRANSFER}.",
+    "energy_transfer_min": f"Smallest value over time of the transfer, {_TRANSFER}; negative where the building has "
+    "taken energy through its contacts.",
     "contact_work": "Work the contacts of the pair took in until the end of the record, int F d' dt.",
     "closing_max": "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
     "time_step": "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by "
@@ -456,118 +462,6 @@ DEFINITIONS = {
     "steps_per_contact": "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness,"
     " effective mass and approach velocity; missing where nothing touched.",
 }
-#: Every output, in the order in which cubes and tables list them.
-_VARIABLES = (
-    _floor(
-        "displacement_max", "m", "largest floor displacement", "umax", relative_to=("displacement_min",), default=True
-    ),
-    _floor(
-        "displacement_min", "m", "smallest floor displacement", "umin", relative_to=("displacement_max",), default=True
-    ),
-    _floor("drift_max", "m", "largest interstorey drift", "drift", default=True),
-    _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
-    _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
-    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),
-    _yielding(
-        "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=("drift_max",)
-    ),
-    _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
-    _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
-    _contact("penetration_max", "m", "largest penetration", "dmax", of_force=True, default=True),
-    _contact("impulse", "kN s", "impulse of the contact force", "impulse"),
-    _contact(
-        "first_impact_time",
-        "s",
-        "time of the first impact",
-        _first_time,
-        needs=["first_time"],
-        least=0.01,
-        default=True,
-    ),
-    _contact("approach_speed_max", "m s-1", "largest approach speed", "vmax", least=0.0001),
-    _contact("contact_time", "s", "time in contact", "tclosed", error=UNMEASURED),
-    _contact(
-        "column_shear_bottom_max",
-        "kN",
-        "largest shear of struck columns, below",
-        partial(_column_shear, end=0),
-        needs=["force"],
-        error=UNMEASURED,
-        only="columns",
-    ),
-    _contact(
-        "column_shear_top_max",
-        "kN",
-        "largest shear of struck columns, above",
-        partial(_column_shear, end=1),
-        needs=["force"],
-        error=UNMEASURED,
-        only="columns",
-    ),
-    Variable("link_force_max", "kN", "largest link force", "link_force", error=UNMEASURED, only="links", per="link"),
-    _base("foundation_sway_max", "m", "largest sway of the foundation", "sway"),
-    _base("foundation_rotation_max", "rad", "largest rotation of the foundation", "rotation"),
-    _energy("energy_input", "kN m", "energy input", "e_in"),
-    _energy("energy_damping", "kN m", "energy lost in damping", "e_damp"),
-    _energy("energy_kinetic", "kN m", "kinetic energy at the end", "e_kin"),
-    _energy("energy_strain", "kN m", "strain energy at the end", "e_strain"),
-    _energy(
-        "hysteretic_energy",
-        "kN m",
-        "energy lost in yielding",
-        hysteretic,
-        needs=["hysteretic"],
-        error=UNMEASURED,
-        of_yielding=True,
-    ),
-    _energy(
-        "energy_links",
-        "kN m",
-        "energy given to links",
-        "e_link",
-        error=UNMEASURED,
-        relative_to=("energy_input",),
-        only="links",
-    ),
-    _energy("energy_transfer_max", "kN m", "largest energy transfer", "tmax", relative_to=_EXCHANGED),
-    _energy("energy_transfer_min", "kN m", "smallest energy transfer", "tmin", relative_to=_EXCHANGED),
-    _energy(
-        "contact_work",
-        "kN m",
-        "work taken by contacts",
-        _work,
-        needs=["work"],
-        relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
-        per="pair",
-    ),
-    Variable("closing_max", "m", "largest closing displacement", "closing", error="motions", per="contact"),
-    Variable("time_step", "s", "time step", lambda results: np.full(len(results), results.step)),
-    Variable("error_estimate", "1", "estimated relative error"),
-    Variable("amplification", "1", "amplification of small changes"),
-    Variable(
-        "status",
-        "1",
-        "status of the scenario",
-        dtype="i1",
-        always=True,
-        flag_values=tuple(map(int, Status)),
-        flag_meanings=" ".join(s.label for s in Status),
-    ),
-    Variable(
-        "energy_residual",
-        "1",
-        "relative residual of the energy balance",
-        _energy_residual,
-        needs=["energy", "hysteretic", "links", "work"],
-    ),
-    Variable(
-        "steps_per_contact",
-        "1",
-        "time steps in the shortest contact",
-        lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
-        always=True,
-    ),
-)
 #: Every reducer by name, in the order in which their slots lie.
 REDUCERS: dict[str, Reducer] = {
     reducer.name: reducer
@@ -636,12 +530,112 @@ REDUCERS: dict[str, Reducer] = {
         Reducer("transfer", (Slot("tmax", "building"), Slot("tmin", "building")), where="touch", looks="ends"),
     )
 }
-_REDUCER_OF = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
-#: Every output by name, with the reducer of its slot among its needs.
-VARIABLES: dict[str, Variable] = {}
-for _each in _VARIABLES:
-    _needs = frozenset(filter(None, [*_each.needs, _REDUCER_OF.get(str(_each.source))]))
-    VARIABLES[_each.name] = replace(_each, needs=_needs, definition=DEFINITIONS[_each.name])
+#: Name of the reducer that has a slot.
+REDUCER_OF: dict[Any, str] = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
+#: Every output, in the order in which cubes and tables list them.
+_VARIABLES = (
+    _floor("displacement_max", "m", "largest floor displacement", "umax", relative_to=_EXTREMES, default=True),
+    _floor("displacement_min", "m", "smallest floor displacement", "umin", relative_to=_EXTREMES, default=True),
+    _floor("drift_max", "m", "largest interstorey drift", "drift", default=True),
+    _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
+    _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
+    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),
+    _yielding(
+        "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=[("drift_max",)]
+    ),
+    _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
+    _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
+    _contact("penetration_max", "m", "largest penetration", "dmax", of_force=True, default=True),
+    _contact("impulse", "kN s", "impulse of the contact force", "impulse"),
+    _contact(
+        "first_impact_time",
+        "s",
+        "time of the first impact",
+        _first_time,
+        needs=["first_time"],
+        least=0.01,
+        default=True,
+    ),
+    _contact("approach_speed_max", "m s-1", "largest approach speed", "vmax", least=0.0001),
+    _contact("contact_time", "s", "time in contact", "tclosed", error=UNMEASURED),
+    *(
+        _contact(
+            f"column_shear_{end}_max",
+            "kN",
+            f"largest shear of struck columns, {side}",
+            partial(_column_shear, end=i),
+            needs=["force"],
+            error=UNMEASURED,
+            only="columns",
+        )
+        for i, (end, side) in enumerate((("bottom", "below"), ("top", "above")))
+    ),
+    Variable("link_force_max", "kN", "largest link force", "link_force", error=UNMEASURED, only="links", per="link"),
+    _base("foundation_sway_max", "m", "largest sway of the foundation", "sway"),
+    _base("foundation_rotation_max", "rad", "largest rotation of the foundation", "rotation"),
+    _energy("energy_input", "kN m", "energy input", "e_in"),
+    _energy("energy_damping", "kN m", "energy lost in damping", "e_damp"),
+    _energy("energy_kinetic", "kN m", "kinetic energy at the end", "e_kin"),
+    _energy("energy_strain", "kN m", "strain energy at the end", "e_strain"),
+    _energy(
+        "hysteretic_energy",
+        "kN m",
+        "energy lost in yielding",
+        hysteretic,
+        needs=["hysteretic"],
+        error=UNMEASURED,
+        of_yielding=True,
+    ),
+    _energy(
+        "energy_links",
+        "kN m",
+        "energy given to links",
+        "e_link",
+        error=UNMEASURED,
+        relative_to=[("energy_input",)],
+        only="links",
+    ),
+    _energy("energy_transfer_max", "kN m", "largest energy transfer", "tmax", relative_to=_EXCHANGED),
+    _energy("energy_transfer_min", "kN m", "smallest energy transfer", "tmin", relative_to=_EXCHANGED),
+    _energy(
+        "contact_work",
+        "kN m",
+        "work taken by contacts",
+        _work,
+        needs=["work"],
+        relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
+        per="pair",
+    ),
+    Variable("closing_max", "m", "largest closing displacement", "closing", error="motions", per="contact"),
+    Variable("time_step", "s", "time step", lambda results: np.full(len(results), results.step)),
+    Variable("error_estimate", "1", "estimated relative error"),
+    Variable("amplification", "1", "amplification of small changes"),
+    Variable(
+        "status",
+        "1",
+        "status of the scenario",
+        dtype="i1",
+        always=True,
+        flag_values=tuple(map(int, Status)),
+        flag_meanings=" ".join(s.label for s in Status),
+    ),
+    Variable(
+        "energy_residual",
+        "1",
+        "relative residual of the energy balance",
+        _energy_residual,
+        needs=["energy", "hysteretic", "links", "work"],
+    ),
+    Variable(
+        "steps_per_contact",
+        "1",
+        "time steps in the shortest contact",
+        lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
+        always=True,
+    ),
+)
+#: Every output by name.
+VARIABLES: dict[str, Variable] = {each.name: each for each in _VARIABLES}
 
 #: What a sweep reports where its ``outputs`` are not given.
 DEFAULT_OUTPUTS: tuple[str, ...] = tuple(name for name, variable in VARIABLES.items() if variable.default)
@@ -697,16 +691,12 @@ def inner_shape(name: str, scene: Scene) -> tuple[int, ...]:
 
 def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Remove the values of scenarios that have none: diverged, refused or not run."""
-    status = np.asarray(arrays["status"])
-    bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
-    result: dict[str, np.ndarray] = {}
-    for name, given in arrays.items():
-        values = np.asarray(given)
-        fill = get_variable(name).fill
-        if fill is not None and bad.any():
-            values = values.copy()
-            values[bad] = fill
-        result[name] = values
+    bad = np.isin(arrays["status"], [int(s) for s in STATUS if not s.has_values])
+    result = {name: np.asarray(values) for name, values in arrays.items()}
+    for name, values in result.items() if bad.any() else ():
+        if (fill := VARIABLES[name].fill) is not None:
+            result[name] = values.copy()
+            result[name][bad] = fill
     return result
 
 
@@ -722,11 +712,8 @@ def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
 
 def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     """Largest error of each scenario over its floors, pairs or buildings, relative to its largest value or `scale`."""
-    variable = get_variable(name)
-    x, y = (np.asarray(own, float).reshape(len(own), -1) for own in (values, reference))
-    if variable.dtype != "f8":  # integers are missing where they are negative
-        x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
-    size = np.maximum(_largest(name, y) if scale is None else scale, variable.least)
+    x, y = _flat(name, values), _flat(name, reference)
+    size = np.maximum(_largest(name, reference) if scale is None else scale, VARIABLES[name].least)
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.fmax.reduce(np.abs(x - y), axis=1, initial=0.0)
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
@@ -738,17 +725,21 @@ def relative_errors(
     outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """`relative_error` of every comparable output, by name; relative to what the registry says."""
-    largest = {name: _largest(name, own) for name, own in reference.items() if name in VARIABLES}
+    largest = {name: _largest(name, each) for name, each in reference.items() if name in VARIABLES}
     errors = {}
     for name in comparable(outputs):
-        others = [(other,) if isinstance(other, str) else other for other in (name, *VARIABLES[name].relative_to)]
-        scales = [np.prod([largest[part] for part in parts], axis=0) for parts in others if largest.keys() >= {*parts}]
-        errors[name] = relative_error(name, values[name], reference[name], np.max(scales, axis=0))
+        products = [parts for parts in ((name,), *VARIABLES[name].relative_to) if largest.keys() >= {*parts}]
+        scale = np.max([np.prod([largest[part] for part in parts], axis=0) for parts in products], axis=0)
+        errors[name] = relative_error(name, values[name], reference[name], scale)
     return errors
 
 
 def _largest(name: str, values: np.ndarray) -> np.ndarray:
     """Largest absolute value of each scenario."""
-    found = np.asarray(values, float).reshape(len(values), -1)
-    # integers are missing where they are negative
-    return np.fmax.reduce(np.abs(found) if VARIABLES[name].dtype == "f8" else found, axis=1, initial=0.0)
+    return np.fmax.reduce(np.abs(_flat(name, values)), axis=1, initial=0.0)
+
+
+def _flat(name: str, values: np.ndarray) -> np.ndarray:
+    """Return all values of each scenario in one row, NaN where they are missing: integers below zero."""
+    flat = np.asarray(values, float).reshape(len(values), -1)
+    return flat if VARIABLES[name].dtype == "f8" else np.where(flat < 0, np.nan, flat)

@@ -1,13 +1,9 @@
 """The audit: a sample of a sweep's own scenarios run again at half the step.
 
-A cube then carries the error of its own numbers, by measurement. The sample is drawn by a generator that the sweep's
-digest seeds, so that the same sweep has the same audit, whoever runs it and however often it was interrupted.
-
-Scenarios run at half the step, and again with gaps, contact stiffness and ground motion changed by `CHANGE`. Where such
-a change, below any engineering meaning, changes an output by more than the error looked for, the scenario is called
-sensitive; its error counts all the same. A scenario whose error is beyond what was asked is run once more, in double
-precision and at ever finer steps: that tells its error whatever the number format was. Only where these runs settle on
-no answer is it set apart, as undecided.
+The sweep's digest seeds the sample, so the same sweep has the same audit. Scenarios run at half the step and again with
+gaps, contact stiffness and ground motion changed by `CHANGE`: a scenario is sensitive if that changes an output by more
+than the tolerance. One whose error is beyond the tolerance runs once more, in double precision and at ever finer steps;
+it is undecided if these runs do not settle.
 """
 
 from __future__ import annotations
@@ -63,7 +59,6 @@ class Audit:
     touching: int  # scenarios of the sweep that the sample was drawn from
     share: float  # cost over that of the touching scenarios in the sweep, in lane-steps
     tolerance: float  # error that was asked for, or `TOLERANCE`
-    for_accuracy: bool  # whether the sweep asked for it
 
     @property
     def exceeding(self) -> np.ndarray:
@@ -74,13 +69,10 @@ class Audit:
     def warning(self) -> str:
         """What is said where there are such scenarios."""
         worst = self.error[self.exceeding].max(axis=0)
-        asked, remedy = f"{self.tolerance:.0%}", "use a smaller dt"
-        if self.for_accuracy:
-            asked, remedy = f"the {self.tolerance:g} asked for", "ask for a smaller accuracy"
         return (
             f"the audit of {len(self.rows)} scenarios found {int(self.exceeding.sum())} with status ok whose error is "
-            f"beyond {asked}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; {remedy} (see "
-            "audit_error in the cube)"
+            f"beyond {self.tolerance:g}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; use a "
+            "smaller dt, or ask for a smaller accuracy (see audit_error in the cube)"
         )
 
 
@@ -153,7 +145,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if "impact_count" in fine:  # impacts that are won or lost
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
     measured = error, sensitivity, swept["status"], sensitive, undecided
-    result = Audit(sample, outputs, *measured, len(rows), share, tolerance, accuracy is not None)
+    result = Audit(sample, outputs, *measured, len(rows), share, tolerance)
     if len(again) and result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result

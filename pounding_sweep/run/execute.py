@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -105,26 +104,16 @@ def check_main_guard() -> None:
 
 
 class Dispatcher(ExitStack):
-    """Workers: threads of this process, processes that are started here, or those of a dask cluster.
+    """Workers: threads of this process, processes that are started here, or those of a dask cluster."""
 
-    `run` gets the parts of a `ChunkTask` and can be pickled; `progress` hears of workers that come and go.
-    """
-
-    def __init__(
-        self,
-        scheduler: str | Client,
-        workers: int,
-        progress: Progress | None = None,
-        run: Callable[..., np.ndarray | str] | None = None,
-    ) -> None:
+    def __init__(self, scheduler: str | Client, workers: int, progress: Progress | None = None) -> None:
         super().__init__()
         self.scheduler, self.workers, self.cluster = scheduler, workers, None
-        self._run: Callable[..., np.ndarray | str] = run or run_chunk
         if scheduler not in ("threads", "synchronous"):
             from pounding_sweep.run.cluster import ClusterWorkers, cluster_client
 
             client = self.enter_context(cluster_client(scheduler, workers))
-            self.cluster = ClusterWorkers(client, self._run, (progress or Progress()).note)
+            self.cluster = ClusterWorkers(client, run_chunk, (progress or Progress()).note)
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="sweep")
         # who interrupts a run does not wait for its chunks
         self.callback(self._threads.shutdown, wait=False, cancel_futures=True)
@@ -139,12 +128,12 @@ class Dispatcher(ExitStack):
             yield from self.cluster.run(items, task_of)
         elif self.scheduler == "synchronous":
             for item in items:
-                yield item, self._run(*task_of(item))
+                yield item, run_chunk(*task_of(item))
         else:
             following, in_flight = iter(items), dict[Future[Any], Any]()
             while True:
                 for item in islice(following, AHEAD * self.workers - len(in_flight)):
-                    in_flight[self._threads.submit(self._run, *task_of(item))] = item
+                    in_flight[self._threads.submit(run_chunk, *task_of(item))] = item
                 if not in_flight:
                     break
                 for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
@@ -169,12 +158,12 @@ def execute(
     outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
     begun = time.perf_counter()
     if shapes:
-        stages = _Stages(plan, outcome, store, dispatcher, progress, earlier)
+        run_stage = partial(_run_stage, plan, outcome, dispatcher, store, progress, earlier)
         contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
         places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
         closing, slot = np.full((len(runs), len(contacts)), np.inf), np.full(len(runs), -1)
         status = np.full(len(runs), int(Status.NOT_RUN), np.int8)
-        for rows, table, slots in stages.run("no pounding", plan.uncoupled_to_run):
+        for rows, table, slots in run_stage("no pounding", plan.uncoupled_to_run):
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
             closing[rows] = np.where(ok[:, None], table["closing_max"][:, places, storeys], np.inf)
@@ -185,7 +174,7 @@ def execute(
             run = plan.uncoupled_of[rows]
             outcome.results.answer(rows, slot[run], status[run], touched=False)
         rest = np.flatnonzero(~outcome.left_out & ~plan.refused).astype(np.int32)
-        for rows, table, slots in stages.run("scenarios", rest):
+        for rows, table, slots in run_stage("scenarios", rest):
             outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
         if store is not None and outcome.failures:
             store.flush()  # the next run makes what is missing
@@ -199,74 +188,68 @@ def execute(
     return outcome
 
 
-@dataclass
-class _Stages:
-    """The two stages of a run: the runs without pounding, and what may touch by them."""
+def _run_stage(
+    plan: Plan,
+    outcome: Outcome,
+    dispatcher: Dispatcher,
+    store: ChunkStore | None,
+    progress: Progress,
+    earlier: EarlierCube | None,
+    stage: str,
+    rows: np.ndarray,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Take rows of a stage from the store and the earlier cube, run the others; give rows, results and their slots."""
+    progress.stage(stage, len(rows))
+    closing, table, outputs = False, plan.unique, plan.outputs
+    if stage == "no pounding":
+        closing, table, outputs = True, plan.uncoupled_runs, (*plan.outputs, "closing_max")
+    missing, stored = np.zeros(len(table), bool), list[Chunk]()
+    missing[rows] = True
 
-    plan: Plan
-    outcome: Outcome
-    store: ChunkStore | None
-    dispatcher: Dispatcher
-    progress: Progress
-    earlier: EarlierCube | None
+    def answer(
+        count: str, chunk: Chunk, values: np.ndarray, *, is_stored: bool = False, **origin: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if store is not None and not is_stored:
+            store.save(chunk, values, stage=stage, **origin)
+        slots = outcome.results.hold(values, None if store is None else partial(store.read, chunk.key))
+        new = missing[chunk.rows]
+        missing[chunk.rows] = False
+        setattr(outcome, count, getattr(outcome, count) + int(new.sum()))
+        if new.any():
+            progress.advance(int(new.sum()))
+        return chunk.rows[new], values[new], slots[new]
 
-    def run(self, stage: str, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Take rows of the stage's table from the store and the earlier cube, run the others in chunks.
+    for key, entry in sorted(store.completed().items()) if store is not None else ():
+        if store is None or entry["stage"] != stage:
+            continue
+        try:
+            values = store.read(key)
+        except ChunkCorrupt as error:
+            store.path(key).unlink(missing_ok=True)
+            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+            continue
+        origin = entry.get("origin")
+        outcome.copied_from = outcome.copied_from or origin
+        # from the earlier cube that this one tells of, wherever it stands
+        is_taken = origin and {**origin, "file": ""} == {**(outcome.copied_from or {}), "file": ""}
+        stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
+        yield answer("copied" if is_taken else "reused", stored[-1], values, is_stored=True)
+    if earlier is not None and not closing:
+        for chunk, values in earlier.chunks(np.flatnonzero(missing)):
+            yield answer("copied", chunk, values, origin=earlier.origin)
+            stored.append(chunk)
+    waiting = plan.chunks(np.flatnonzero(missing), uncoupled=closing)
+    if store is not None:
+        store.expect(plan, stage, [*stored, *waiting])
 
-        Gives rows, results and where these stand.
-        """
-        plan, outcome, results, store = self.plan, self.outcome, self.outcome.results, self.store
-        self.progress.stage(stage, len(rows))
-        closing, table, outputs = False, plan.unique, plan.outputs
-        if stage == "no pounding":
-            closing, table, outputs = True, plan.uncoupled_runs, (*plan.outputs, "closing_max")
-        missing, stored = np.zeros(len(table), bool), list[Chunk]()
-        missing[rows] = True
+    def task_of(chunk: Chunk) -> ChunkTask:
+        kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
+        part = table[chunk.rows]
+        return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs)
 
-        def answer(
-            count: str, chunk: Chunk, values: np.ndarray, *, is_stored: bool = False, **origin: Any
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            if store is not None and not is_stored:
-                store.save(chunk, values, stage=stage, **origin)
-            slots = results.hold(values, None if store is None else partial(store.read, chunk.key))
-            new = missing[chunk.rows]
-            missing[chunk.rows] = False
-            setattr(outcome, count, getattr(outcome, count) + int(new.sum()))
-            if new.any():
-                self.progress.advance(int(new.sum()))
-            return chunk.rows[new], values[new], slots[new]
-
-        for key, entry in sorted(store.completed().items()) if store is not None else ():
-            if store is None or entry["stage"] != stage:
-                continue
-            try:
-                values = store.read(key)
-            except ChunkCorrupt as error:
-                store.path(key).unlink(missing_ok=True)
-                warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
-                continue
-            origin = entry.get("origin")
-            outcome.copied_from = outcome.copied_from or origin
-            # from the earlier cube that this one tells of, wherever it stands
-            is_taken = origin and {**origin, "file": ""} == {**(outcome.copied_from or {}), "file": ""}
-            stored.append(Chunk(key, entry["law"], entry["record"], store.rows(key), 0))
-            yield answer("copied" if is_taken else "reused", stored[-1], values, is_stored=True)
-        if self.earlier is not None and not closing:
-            for chunk, values in self.earlier.chunks(np.flatnonzero(missing)):
-                yield answer("copied", chunk, values, origin=self.earlier.origin)
-                stored.append(chunk)
-        waiting = plan.chunks(np.flatnonzero(missing), uncoupled=closing)
-        if store is not None:
-            store.expect(plan, stage, [*stored, *waiting])
-
-        def task_of(chunk: Chunk) -> ChunkTask:
-            kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
-            part = table[chunk.rows]
-            return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs)
-
-        for chunk, result in self.dispatcher.run(waiting, task_of):
-            if isinstance(result, str):  # the next run makes what is missing
-                outcome.failures.append(result)
-                self.progress.advance(len(chunk.rows))
-            else:
-                yield answer("run", chunk, result)
+    for chunk, result in dispatcher.run(waiting, task_of):
+        if isinstance(result, str):  # the next run makes what is missing
+            outcome.failures.append(result)
+            progress.advance(len(chunk.rows))
+        else:
+            yield answer("run", chunk, result)

@@ -1,13 +1,10 @@
 """Scenarios run at ever finer steps until a finer one changes nothing that was asked for.
 
-No rule that is known beforehand keeps an accuracy for every scenario: a touch that only just happens, or a row of
-impacts, magnifies the error of a step by whatever it likes. So each scenario is run at the step that was chosen for it
-and at half of it, and the latter is kept. Its error is three times what the order of the scheme makes of their
-difference, twice all of it where that is one of rounding, and all of it in a number of impacts. What errs by more than
-was asked is run at half the step again, in double precision, and so on.
-
-Two runs in single precision round the same inputs alike. So one of them has its inputs, and its floors' distance,
-changed by as much as that: what is magnified until it tells shows in their difference.
+A touch that only just happens, or a row of impacts, magnifies errors of a step by any factor, so each scenario runs at
+its step and at half of it. Its error is three times what the order of the scheme makes of the difference, twice all of
+it where that is one of rounding, and all of it in a number of impacts. Where it is too large, the step is halved again,
+in double precision. Two runs in single precision round the same inputs alike, so one has its inputs and gaps changed by
+as much as rounding.
 """
 
 from __future__ import annotations
@@ -129,8 +126,7 @@ def _run_refined(
         begun, kernel, halvings = kernel, halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = kernel.in_double
-        some = (table, variants) if halvings == 1 else (table[rows], variants[rows])
-        fine = _run(kernel, record, *some, outputs)
+        fine = _run(kernel, record, table[rows], variants[rows], outputs)
         if halvings == 1:
             coarse = run_once(begun, record, apart(begun, table, fine), variants, outputs)
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)

@@ -76,9 +76,8 @@ def simulate(
         Velocity (m/s) of the floors relative to the ground at the start: one sequence (or number for all floors) per
         building, left to right.
     output_step : float, optional
-        Largest time (s) from one instant of the histories to the next; by default the step. Where it is shorter than
-        the step, the run takes steps as short. Peaks are located between instants whatever it is: variables of a cube
-        may be larger than what the histories show, see `pounding_sweep.run.histories.peaks_shown`.
+        Largest time (s) between instants of the histories; by default the step, which is no longer than it. Peaks are
+        located between instants: they may be larger than what the histories show.
 
     Returns
     -------
@@ -250,24 +249,20 @@ def simulate_one(
     output_step : float, optional
         See `pounding_sweep.simulate`.
     **choice
-        ``law``, ``gap`` (m; of all pairs, or a sequence of one per pair), ``stiffness``
-        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the
-        sweep's), ``scale`` or ``pga`` (m/s2), and building properties by the dimension that
-        their axis has in a cube, such as ``period_factor_left`` and ``damping_ratio``: in place
-        of the scenario's own, which is that of `scenario_of`. None leaves it as it is.
+        In place of the values of `scenario_of`: ``law``, ``gap`` (m; of all pairs, or one per pair), ``stiffness``
+        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the sweep's), ``scale`` or
+        ``pga`` (m/s2), and building properties by their dimension in a cube, such as ``period_factor_left``.
 
     Returns
     -------
     xarray.Dataset
-        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case, the
-        stiffness, the restitution, the scale and the building properties where the sweep has
-        several of them, or where they are chosen here; it is not there where none is told.
+        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case and those values of which the
+        sweep has several or that are chosen here, if any.
 
     Raises
     ------
     InputError
-        A choice is unknown or not valid, or the scenario's stiffness is that of a law of
-        another force exponent.
+        A choice is unknown or not valid, or the stiffness is that of a law of another force exponent.
 
     Examples
     --------
@@ -285,13 +280,12 @@ def simulate_one(
         for name in choice if axis.of_buildings else ():
             if selected[name][0] in (argument, axis.dimension):
                 axis.check(choice[name], (), "")
-    values = scenario | choice
     for column in COLUMNS:
         if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
             raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
-        for dim in DIMENSIONS[column] if ways else ():
-            if dim not in choice:
-                values.pop(dim, None)
+        if ways:
+            scenario = {name: value for name, value in scenario.items() if name not in DIMENSIONS[column]}
+    values = scenario | choice
     for name, (field, building) in selected.items():
         if name in values:
             fields[field] = values[name] if building is None else fields.get(field, {}) | {building: values[name]}

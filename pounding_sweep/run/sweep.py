@@ -140,9 +140,8 @@ class Sweep:
         Parameters
         ----------
         out : path, optional
-            netCDF file for the cube; None keeps it in memory. Finished chunks wait in ``OUT.parts`` until the cube is
-            written, those of the first two seconds in memory, and an interrupted run continues there. ``OUT.log``
-            tells what ran.
+            netCDF file for the cube; None keeps it in memory. Finished chunks are in ``OUT.parts`` until the cube is
+            written, where an interrupted run continues; ``OUT.log`` tells what ran.
         scheduler : str or distributed.Client
             "threads", "processes", "synchronous", the address of a dask scheduler, or a client of a dask cluster.
         workers : int, optional
@@ -152,9 +151,8 @@ class Sweep:
         progress : Progress, optional
             Display.
         extend : path, optional
-            Cube of the same scene, numerics and outputs, over other values of the axes or other listed cases:
-            scenarios that it holds are taken from it, and the cube is the one that running all of them gives. It may
-            be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many, and of which cube.
+            Cube of the same scene, numerics and outputs over other values or cases, whose scenarios are not run again;
+            may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many came from it.
 
         Warns
         -----
@@ -184,10 +182,9 @@ class Sweep:
 
         Notes
         -----
-        Several sweeps may run at once, in threads of one process, and the values of their cubes be read meanwhile.
-        Whoever opens, reads or closes a netCDF file by other means than this package while a sweep may be writing
-        does so holding ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash: the netCDF library
-        is not made for threads. Nothing that dask computes in threads may be waited for meanwhile.
+        Several sweeps may run at once, in threads of one process. The netCDF library is not made for threads: while a
+        sweep may be writing, open, read and close netCDF files by other means than this package only holding
+        ``pounding_sweep.output.netcdf.NETCDF_LOCK``, and wait for nothing that dask computes in threads meanwhile.
         """
         from pounding_sweep.output.netcdf import open_cube
 
@@ -254,8 +251,16 @@ class Sweep:
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
                 folder = None if store is None else store.folder
-                settings: dict[str, Any] = {"path": target, "overwrite": overwrite, "folder": folder}
-                cube = write_cube_of(plan, outcome, self.last_audit, progress, attributes, **settings)
+                cube = write_cube_of(
+                    plan,
+                    outcome,
+                    self.last_audit,
+                    progress,
+                    attributes,
+                    path=target,
+                    overwrite=overwrite,
+                    folder=folder,
+                )
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
