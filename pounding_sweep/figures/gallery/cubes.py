@@ -701,7 +701,7 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
     varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
     result = result.isel(group=groups[:_LAWS])
-    result = result.isel(input=result[key].mean(["group", per]).fillna(0.0).argsort())  # the largest last, at the top
+    result = result.sortby(result[key].mean(["group", per]).fillna(0.0))  # the largest last, at the top
     rows, n = result.sizes["group"], result.sizes["input"]
     figure, axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
     extremes = [0.0, 1.0]
