@@ -229,17 +229,12 @@ class Demand:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
     spec: SweepSpec
+    accuracy: float  # relative error asked for
     laws: Sequence[Law]  # those that the table counts, the last without contact
     table: Scenarios
     repeats: np.ndarray  # how many scenarios each row of the table stands for
     variants: Variants
     initial_speed: float  # largest speed of approach at the start (m/s)
-
-    @cached_property
-    def accuracy(self) -> float:
-        """Relative error asked for."""
-        assert self.spec.accuracy is not None
-        return self.spec.accuracy
 
     @cached_property
     def mode(self) -> np.ndarray:

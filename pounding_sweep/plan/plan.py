@@ -284,7 +284,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     else:
         from pounding_sweep.plan.advice import Demand, advise
 
-        advice = advise(Demand(spec, laws, table, repeats, variants, initial_speed))
+        advice = advise(Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed))
         numerics, steps, uncoupled = advice.numerics, advice.steps, advice.uncoupled
         choice = advice.sentence, advice.numbers
     limit = stable_steps(spec, laws, table, variants, numerics.method)

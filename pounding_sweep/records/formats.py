@@ -417,20 +417,17 @@ def read_record(
 
     Parameters
     ----------
-    path
-        The file, of at most 64 MiB and 10,000,000 points.
-    name
-        Label of the record; by default the file name, without its ending unless that tells the component.
+    path, name
+        The file, of at most 64 MiB and 10,000,000 points; label of the record, by default the file name, without its
+        ending unless that tells the component.
     dt
         Time step in s. Needed where the file states none; where its times or the header of its format do, it must agree
         with them. It takes precedence over remarks, and over times that it explains to their last printed place.
     units
         Unit of the file: "g" (9.81 m/s2), "mg", "%g", "m/s2", "cm/s2" ("gal") or "mm/s2". Needed where the file states
         none, or several. It takes precedence over what the file states, with a warning.
-    scale
-        Factor on the motion.
-    pga
-        Peak ground acceleration to scale to, in m/s2; excludes `scale`.
+    scale, pga
+        Factor on the motion, or the peak ground acceleration to scale to, in m/s2; one excludes the other.
     column
         Which of several components: a heading, or the number of the column in the file, from 1.
     layout
