@@ -46,11 +46,18 @@ def aligned(numbers: int, precision: str) -> np.ndarray:
 
 
 def flight_tables(
-    layout: Layout, row: Variants, stops: int, ground: np.ndarray, h: float, precision: str, substeps: int = 1
+    layout: Layout,
+    row: Variants,
+    stops: int,
+    ground: np.ndarray,
+    h: float,
+    precision: str,
+    substeps: int = 1,
+    stay: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return tables of flight over so many points or blocks, and what a kernel fills the rest of them from."""
     # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`;
-    # both stand until the thread's next call
+    # both stand until the thread's next call, tables that `stay` as long as they are used
     count = len(row)
     if layout.coupled:
         coupled = coupled_modes(row, precision)
@@ -63,7 +70,8 @@ def flight_tables(
     values["sized"] = np.array([float(each.sized) for each in layout.watched])
     values["shaken"] = _shakes(layout).astype(float)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
-    tables = _room(layout.start + rows * int(layout.size(stops)), precision, precision)
+    size = layout.start + rows * int(layout.size(stops))
+    tables = aligned(size, precision) if stay else _room(size, precision, precision)
     own = tables[layout.start :].reshape(rows, -1)[:count, : layout.n_precomputed]
     tables[: layout.start], own[:] = 0.0, 0.0
     for name, numbers in values.items():  # each last axis is padded to the width of its table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
@@ -46,6 +47,8 @@ SERIES_FALL = 0.5
 ELASTIC = 1e30
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
 TABLE_BYTES = 1 << 25
+#: Of each thread: tables of flight that its last call filled, and what they are of.
+_MEMORY = threading.local()
 
 
 @dataclass(frozen=True)
@@ -264,7 +267,7 @@ class RowKernel:
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, count = self._tables(record, flight_substeps, part, groups - first)
+            tables, buildings, count = self._tables(record, flight_substeps, part, groups - first, twin)
             mine = slice(first * LANES, (first + count) * LANES)
             lanes = self._lanes(buildings, row[mine], record.is_rough, (values[mine] for values in brought))
             kernel(
@@ -280,6 +283,8 @@ class RowKernel:
                 *tables,
                 len(scale[mine]),
             )
+            if self._shares_tables and not twin:
+                _MEMORY.filled = (shape, self.scene, record, flight_substeps), tables[:2]
             first += count
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
@@ -293,13 +298,22 @@ class RowKernel:
                     quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
         return raw
 
+    @property
+    def _shares_tables(self) -> bool:
+        """Whether all scenarios under a record share one table of flight."""
+        return self.shape.flies_exactly and not (self.varied or self.shape.blocks)
+
     def _tables(
-        self, record: Record, n: int, row: Variants, most_groups: int
+        self, record: Record, n: int, row: Variants, most_groups: int, twin: bool
     ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
         """Return tables of flight in `n` steps an interval, which each scenario has, and how many groups they serve."""
         shape, precision = self.shape, self.numerics.precision
         if not shape.flies_exactly:
             return (np.zeros(1, precision), np.zeros(1), 0), np.zeros(1), most_groups
+        stay = self._shares_tables and not twin
+        filled, tables = getattr(_MEMORY, "filled", (None, ()))
+        if stay and filled == (shape, self.scene, record, n):  # by this thread's last call
+            return (*tables, 0), np.zeros(1), most_groups
         layout = _layout(shape, self.scene)
         stops = stops_of(layout, (record.n_points - 1) * n + 1, n)
         row = row if self.varied else variants_of(self.scene)
@@ -310,7 +324,7 @@ class RowKernel:
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         some = row[needed] if len(needed) < len(row) else row
-        tables = flight_tables(layout, some, stops, _ground(record, n), record.dt / n, precision, n)
+        tables = flight_tables(layout, some, stops, _ground(record, n), record.dt / n, precision, n, stay)
         return (*tables, len(needed)), which, groups
 
     def _lanes(self, buildings: np.ndarray, row: Variants, rough: bool, inputs: Iterable[np.ndarray]) -> np.ndarray:
