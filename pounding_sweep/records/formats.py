@@ -152,6 +152,8 @@ def _read_table(
     first, passed = values[0, 0], np.diff(values[:, 0])
     rises = len(passed) > 1 and passed.min() > 0.0 and passed.max() < 3.0 * passed.min()
     time = -1 if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else -1
+    if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
+        raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
     names = heads or [str(index + 1) for index in range(columns)]
     chosen = source.choose({index + 1: name for index, name in enumerate(names) if index != time}) - 1
     counts = time == 0 and not timed and first in (0.0, 1.0) and len(passed) > 0 and bool((passed == 1.0).all())
@@ -417,17 +419,20 @@ def read_record(
 
     Parameters
     ----------
-    path, name
-        The file, of at most 64 MiB and 10,000,000 points; label of the record, by default the file name, without its
-        ending unless that tells the component.
+    path
+        The file, of at most 64 MiB and 10,000,000 points.
+    name
+        Label of the record; by default the file name, without its ending unless that tells the component.
     dt
         Time step in s. Needed where the file states none; where its times or the header of its format do, it must agree
         with them. It takes precedence over remarks, and over times that it explains to their last printed place.
     units
         Unit of the file: "g" (9.81 m/s2), "mg", "%g", "m/s2", "cm/s2" ("gal") or "mm/s2". Needed where the file states
         none, or several. It takes precedence over what the file states, with a warning.
-    scale, pga
-        Factor on the motion, or the peak ground acceleration to scale to, in m/s2; one excludes the other.
+    scale
+        Factor on the motion.
+    pga
+        Peak ground acceleration to scale to, in m/s2; excludes `scale`.
     column
         Which of several components: a heading, or the number of the column in the file, from 1.
     layout

@@ -147,7 +147,10 @@ class Record:
 
     @cached_property
     def is_rough(self) -> bool:
-        """Whether its second differences are larger than its points, as those of noise: `exact` steps shorter then."""
+        """Whether its second differences are larger than its points, in the root mean square, as those of noise.
+
+        Real records have half of it, white noise two and a half times. `exact` steps shorter then beside contacts.
+        """
         second = np.diff(self.acceleration, 2)
         return not len(second) or bool(np.linalg.norm(second) > np.linalg.norm(self.acceleration))
 

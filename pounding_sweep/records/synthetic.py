@@ -181,8 +181,10 @@ def pulse_record(
         Extreme of the pulse in m/s2, of either sign. A grid that misses the extreme has a lower PGA.
     period
         Period T of the pulse in s. A half sine lasts T/2, a Ricker wavelet 3 T, the others T.
-    dt, duration
-        Time step, at most half the pulse's length; length of the record, at least that, which is the default (s).
+    dt
+        Time step in s, at most half the pulse's length.
+    duration
+        Length of the record in s, at least that of the pulse, which is the default.
     name
         Label of the record; by default the shape.
 
@@ -236,10 +238,12 @@ def near_fault_record(
         Period T in s, the inverse of the prevailing frequency.
     cycles
         Gamma > 1: the pulse lasts gamma periods, and has the more zero crossings the larger gamma is.
-    dt, duration
-        Time step, at most an eighth of the period; length of the record, at least gamma T, which is the default (s).
+    dt
+        Time step in s, at most an eighth of the period.
     phase
         Phase nu in degrees: 0 has a symmetric velocity pulse, 90 an antisymmetric one.
+    duration
+        Length of the record in s, at least gamma T, which is the default.
     name
         Label of the record; by default "near_fault".
 

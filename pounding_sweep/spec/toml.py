@@ -57,6 +57,12 @@ def sweep_file_hint(path: str) -> str:
     return f"; {near}" if near else "; `pounding-sweep init --list` shows the examples to begin with"
 
 
+#: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
+MAX_FILE_BYTES = 64 * 2**20
+#: Longer dotted keys are refused, those of sweep files have six parts: the parser takes the square of them in time.
+MAX_DEPTH = 20
+_PART = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}}")
 #: A backslash in a text of double quotes, as in paths of Windows.
 _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
@@ -165,6 +171,8 @@ def load_spec(
         file = expanded(path)
         if file.exists() and not (file.is_file() or file.is_dir()):  # opening a pipe would wait, a device may never end
             raise ValueError("not a regular file; save the sweep to a file first")
+        if (size := file.stat().st_size) > MAX_FILE_BYTES:
+            raise ValueError(f"it has {size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
         text = file.read_text("utf-8-sig")  # editors on Windows put a mark first
     except UnicodeDecodeError as error:
         raise sweep_error(
@@ -175,6 +183,11 @@ def load_spec(
         why = getattr(error, "strerror", None) or error
         raise sweep_error([f"{name}: the sweep file can't be read: {why}{hint}"]) from None
     try:
+        if long := _LONG_KEY.search(text):
+            number = text.count("\n", 0, long.start()) + 1
+            raise ValueError(
+                f"line {number}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
+            )
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise syntax_error(name, text, error) from None
