@@ -30,7 +30,7 @@ from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run import cluster as far_workers
-from pounding_sweep.run.execute import Dispatcher, Progress
+from pounding_sweep.run.execute import Progress
 
 # where all have died, the next may take long to start on a busy machine
 pytestmark = pytest.mark.filterwarnings("ignore:(no )?workers at .*; waiting:RuntimeWarning")
@@ -295,9 +295,10 @@ def importable(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_a_chunk_that_kills_costs_itself_only():
-    events = Events()
-    with Dispatcher("processes", 2, events, poison) as dispatcher:
-        found = dict(dispatcher.run(range(40), jobs(SimpleNamespace(scene=None))))
+    with far_workers.cluster_client("processes", 2) as client:
+        found = dict(
+            far_workers.ClusterWorkers(client, poison, print).run(range(40), jobs(SimpleNamespace(scene=None)))
+        )
     bad = found.pop(7)
     assert isinstance(bad, str)
     assert re.match("KilledWorker: |RuntimeError: its workers died", bad)
@@ -309,9 +310,10 @@ def test_a_chunk_that_kills_costs_itself_only():
 @pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_one_thread_per_process():
-    with Dispatcher("processes", 2, run=settings) as dispatcher:
-        found = dict(dispatcher.run(range(2), jobs(SimpleNamespace(scene=None))))
-        client = dispatcher.cluster.client
+    with far_workers.cluster_client("processes", 2) as client:
+        found = dict(
+            far_workers.ClusterWorkers(client, settings, print).run(range(2), jobs(SimpleNamespace(scene=None)))
+        )
         assert set(client.nthreads().values()) == {1}
         # a share of little memory is filled by the libraries alone: dask would stop such a worker for ever
         assert {worker["memory_limit"] for worker in client.scheduler_info()["workers"].values()} == {0}

@@ -14,7 +14,7 @@ from numba import config
 from scenes import pair
 
 import pounding_sweep as ps
-from pounding_sweep.engine import compile
+from pounding_sweep.engine import compile, row_kernel
 from pounding_sweep.engine import kernel as emitter
 from pounding_sweep.engine.compile import get_kernel
 from pounding_sweep.engine.kernel import width
@@ -132,7 +132,15 @@ def another_machine(monkeypatch, name):
     """Keep kernels that are compiled from now on apart."""
     surroundings = compile._surroundings() + name
     monkeypatch.setattr(compile, "_surroundings", lambda: surroundings)
+    forget_kernels()
+
+
+def forget_kernels():
+    """Let this process compile and fill anew."""
     get_kernel.cache_clear()
+    compile._COMPILED.clear()
+    row_kernel._layout.cache_clear()
+    row_kernel._MEMORY.__dict__.clear()
 
 
 def _printed(machine, folder):
@@ -175,7 +183,7 @@ def test_bits_are_those_of_registers_of_another_width(law, method, precision, mo
     another_machine(monkeypatch, "registers of another width")
     assert width(precision) != before
     there = results(law, method, precision)
-    get_kernel.cache_clear()
+    forget_kernels()
     assert here["count"].sum() > 100
     for name, values in here.items():
         np.testing.assert_array_equal(there[name], values, err_msg=name)
@@ -190,7 +198,7 @@ def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, var
     monkeypatch.setattr(spec, "FUSED_DOF", 0)
     another_machine(monkeypatch, "rows in loops")
     looped = results(law, method, **scene)
-    get_kernel.cache_clear()
+    forget_kernels()
     assert straight["count"].sum() > 100
     for name, values in straight.items():
         size = max(np.nanmax(np.abs(values)), 1e-9)
