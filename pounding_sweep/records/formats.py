@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -257,8 +258,9 @@ def _parse_cosmos(source: RecordText) -> Content:
     blocks = [(match, line) for match, line in above if match[2].lower().startswith("acc")]
     if not blocks:
         raise not_acceleration(above[0][0][2].lower(), f"line {above[0][1]}")
-    channels = [source.find(r"\bChan(?:nel)?\s*\d+", last=line)[-1:] for _, line in blocks]
-    names = {i: channel[0][0][0] if channel else f"channel {i}" for i, channel in enumerate(channels, 1)}
+    headings = source.find(r"\bChan(?:nel)?\s*\d+")
+    above_block = [bisect_left(headings, line, key=lambda heading: heading[1]) for _, line in blocks]
+    names = {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
     chosen = source.choose(names)
     match, line = blocks[chosen - 1]
     stated = [(line, " ".join(source.lines[line - 1].split()))]
