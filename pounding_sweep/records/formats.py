@@ -263,7 +263,7 @@ def _parse_cosmos(source: RecordText) -> Content:
     names = {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
     chosen = source.choose(names)
     match, line = blocks[chosen - 1]
-    stated = [(line, " ".join(source.lines[line - 1].split()))]
+    stated = [(line, " ".join(source.lines[line - 1][:_MOST_HEADER].split()))]
     steps = stated_steps(source, stated)
     for _, start in source.find("real-header", last=line)[-1:]:
         real = floats(" ".join(source.lines[start : start + 17]))
