@@ -16,6 +16,7 @@ from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
 from pounding_sweep.base.files import expanded, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.reader import (
+    MOST_HEADER,
     NUMBER,
     RUN,
     UNITS,
@@ -45,8 +46,6 @@ from pounding_sweep.records.record import Reading, Record, number
 
 #: Lines by which a format is told.
 _HEAD = 100
-#: Headers of more lines are of no record; of longer lines only the beginning counts.
-_MOST_HEADER = 1000
 #: How the values of a component are laid out.
 _LAYOUTS = ("columns", "rows")
 
@@ -120,13 +119,13 @@ def parse_columns(source: RecordText) -> Content:
 def _read_header(source: RecordText) -> tuple[Lines, int, str]:
     """Find the lines before the first row of numbers, and that row with its line."""
     header: Lines = []
-    for line, text in enumerate(source.lines[: _MOST_HEADER + 1], 1):
+    for line, text in enumerate(source.lines[: MOST_HEADER + 1], 1):
         row = text.strip()
         if floats(row) if source.layout == "rows" else _numbers(row):
             return header, line, row
-        header += [(line, row[:_MOST_HEADER])] if row else []
+        header += [(line, row[:MOST_HEADER])] if row else []
     raise RecordError(
-        f"has no row of numbers in its first {_MOST_HEADER} lines; give a PEER AT2 file, two columns (time, "
+        f"has no row of numbers in its first {MOST_HEADER} lines; give a PEER AT2 file, two columns (time, "
         "acceleration) or one of acceleration"
     )
 
@@ -263,7 +262,7 @@ def _parse_cosmos(source: RecordText) -> Content:
     names = {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
     chosen = source.choose(names)
     match, line = blocks[chosen - 1]
-    stated = [(line, " ".join(source.lines[line - 1][:_MOST_HEADER].split()))]
+    stated = [(line, " ".join(source.lines[line - 1][:MOST_HEADER].split()))]
     steps = stated_steps(source, stated)
     for _, start in source.find("real-header", last=line)[-1:]:
         real = floats(" ".join(source.lines[start : start + 17]))
@@ -344,7 +343,7 @@ def _parse_peer(source: RecordText) -> Content:
         raise RecordError(
             f"line {place}: no readable number of points in {text[:24]!r}; write e.g. NPTS= 2000, DT= .02 SEC"
         )
-    header = [(line, text[:_MOST_HEADER]) for line, text in enumerate(source.lines[:place], 1)]
+    header = [(line, text[:MOST_HEADER]) for line, text in enumerate(source.lines[:place], 1)]
     steps = [(to_float(points[3]), f"{text[:60]!r}, line {place}")] if points[3] else stated_steps(source, header[-1:])
     if not steps and (steps := stated_steps(source, [(place + 1, "".join(source.lines[place : place + 1]))])):
         header.append((place + 1, ""))

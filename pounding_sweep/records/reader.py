@@ -335,6 +335,8 @@ _RATE = (
     rf"({NUMBER.pattern})(?:\s*(?:hz|sps))?"
     rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|puntos)\s*(?:/|por|per)\s*s|sps\b)"
 )
+#: Headers of more lines are of no record; of longer lines only the beginning counts.
+MOST_HEADER = 1000
 #: Lines that tell how a motion came about, in which a step may be that of another motion.
 _STORY = r"(?i)\bfrom\b|resampl|interpol|decimat|original|\bwas\b|\bwere\b|\bold\b|\bnow\b|before|after|->|→"
 
@@ -342,7 +344,7 @@ _STORY = r"(?i)\bfrom\b|resampl|interpol|decimat|original|\bwas\b|\bwere\b|\bold
 def stated_steps(source: RecordText, lines: Iterable[tuple[int, str]]) -> list[Step]:
     """Collect the steps (s), and the inverse of sampling rates, that lines of a header state."""
     steps: list[Step] = []
-    for line, text in lines:
+    for line, text in ((line, text[:MOST_HEADER]) for line, text in islice(lines, MOST_HEADER)):
         if not source.firm and re.search(_STORY, text):
             continue
         for match in re.finditer(_STEP, text):
