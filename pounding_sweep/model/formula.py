@@ -11,6 +11,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ _OF_FORCES = ("max", "sqrt")
 _OPEN = "max(d, 0.0)"
 
 
+@lru_cache(maxsize=512)  # chunks evaluate damping numbers; Python 3.11 may fail where threads parse at the same time
 def read(text: str) -> ast.expr:
     """Read a formula, whatever it holds."""
     try:
