@@ -399,6 +399,11 @@ def get_law(key: str | Law) -> Law:
     ------
     LawError
         The key is unknown; the message lists the valid ones.
+
+    Examples
+    --------
+    >>> get_law("kelvin_voigt").takes_restitution
+    True
     """
     if isinstance(key, Law):
         return key

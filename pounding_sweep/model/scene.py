@@ -464,6 +464,12 @@ class Wall:
     """A rigid wall (moat wall, barrier) at an end of the row; it moves with the ground.
 
     It meets every floor of its neighbour, unless the scene limits the pair to some storeys.
+
+    Examples
+    --------
+    >>> tower = Building("tower", masses=[20.0, 18.0], stiffnesses=[3e4, 3e4])
+    >>> Scene([Wall(), tower], gaps=[0.02]).pair_labels
+    ('wall-tower',)
     """
 
     name: Label = "wall"
@@ -482,6 +488,12 @@ class ContactProperties:
         For laws with force ~ d^1.5 (kN/m^1.5); see `pounding_sweep.hertz_stiffness`.
     restitution : float, optional
         Coefficient of restitution where a sweep gives none.
+
+    Examples
+    --------
+    >>> row = [Building(name, masses=[20.0], stiffnesses=[3e4]) for name in ("left", "right")]
+    >>> Scene(row, gaps=[0.02], contact=ContactProperties(linear_stiffness=1e6)).contact.reference(1.0)
+    1000000.0
     """
 
     linear_stiffness: Positive | None = None

@@ -343,6 +343,11 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     Notes
     -----
     Every array carries checksums: where the values of a damaged file are read later, the library raises RuntimeError.
+
+    Examples
+    --------
+    >>> with open_cube("quickstart.nc") as cube:  # doctest: +SKIP
+    ...     force = cube["impact_force_max"].max("storey").load()
     """
     import netCDF4
     import xarray as xr

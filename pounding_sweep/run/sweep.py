@@ -311,6 +311,11 @@ def load_sweep(
     ------
     SweepError
         Something in the file is not valid; every fault is reported with its line.
+
+    Examples
+    --------
+    >>> load_sweep("sweeps/quickstart.toml").spec.n_scenarios  # in a clone
+    1008
     """
     from pounding_sweep.spec.toml import load_spec
 
