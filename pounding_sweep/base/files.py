@@ -93,10 +93,10 @@ def sync_folder(folder: Path) -> None:
 def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
     for left in folder.glob(TEMPORARY):
-        with suppress(OSError):
-            lock = acquire_lock(left, 0.0)
-            shutil.rmtree(left, ignore_errors=True)
-            lock.release()
+        with suppress(OSError), ExitStack() as contexts:
+            contexts.callback(acquire_lock(left, 0.0).release)
+            # moved first: whoever is just making it sees that it is gone, and no lock in it is taken for a new one
+            shutil.rmtree(left.rename(folder / _temporary_name()), ignore_errors=True)
 
 
 @contextmanager
