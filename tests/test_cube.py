@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 import re
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from unittest.mock import Mock
 
@@ -580,3 +581,13 @@ def test_files_written_side_by_side_take_nothing_from_one_another(tmp_path):
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(write, range(8)))
     assert len(list(tmp_path.iterdir())) == 8 * 10
+
+
+def test_leftovers_are_moved_before_they_are_removed(tmp_path, monkeypatch):
+    """Who is just making such a folder must see that it is gone."""
+    (left := tmp_path / ".pounding_sweep-0.part").mkdir()
+    stayed, remove = [], shutil.rmtree
+    monkeypatch.setattr(files.shutil, "rmtree", lambda path, **how: (stayed.append(left.exists()), remove(path, **how)))
+    files.remove_leftovers(tmp_path)
+    assert stayed == [False]
+    assert not list(tmp_path.iterdir())
