@@ -18,7 +18,10 @@ MODULES = [
     if any(">>> " in line and "+SKIP" not in line for line in path.read_text(encoding="utf-8").splitlines())
 ]
 #: Those whose examples run kernels.
-RUN = {"accuracy.certificate", "accuracy.tradeoff", "analysis.spectra", "figures.gallery.scenario", "run.simulate"}
+RUN = {
+    *("accuracy.certificate", "accuracy.tradeoff", "analysis.spectra", "figures", "figures.gallery.scenario"),
+    *("output.audited", "output.describe", "output.merge", "output.netcdf", "run.simulate"),
+}
 
 
 @pytest.mark.parametrize(

@@ -201,6 +201,15 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         The figure or option is unknown, the dataset lacks what it needs or has no values, or `dpi` is out of range.
     OutputError
         The file can't be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import pounding_sweep as ps
+    >>> cube = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02]).run()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot(cube, "force-gap", f"{folder}/force.png").name
+    'force.png'
     """
     figures = _figures()
     if kind not in figures:

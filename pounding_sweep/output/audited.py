@@ -58,6 +58,13 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
         ``error_max_undecided``.
         None where there is none, or where an error is infinite (a touch in one run only).
         Empty for a cube without audit.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> cube = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02]).run()
+    >>> [row["output"] for row in audit_table(cube)][:2]
+    ['displacement_max', 'displacement_min']
     """
     if not has_audit(cube):
         return []

@@ -145,6 +145,13 @@ def describe(dataset: xr.Dataset) -> str:
     Notes
     -----
     Reads every variable once, a part at a time. Control characters of a file are escaped, and what is long is cut.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> cube = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02]).run()
+    >>> print(describe(cube).splitlines()[2].strip())
+    2 scenarios asked, 2 run
     """
     attributes, cube = dataset.attrs, about(dataset)
     status = dataset["status"] if "status" in dataset.data_vars else None

@@ -123,6 +123,16 @@ def merge_cubes(
 
     Cases are known by law, record, scale, gaps, stiffness, restitution and building properties. The cube has each
     once, in the order given, numbered anew; labels that a user gave them in place of numbers are kept.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import pounding_sweep as ps
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for gap in (0.01, 0.02):
+    ...         ps.Sweep("mate2015", "el_centro", "linear", gaps=gap).run(f"{folder}/{gap}.nc").close()
+    ...     merge_cubes([f"{folder}/0.01.nc", f"{folder}/0.02.nc"], f"{folder}/both.nc").scenarios
+    2
     """
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
         raise InputError(f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}")

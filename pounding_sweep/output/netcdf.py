@@ -346,8 +346,14 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
 
     Examples
     --------
-    >>> with open_cube("quickstart.nc") as cube:  # doctest: +SKIP
-    ...     force = cube["impact_force_max"].max("storey").load()
+    >>> import tempfile
+    >>> import pounding_sweep as ps
+    >>> sweep = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sweep.run(f"{folder}/gaps.nc").close()
+    ...     with open_cube(f"{folder}/gaps.nc") as cube:
+    ...         print(cube["gap"].values)
+    [0.01 0.02]
     """
     import netCDF4
     import xarray as xr

@@ -80,6 +80,13 @@ class Plan:
     choice, choice_numbers : str and dict
         What was chosen for the accuracy asked for, and the numbers that led to it; "" and None where the sweep gives
         scheme and step.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> plan = ps.Sweep("mate2015", "el_centro", "linear", gaps=[0.01, 0.02]).plan()
+    >>> plan.n_asked, plan.numerics.method
+    (2, 'rk4')
     """
 
     spec: SweepSpec

@@ -428,6 +428,13 @@ class Case:
         to, instead of `scale`.
     ductility : float, optional
         Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> cases = [Case(law="linear", record="el_centro", gap=gap) for gap in (0.01, 0.02)]
+    >>> ps.Sweep("mate2015", "el_centro", cases=cases).plan().n_asked
+    2
     """
 
     law: str
