@@ -112,6 +112,27 @@ def test_a_part_of_a_cube(cube, tmp_path):
     assert {row["gap"] for row in found} == {"0.1"}
 
 
+@pytest.mark.parametrize("table", [False, True])
+def test_scenarios_of_a_status_units_and_constants(cube, tmp_path, monkeypatch, table):
+    monkeypatch.setattr(exporting, "CELLS_AT_A_TIME", 7)
+    path, places = tmp_path / "t.csv", 1 if table else 5
+    export_cube(cube, path, table=table, units=True, status=["not-ok"])
+    units, *rows = read(path)
+    assert [(row["law"], row["gap"], row["record"], row["status_name"]) for row in rows] == [
+        ("linear", str(1 / 3), "one", "diverged")
+    ] * places
+    about = json.loads((tmp_path / "t.csv.json").read_text(encoding="utf-8"))
+    assert about["rows"] == places
+    assert units == {name: column.get("units", "") for name, column in about["columns"].items()}
+    export_cube(cube, path, table=table, constants=True, status=["ok"], overwrite=True)
+    found = read(path)
+    assert len(found) == 17 * places
+    added = {name.partition("_")[0] for name in found[0].keys() - units}
+    assert added == {"floor", "contact", "fundamental", "first", "left", "right"}
+    with pytest.raises(InputError, match="no scenario has the status 'not_run'; this cube has: ok, diverged"):
+        export_cube(cube, path, status=["ok", "not_run"], overwrite=True)
+
+
 def test_units_stand_beside_the_table(cube, tmp_path):
     export_cube(cube, tmp_path / "all.csv")
     about = json.loads((tmp_path / "all.csv.json").read_text(encoding="utf-8"))

@@ -54,6 +54,19 @@ def test_a_cube(tmp_path):
     drift = told["variables"]["drift_max"]
     assert drift == {"dims": list(cube.drift_max.dims), "units": "m", "long_name": cube.drift_max.attrs["long_name"]}
     assert told["statuses"] == {"ok": 9, "diverged": 1, "not_run": 2}
+    assert [end["where"] for end in told["not_ok"]] == [
+        "all 1 at law none; gap 0.01; record one",
+        "all 2 at law linear; gap 0.03",
+    ]
+    for row in (row for end in told["not_ok"] for row in end["by_value"]):
+        here = cube.status.sel({row["axis"]: row["value"]}).values
+        assert row["of"] == here.size
+        assert row["scenarios"] in (np.sum(here == Status.DIVERGED), np.sum(here == Status.NOT_RUN))
+    text = info(tmp_path / "cube.nc", "--status")
+    assert text.startswith("3 of 12 scenarios are not ok\n\n1 diverged: ")
+    assert ["record", "one", "1", "6"] in map(str.split, text.splitlines())
+    lost = write_cube(cube.assign(status=cube.status.clip(1)), tmp_path / "lost.nc")
+    assert info(lost).splitlines()[:2] == ["No scenario is ok: 10 diverged, 2 not_run", "[A] row"]
     assert told["audit"] == []
     assert told["attributes"]["records"] == RECORDS
     assert told["attributes"]["extended_from"]["scenarios_taken"] == 3

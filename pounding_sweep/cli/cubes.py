@@ -29,6 +29,9 @@ def info_command(
         ),
     ],
     as_json: AsJson = False,
+    status: Annotated[
+        bool, Option("--status", help="Only the scenarios that are not ok, counted by value of each axis.")
+    ] = False,
 ) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
     from pounding_sweep.output.describe import about, describe
@@ -41,6 +44,8 @@ def info_command(
         unfinished = survey(parts)
     else:
         with open_cube(cube) as dataset:
+            if status and not as_json:
+                return _print_failures(about(dataset))
             content = about(dataset) if as_json else describe(dataset)
         try:
             unfinished = survey(parts) if os.path.exists(parts / MANIFEST) else None
@@ -53,6 +58,15 @@ def info_command(
         print(content, *([] if unfinished is None else [_sidecar(unfinished)]), sep="\n\n")
     elif unfinished is not None:
         _print_unfinished(unfinished)
+
+
+def _print_failures(cube: dict[str, Any]) -> None:
+    """Print how many scenarios of a cube are not ok, and which."""
+    print(f"{sum(end['count'] for end in cube['not_ok'])} of {cube['scenarios']} scenarios are not ok")
+    for end in cube["not_ok"]:
+        print(f"\n{end['count']} {end['label']}: {end['meaning']}: {end['remedy']}\n  {end['where']}\n")
+        rows = [[row["axis"], *map(str, [row["value"], row["scenarios"], row["of"]])] for row in end["by_value"]]
+        print_table(["axis", "value", end["label"], "of"], rows, right=(2, 3))
 
 
 def _sidecar(survey: Survey) -> str:
@@ -161,6 +175,14 @@ def export_command(
             "--table", help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors."
         ),
     ] = False,
+    status: Annotated[
+        list[str] | None,
+        option("STATUS", "Of a table, only scenarios that ended so, such as diverged, or not-ok; repeat for several."),
+    ] = None,
+    constants: Annotated[
+        bool, Option("--constants", help="Masses, stiffnesses, periods and elevations of the row as columns, too.")
+    ] = False,
+    units: Annotated[bool, Option("--units", help="Second line of a CSV file: the unit of each column.")] = False,
     limit_states: Annotated[
         list[str] | None,
         option(
@@ -193,15 +215,18 @@ def export_command(
 
     fragility = out.suffix.lower() == ".xml"
     of_cube = not fragility and pelicun is None
+    layout = {"table": table, "status": status or (), "constants": constants, "units": units}
     for flag, value, fits, output in (
-        ("--limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
-        ("--intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
-        ("--records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
-        ("--var", names, of_cube, "tables of the cube itself; give -o FILE.csv"),
-        ("--table", table, of_cube, "tables of the cube itself; give -o FILE.csv"),
+        ("limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
+        ("intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+        ("records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
+        *(
+            (flag, value, of_cube, "tables of the cube itself; give -o FILE.csv")
+            for flag, value in {"var": names, **layout}.items()
+        ),
     ):
         if value and not fits:
-            raise InputError(f"{flag} is for {output}, or leave it out")
+            raise InputError(f"--{flag} is for {output}, or leave it out")
     measures = intensities or []
     if fragility and len(measures) > 1:
         raise InputError(f"--intensity is given {len(measures)} times, and a fragility is of one")
@@ -219,7 +244,7 @@ def export_command(
                 say(f"warning: {name} is left out: {why}")
         else:
             part = with_intensities(part, measures, folders=folders or None)
-            paths = export_tables(part, out, names or (), overwrite=overwrite, table=table)
+            paths = export_tables(part, out, names or (), overwrite=overwrite, **layout)
         print(*paths, sep="\n")
 
 

@@ -23,6 +23,7 @@ from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, STATUS, Status
+from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import overview_of
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ _CODED = frozenset({"records", "records_left_out", "sweep", "accuracy_numbers", 
 #: Counts that a cube keeps of one that its results were taken from.
 _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
+#: Values of an axis up to which scenarios that are not ok are counted for each.
+MOST_VALUES = 200
+#: What listed cases may share.
+_LISTED = ("law", "record", "contact_stiffness", *(axis.dimension for axis in AXES.values() if not axis.by_building))
 #: Digits of a digest that tell it from others.
 _DIGITS = 12
 
@@ -80,7 +85,8 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
         ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
         ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
-        ``scenarios``: how many there are; ``statuses``: scenarios by name of their status;
+        ``scenarios``: how many there are; ``statuses``: scenarios by name of their status; ``not_ok``: each status
+        but ok, ``where`` its scenarios are and their number ``by_value`` of each axis;
         ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
         ``row``: names and descriptions of `pounding_sweep.spec.spec.overview`.
         Numbers that are not finite are None.
@@ -111,6 +117,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         },
         "scenarios": dataset["status"].size if "status" in dataset.data_vars else None,
         "statuses": {row["label"]: row["count"] for row in statuses(dataset.get("status", []))},
+        "not_ok": failures(dataset) if "status" in dataset.data_vars else [],
         "audit": audit_table(dataset),
         "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
         "attributes": attributes,
@@ -126,6 +133,28 @@ def statuses(status: Any) -> list[dict[str, Any]]:
         for s in STATUS
         if s in counts
     ]
+
+
+def failures(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the rows of `statuses` but ok, each with ``where`` these scenarios are, and a table ``by_value`` of axes.
+
+    In ``by_value``, ``scenarios`` of the ``of`` scenarios with that value of an axis have the status; values without
+    any, and axes of one value or of more than `MOST_VALUES`, are left out.
+    """
+    status = dataset["status"].load()
+    axes = [str(name) for name in (_LISTED if "case" in status.dims else status.dims) if name in dataset.coords]
+    ends = [end for end in statuses(status) if end["status"] != Status.OK]
+    for end in ends:
+        end["by_value"], words = [], []
+        for name in (name for name in axes if 1 < np.unique(dataset[name]).size <= MOST_VALUES):
+            groups = (status == end["status"]).groupby(name)
+            values = (groups.sum(...)[name], groups.sum(...), groups.count(...))
+            table = zip(*(array.values.tolist() for array in values), strict=True)
+            rows = [{"axis": name, "value": value, "scenarios": count, "of": size} for value, count, size in table]
+            end["by_value"] += (hit := [row for row in rows if row["scenarios"]])
+            words += [f"{name} {_short(', '.join(_number(row['value']) for row in hit))}"] if hit != rows else []
+        end["where"] = f"all {end['count']} at {'; '.join(words)}" if words else "at every value of every axis"
+    return ends
 
 
 def describe(dataset: xr.Dataset) -> str:
@@ -156,6 +185,8 @@ def describe(dataset: xr.Dataset) -> str:
     attributes, cube = dataset.attrs, about(dataset)
     status = dataset["status"] if "status" in dataset.data_vars else None
     lines = [_short(attributes.get("title", "(no title)"))]
+    if (cube["scenarios"] or 0) > 0 == cube["statuses"].get(Status.OK.label, 0):
+        lines.insert(0, f"No scenario is ok: {', '.join(f'{n} {label}' for label, n in cube['statuses'].items())}")
     lines += [f"  {_short(line)}" for line in str(cube["history"]).splitlines()]
     requested = attributes.get("scenarios_asked")
     if status is not None and status.size != requested:
@@ -185,7 +216,6 @@ def describe(dataset: xr.Dataset) -> str:
             inner = " and ".join(dim for dim in variable["dims"] if dim in INNER_DIMS)
             text = f"{variable['long_name']}, per {inner}" if inner else variable["long_name"]
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
-    ends = statuses(dataset.get("status", []))
     errors = "Audit: relative error, by the difference to half the step"
     others = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
     sections: dict[str, list[tuple[str, ...]]] = {
@@ -196,8 +226,9 @@ def describe(dataset: xr.Dataset) -> str:
         f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
         "Scenarios by status": [
             (str(end["count"]), end["label"], f"{end['meaning']}: {end['remedy']}" if end["remedy"] else end["meaning"])
-            for end in ends
+            for end in statuses(dataset.get("status", []))
         ],
+        "Where scenarios are not ok": [(end["label"], end["where"]) for end in cube["not_ok"]],
         errors: [_audit_row(row) for row in cube["audit"]],
         "Records": [_record_row(record) for record in json.loads(attributes.get("records", "[]"))],
         "Made from": [

@@ -6,11 +6,12 @@ exported, and appear under their name only when they are complete.
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -27,7 +28,7 @@ from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
 from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import plain_name
 
@@ -45,6 +46,10 @@ _PLACES: dict[tuple[str, ...], str] = {
     ("building", "storey"): "floor_elevation",
     ("pair", "storey"): "contact_elevation",
 }
+#: Column of the status in words, and what it says by the number of the status.
+STATUS_NAME, _LABELS = "status_name", np.array([status.label for status in STATUS])
+#: Statuses but "ok", as `export_cube` takes them.
+NOT_OK = "not-ok"
 #: Dimension of histories.
 TIME = "time"
 #: Powers of the record's scale that measures of a ground motion grow with, by name.
@@ -94,17 +99,28 @@ class Column(NamedTuple):
 class Table:
     """A table of a cube; `kinds` are the dimensions of the places inside a scenario that have rows of their own."""
 
-    def __init__(self, cube: xr.Dataset, kinds: Sequence[tuple[str, ...]]) -> None:
+    def __init__(self, cube: xr.Dataset, kinds: Sequence[tuple[str, ...]], constants: bool) -> None:
         self.cube, self._kinds, self.outer = cube, kinds, outer_dims(cube.dims)
+        self._constants = constants  # whether what is the same in all scenarios has columns, too
         self.columns: dict[str, Column] = {}
         self._existing = [np.flatnonzero(_exists(cube, kind)) for kind in kinds]
-        self.n_rows = math.prod(cube.sizes[dim] for dim in self.outer) * sum(map(len, self._existing))
+        #: lines that follow the headings of a CSV file
+        self.lines: list[list[str]] = []
+        #: scenarios that have rows
+        self.selected = np.ones([cube.sizes[dim] for dim in self.outer], bool)
         #: returns a part of the cube with what is to be computed of it
         self.complete: Callable[[xr.Dataset], xr.Dataset] = lambda part: part
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return int(self.selected.sum()) * sum(map(len, self._existing))
 
     def add(self, name: str, label: str = "", at: Mapping[str, int] | None = None) -> None:
         """Add a column, of one place of a variable or coordinate, or of all where these have rows."""
         array = self.cube[name]
+        if not self._constants and name in self.cube.coords and array.dims and {*array.dims} <= {*INNER_DIMS} - {name}:
+            return
         inner = (name,) if name in INNER_DIMS else _inner_dims(array)
         kinds = [i for i, kind in enumerate(self._kinds) if at is not None or set(inner) <= set(kind)]
         about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
@@ -120,6 +136,17 @@ class Table:
             dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
             self.columns[label or name] = Column(name, at or {}, kinds, dtype, about)
 
+    def select(self, names: Iterable[str]) -> None:
+        """Give rows to the scenarios of these statuses alone."""
+        codes = scenarios_of(self.cube, ["status"])["status"].transpose(*self.outer).values
+        self.selected[...] = False
+        for name in names:
+            chosen = np.equal(_LABELS, Status.OK.label if name == NOT_OK else name)[codes] ^ (name == NOT_OK)
+            if not chosen.any():
+                present = ", ".join(_LABELS[np.unique(codes)])
+                raise InputError(f"no scenario has the status {name!r}; this cube has: {present}")
+            self.selected |= chosen
+
     def parts(self) -> Iterator[pd.DataFrame]:
         """Make the table part by part."""
         import pandas as pd
@@ -127,17 +154,20 @@ class Table:
         cells = max(1, len(self.columns) * sum(map(len, self._existing)))
         for slab in slabs([self.cube.sizes[dim] for dim in self.outer], CELLS_AT_A_TIME // cells):
             part = self.complete(self.cube.isel(dict(zip(self.outer, slab, strict=True))).load())
-            n, frames = math.prod(part.sizes[dim] for dim in self.outer), []
+            selected, frames = self.selected[slab].ravel(), []
+            n = len(selected)
             for kind, existing in enumerate(self._existing):
                 sizes = {dim: part.sizes[dim] for dim in (*self.outer, *self._kinds[kind]) if dim in part.dims}
                 values = {}
                 for label, column in self.columns.items():
                     if kind in column.kinds:
                         variable = part.variables[column.variable].isel(column.at)
+                        if label == STATUS_NAME:
+                            variable = xr.Variable(variable.dims, _LABELS[variable.values.astype(int)])
                         if column.dtype.kind == "O":
                             variable = xr.Variable(variable.dims, variable.values.astype(object))
-                        values[label] = variable.set_dims(sizes).values.reshape(n, -1)[:, existing].ravel()
-                frames.append(pd.DataFrame(values, index=np.repeat(np.arange(n), len(existing))))
+                        values[label] = variable.set_dims(sizes).values.reshape(n, -1)[selected][:, existing].ravel()
+                frames.append(pd.DataFrame(values, index=np.repeat(np.arange(selected.sum()), len(existing))))
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
             integers = {label: column.dtype.name for label, column in self.columns.items() if column.dtype.kind == "i"}
             wanted = {label: name.capitalize() for label, name in integers.items() if rows[label].dtype != name}
@@ -159,10 +189,11 @@ def _inner_dims(array: xr.DataArray) -> tuple[str, ...]:
     return tuple(str(dim) for dim in array.dims if dim in INNER_DIMS)
 
 
-def long_table(cube: xr.Dataset) -> Table:
+def long_table(cube: xr.Dataset, constants: bool = False) -> Table:
     """Return the table with a row for each floor and contact of each scenario."""
     inner = dict.fromkeys(_inner_dims(cube[name]) for name in cube.data_vars)
-    table = Table(cube, [kind for kind in inner if not any(set(kind) < set(other) for other in inner)])
+    kinds = [kind for kind in inner if not any(set(kind) < set(other) for other in inner)]
+    table = Table(cube, kinds, constants)
     names = [str(name) for name in cube.coords if name not in PROSE]
     axes = [name for name in table.outer if name in names]
     last = [name for name in INNER_DIMS if name in names]
@@ -171,13 +202,12 @@ def long_table(cube: xr.Dataset) -> Table:
     return table
 
 
-def wide_table(cube: xr.Dataset) -> Table:
+def wide_table(cube: xr.Dataset, constants: bool = False) -> Table:
     """Return the table with one row for each scenario, or moment: each existing place in it has a column."""
-    table = Table(cube, [()])
+    table = Table(cube, [()], constants)
     coordinates = [str(name) for name in cube.coords if name not in (*PROSE, *INNER_DIMS)]
     axes = [name for name in table.outer if name in coordinates]
-    of_scenarios = [n for n in coordinates if set(table.outer) & set(cube[n].dims) or not cube[n].dims]
-    for name in dict.fromkeys([*axes, *of_scenarios, *map(str, cube.data_vars)]):
+    for name in dict.fromkeys([*axes, *coordinates, *map(str, cube.data_vars)]):
         array = cube[name]
         inner = [dim for dim in INNER_DIMS if dim in array.dims]
         for place in np.argwhere(_exists(cube, inner)).tolist():
@@ -190,12 +220,12 @@ def wide_table(cube: xr.Dataset) -> Table:
     return table
 
 
-def scenario_table(cube: xr.Dataset, names: Sequence[str] = ()) -> Table:
+def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool = False) -> Table:
     """Return the table of scenarios: inputs, measures of their ground motion, outputs, measured errors."""
     if has_histories(cube):
         raise InputError("this is one scenario with its histories; give a cube of a sweep")
     chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
-    table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)))
+    table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)), constants)
     if has_audit(cube):
         table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
         for i, output in enumerate(cube["output"].values.tolist()):
@@ -248,6 +278,9 @@ def export_cube(
     *,
     overwrite: bool = False,
     table: bool = False,
+    constants: bool = False,
+    status: Collection[str] = (),
+    units: bool = False,
 ) -> Path:
     """Write a cube, or a selection of it, in another format.
 
@@ -263,6 +296,12 @@ def export_cube(
         Whether a file that is there may be replaced; a folder never is.
     table : bool
         One row for each scenario, with all that is known of it in columns, instead of one for each floor and contact.
+    constants : bool
+        Whether masses, stiffnesses, periods and elevations that are the same in all scenarios have columns, too.
+    status : collection of str
+        Only scenarios that ended so, such as ``["diverged"]``; "not-ok" stands for every status but "ok".
+    units : bool
+        Whether the second line of a CSV file has the units of its columns.
 
     Returns
     -------
@@ -272,7 +311,8 @@ def export_cube(
     Raises
     ------
     InputError
-        The ending or a variable is unknown, or what writes the format is not installed.
+        The ending, a variable or a status is unknown, no scenario has that status, or what writes the format is not
+        installed.
     OutputError
         The path is not usable, or the cube's values can't be read.
     WriteError
@@ -285,8 +325,8 @@ def export_cube(
     ``ground_pga`` and other measures of its record, and ``audited_error_<output>`` where the audit ran it again. Of
     a scenario with its histories the table has a row for each moment, by default without what has no history.
 
-    Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In Zarr all is
-    as in the cube, without its audit.
+    ``status_name`` has each status in words. Units and long names stand in ``FILE.csv.json``, or in the metadata of the
+    columns of a Parquet file. In Zarr all is as in the cube, without its audit.
 
     Examples
     --------
@@ -304,8 +344,11 @@ def export_cube(
         raise InputError(f"{str(path)!r}: {unknown('format', ending, _WRITERS)}")
     needs, write = _WRITERS[ending]
     names = [names] if isinstance(names, str) else list(names)
-    if table and ending == ".zarr":
-        raise InputError(f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table")
+    if (table or constants or status) and ending == ".zarr":
+        raise InputError(
+            f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out table, constants and "
+            "status"
+        )
     if needs:
         try:
             import_module(needs)
@@ -320,7 +363,10 @@ def export_cube(
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
-        write(cube, target, scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table))
+        made = scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table, constants, status)
+        if units and isinstance(made, Table):
+            made.lines.append([column.attributes.get("units", "") for column in made.columns.values()])
+        write(cube, target, made)
     except RuntimeError as error:  # of the netCDF library
         files = (variable.encoding.get("source") for variable in cube.variables.values())
         raise unreadable("values of cube", next(filter(None, files), "in memory"), error) from error
@@ -333,30 +379,36 @@ def export_tables(
     cube: xr.Dataset,
     path: str | os.PathLike[str],
     names: Sequence[str] = (),
-    *,
-    overwrite: bool = False,
-    table: bool = False,
+    **options: Any,
 ) -> list[Path]:
     """Write a table as `export_cube` does, or one for each set of dimensions that the variables have.
 
     The dimensions are added to the name of the file if there are several tables; returns the files.
     """
-    single = table or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
+    single = options.get("table") or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
     tables = {} if single else sets_of_dimensions(scenarios_of(cube, names))
     if len(tables) < 2:
-        return [export_cube(cube, path, names, overwrite=overwrite, table=table)]
+        return [export_cube(cube, path, names, **options)]
     stem = Path(path).stem
     paths = {dims: Path(path).with_stem("-".join([stem, *dims])) for dims in tables}
-    return [export_cube(cube, paths[dims], variables, overwrite=overwrite) for dims, variables in tables.items()]
+    return [export_cube(cube, paths[dims], variables, **options) for dims, variables in tables.items()]
 
 
-def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str], by_scenario: bool) -> Table:
+def _table(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    names: Sequence[str],
+    by_scenario: bool,
+    constants: bool,
+    status: Collection[str],
+) -> Table:
     """Return the table of a cube, or of one scenario with its histories; its size is said if it is large."""
+    names = [*names, "status"] if names and status else names
     if by_scenario:
-        table = scenario_table(cube, names)
+        table = scenario_table(cube, names, constants)
     elif has_histories(cube, names):
         of_time = [str(name) for name, array in cube.data_vars.items() if TIME in array.dims]
-        table = wide_table(scenarios_of(cube, names or of_time))
+        table = wide_table(scenarios_of(cube, names or of_time), constants)
     else:
         chosen = scenarios_of(cube, names)
         sets = sets_of_dimensions(chosen)
@@ -366,7 +418,12 @@ def _table(cube: xr.Dataset, path: str | os.PathLike[str], names: Sequence[str],
                 f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: {listed}; "
                 "export each set apart"
             )
-        table = long_table(chosen)
+        table = long_table(chosen, constants)
+    if "status" in table.cube.data_vars:
+        about = {"long_name": "status in words"}
+        table.columns[STATUS_NAME] = table.columns["status"]._replace(dtype=np.dtype(object), attributes=about)
+    if status:
+        table.select(status)
     if table.n_rows > MANY_ROWS:
         size = bytes_text(table.n_rows * len(table.columns) * CELL_BYTES)
         warnings.warn(
@@ -388,8 +445,9 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
     with replacing(path.with_name(f"{path.name}.json")) as description, replacing(path) as temporary:
         description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         with temporary.open("w", encoding="utf-8", newline="") as file:
-            for number, part in enumerate(table.parts()):
-                part.to_csv(file, index=False, header=number == 0)
+            csv.writer(file, lineterminator="\n").writerows([[*table.columns], *table.lines])
+            for part in table.parts():
+                part.to_csv(file, index=False, header=False)
 
 
 def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:
