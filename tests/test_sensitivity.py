@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import xarray as xr
+from analysis_cubes import hand_cube, random_fill
 from scenes import call, pair
 
 from pounding_sweep import Sweep, pulse_record
@@ -160,12 +161,38 @@ def test_other_axes_are_told_apart_and_records_may_be_drawn(stub_engine):
             {},
             'kind "saltelli", and this cube is a part of one of kind "sobol"',
         ),
-        (lambda _: sweep(design=None, gaps=[0.01]).run(workers=1), {}, 'kind "saltelli", and this cube is of none'),
+        (
+            lambda _: sweep(design=None, gaps=[0.01]).run(workers=1),
+            {},
+            "needs an axis of several values, or a design",
+        ),
     ],
 )
 def test_what_can_not_be_done(cube, stub_engine, make, arguments, message):
     with pytest.raises(InputError, match=message):
         sensitivity(make(cube), **arguments)
+
+
+@pytest.mark.parametrize("lost", [[], [1, 4]])
+def test_shares_of_a_grid(lost):
+    """As sums of squares over rows of a table, without those that are not ok or have no contact."""
+    axes = {"law": ["none", "linear"], "gap": [0.1, 0.2, 0.3], "record": ["one", "two"], "scale": [1.0]}
+    status = np.zeros((2, 6))
+    status[1, lost] = 1
+    made = hand_cube(axes, random_fill(3, "drift_max"), status=status.reshape(2, 3, 2, 1))
+    result = sensitivity(made, ["drift_max"]).isel(group=0).sel(building="a", storey=2)
+    rows = made.drift_max.where(made.status == 0).sel(law="linear", building="a", storey=2).to_series().dropna()
+    squares, names = rows.groupby, {"gap": "gap (m)", "record": "record"}
+    for axis, other in (("gap", "record"), ("record", "gap")):
+        one, whole = result.sel(input=names[axis]), ((rows - rows.mean()) ** 2).sum()
+        means = squares(axis).transform("mean")
+        assert one.drift_max_first == pytest.approx(((means - rows.mean()) ** 2).sum() / whole)
+        assert one.drift_max_total == pytest.approx(((rows - squares(other).transform("mean")) ** 2).sum() / whole)
+        assert one.drift_max_mean_interval.values.tolist() == pytest.approx([means.min(), means.max()])
+        at = [squares(axis).mean().idxmin(), squares(axis).mean().idxmax()]
+        assert one.drift_max_at_interval.values.tolist() == at
+    assert result.drift_max_samples == 6 - len(lost)
+    assert len(index_rows(sensitivity(made, ["drift_max"]))) == 2 * 3
 
 
 def test_command(cube, tmp_path):

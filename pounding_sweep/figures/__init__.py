@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: What figures are drawn from: name -> where such a file comes from.
 SOURCES: dict[str, str] = {
     "cube": "a cube of 'pounding-sweep run'",
-    "design": "a cube of 'pounding-sweep run' over a [design]",
+    "design": "a cube of 'pounding-sweep run', best over a [design]",
     "histories": "histories of 'pounding-sweep simulate'",
     "trade": "the file of 'pounding-sweep tradeoff'",
     "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
@@ -35,7 +35,7 @@ SOURCES: dict[str, str] = {
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
 #: Further needs: of a map, of profiles, of a design.
 TWO_AXES = "two axes of several numbers such as gap and restitution"
-FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli"'
+FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli" or axes of several numbers'
 #: What several values of an axis are called.
 _PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
@@ -77,7 +77,8 @@ class Kind:
             NO_CONTACT: "none" in laws,
             TWO_AXES: len({axis.dim for axis in plot_axes(dataset).values()}) > 1,
             FIRST_STOREY: "storey" not in dataset.coords or 1 in dataset["storey"],
-            SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords),
+            SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords)
+            or ("status" in dataset and plot_axes(dataset)),
         }
         present = {*dataset.variables, *dataset.sizes, *(text for text, is_met in checks.items() if is_met)}
         several = {dim for dim, size in dataset.sizes.items() if size > 1 and (dim != "law" or len(contact) > 1)}

@@ -160,8 +160,8 @@ COMPARISONS: dict[str, Comparison] = {
         Comparison(
             "sensitivity",
             "sensitivity.sensitivity",
-            "which inputs of a design matter: first and total Sobol indices of each output",
-            needs='a design of kind "saltelli"',
+            "what each output depends on most: Sobol indices of the inputs of a design, shares of the axes of a grid",
+            needs='a design of kind "saltelli", or axes of several values',
             figure="sensitivity",
             summary={"resamples": 100},
             rows="index_rows",

@@ -1,4 +1,4 @@
-"""Which inputs of a design matter: Sobol indices of every output."""
+"""What matters most: Sobol indices of the inputs of a design, shares of the variance of the axes of a grid."""
 
 from __future__ import annotations
 
@@ -10,10 +10,21 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import ROUND_OFF, chosen_variables, labelled, long_name, numbers_in, values
+from pounding_sweep.analysis.scenarios import (
+    NO_POUNDING,
+    ROUND_OFF,
+    chosen_variables,
+    described,
+    labelled,
+    law_keys,
+    long_name,
+    numbers_in,
+    pounding_only,
+    scenario_dims,
+    values,
+)
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
-from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.design import Design, design_of
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
@@ -26,16 +37,19 @@ LEAST = 4
 BLOCK_NUMBERS = 1 << 22
 #: The two kinds of indices, and the ends of an interval.
 _KINDS, _BOUNDS = ("first", "total"), ("lower", "upper")
+#: What a result has of each output.
+_PARTS = ("samples", "first", "first_interval", "total", "total_interval", "mean_interval", "at_interval")
 
 
 def index_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per input, output, place and group of scenarios; inputs that matter most come first."""
     rows, count = [], result.sizes["input"]
     dims = [dim for dim in INNER_DIMS if dim in result.dims]
-    numbers = [f"{kind}{end}" for kind in _KINDS for end in ("", *(f"_{bound}" for bound in _BOUNDS))]
-    keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
     for name in (str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")):
-        parts = {f"{name}_{part}": part for part in ("samples", *_KINDS, *(f"{kind}_interval" for kind in _KINDS))}
+        parts = {f"{name}_{part}": part for part in _PARTS if f"{name}_{part}" in result}
+        ends = [(part.removesuffix("_interval"), part.endswith("_interval")) for part in parts.values()]
+        numbers = [key for part, two in ends[1:] for key in ([f"{part}_{end}" for end in _BOUNDS] if two else [part])]
+        keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
         columns = result[[*parts]].rename(parts)
         table = plain_rows(columns.transpose("group", *dims, "input", ..., missing_dims="ignore"))
         for part in (table[first : first + count] for first in range(0, len(table), count)):
@@ -49,12 +63,12 @@ def index_rows(result: xr.Dataset) -> list[Row]:
 def sensitivity(
     cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
 ) -> xr.Dataset:
-    """Estimate Sobol indices of the outputs of a Saltelli design.
+    """Compute which inputs of a Saltelli design, or which axes of a grid, the outputs depend on most.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        A cube of a design of kind "saltelli".
+        A cube of a design of kind "saltelli", or of axes.
     variables : iterable of str, optional
         Outputs; by default all but diagnostics and the time of the first touch.
     confidence : float
@@ -71,10 +85,16 @@ def sensitivity(
         ``<output>_total_interval``. Without ``input``: ``<output>_samples``, points with a value in all blocks.
         Indices are missing where an output does not vary.
 
+        Of axes, which are then the inputs, ``<output>_first`` and ``<output>_total`` are the shares of the variance
+        over the ok scenarios with contact, all equally likely: that of the means at each value of the axis, and what
+        varies along it while all others are held. They are not Sobol indices of a distribution and have no intervals.
+        ``<output>_mean_interval`` has the smallest and largest of these means, ``<output>_at_interval`` their values of
+        the axis.
+
     Raises
     ------
     InputError
-        The cube is not of such a design, or lacks an output.
+        The cube lists cases without such a design, has no axis of several values, or lacks an output.
 
     Notes
     -----
@@ -83,10 +103,12 @@ def sensitivity(
     """
     numbers_in("(0, 1)", confidence, "confidence")
     numbers_in("[1, inf)", resamples, "resamples")
-    design, labels, rows = _groups(cube)
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
     default = [name for name in valid if name not in _ASIDE]
     names = chosen_variables(cube, "a sensitivity", variables, default if variables is None else valid, "output")
+    if "case" not in cube.dims:
+        return _shares(pounding_only(cube) if {*law_keys(cube)} - {NO_POUNDING} else cube, names)
+    design, labels, rows = _groups(cube)
     result: dict[str, Any] = {}
     for name in names:
         response = values(cube, name).transpose("case", ...)
@@ -114,6 +136,35 @@ def sensitivity(
         if any(texts):
             coords[key] = ("group", list(texts), {"long_name": text})
     return xr.Dataset(result, coords, {"confidence": confidence, "resamples": resamples})
+
+
+def _shares(cube: xr.Dataset, names: Iterable[str]) -> xr.Dataset:
+    """Return what share of the variance of outputs each axis of a grid has, and their means at its values."""
+    axes = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1]
+    if not axes:
+        raise InputError('the sensitivity needs an axis of several values, or a design of kind "saltelli"')
+    counts, *parts = (xr.Dataset() for _ in ("", *axes))
+    for name in names:
+        text, response = long_name(cube[name], name), values(cube, name).reset_coords(drop=True)
+        response = response.squeeze([dim for dim in scenario_dims(cube) if dim not in axes], drop=True)
+        count, spread = response.count(axes), response.var(axes)
+        whole = (count * spread).where(spread > (ROUND_OFF * abs(response).max(axes)) ** 2)
+        counts[f"{name}_samples"] = described(count, "1", "scenarios with a value")
+        for axis, part in zip(axes, parts, strict=True):
+            others = [dim for dim in axes if dim != axis]
+            means = response.mean(others)
+            alone = ((means - response.mean(axes)) ** 2 * response.count(others)).sum(axis) / whole
+            along = (response.var(axis) * response.count(axis)).sum(others) / whole
+            part[f"{name}_first"] = described(alone, "1", f"share of the variance by one axis alone: {text}")
+            part[f"{name}_total"] = described(along, "1", f"share of the variance with interactions: {text}")
+            ends = xr.concat([means.min(axis), means.max(axis)], "bound")
+            part[f"{name}_mean_interval"] = ends.assign_attrs(response.attrs)
+            part[f"{name}_at_interval"] = xr.concat([means.idxmin(axis), means.idxmax(axis)], "bound").astype(object)
+    grid = " x ".join(f"{axis.replace('_', ' ')} ({cube.sizes[axis]})" for axis in axes)
+    over = f"ok scenarios of the grid {grid}, all equally likely: not Sobol' indices of a distribution"
+    labels = [f"{axis} ({cube[axis].attrs.get('units', '1')})".removesuffix(" (1)") for axis in axes]
+    result = xr.concat(parts, labelled("input", labels, "axis of the sweep")).assign(counts).expand_dims("group")
+    return result.assign_coords(bound=labelled("bound", _BOUNDS, "end")).assign_attrs(over=over)
 
 
 def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.ndarray]:
@@ -147,15 +198,10 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
 
 def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
     """Return what of a case the design did not draw, as names and texts."""
-    drawn = {(item.argument, item.building) for item in design.inputs}
-    result: dict[str, Any] = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
-    for argument, axis in AXES.items():
-        if axis.by_building:
-            factors = dict(case.get(argument, ()))
-            result |= {f"{axis.dimension}.{b}": value for b, value in factors.items() if (argument, b) not in drawn}
-        elif (argument, None) not in drawn and case.get(axis.dimension) is not None:
-            result[axis.dimension] = case[axis.dimension]
-    return {key: str(value) for key, value in result.items()}
+    drawn = {f"{item.argument}.{item.building}" if item.building else item.name for item in design.inputs}
+    parts = {key: value if isinstance(value, list) else [("", value)] for key, value in case.items()}
+    flat = {f"{key}.{name}".rstrip("."): str(value) for key, pairs in parts.items() for name, value in pairs}
+    return {key: text for key, text in flat.items() if key not in drawn}
 
 
 def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
 from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directions, needed_for
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
-from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, pounding_only
+from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import CONTACT, FIRST_STOREY, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
@@ -678,10 +678,12 @@ _INDICES = {
 
 @figure_of("sensitivity", "design", SALTELLI)
 def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -> Figure:
-    """Draw which inputs of a design matter: first and total Sobol indices.
+    """Draw which inputs of a design matter, by first and total Sobol indices, or which axes of a grid, as a tornado.
 
-    Bars are confidence intervals; inputs that matter most are at the top. One column per pair or building, at its
-    highest storey that has indices, one row per law, record and value of other axes, three at most.
+    Of a design, bars are confidence intervals. Of a grid, they go from the smallest to the largest mean at a value of
+    an axis, over all values of the others; at the ends are these values, at the right is the share of the variance.
+    What matters most is at the top. One column per pair or building, at its highest storey that has indices, one row
+    per law, record and value of other axes of a design, three at most.
     """
     result = result_of(cube, "sensitivity")
     names = [str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")]
@@ -701,13 +703,16 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     groups = np.flatnonzero(complete) if complete.any() else np.arange(1)
     varied = [name for name in _GROUP if name in result.coords and len({*result[name].values[groups].tolist()}) > 1]
     result = result.isel(group=groups[:_LAWS])
-    result = result.sortby(result[key].mean(["group", per]).fillna(0.0))  # the largest last, at the top
+    means = result.get(f"{value}_mean_interval")  # of a grid
+    size = result[key] if means is None else means.diff("bound").sum("bound")
+    result = result.sortby(size.mean(["group", per]).fillna(0.0))  # the largest last, at the top
     rows, n = result.sizes["group"], result.sizes["input"]
     figure, axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
-    extremes = [0.0, 1.0]
+    extremes = [0.0, 1.0] if means is None else []
     for (row, column), panel in np.ndenumerate(axes):
         part = result.isel({per: column, "group": row})
-        for name, (label, colour, marker, up) in _INDICES.items():
+        extremes += [] if means is None else _draw_effects(panel, part, value)
+        for name, (label, colour, marker, up) in _INDICES.items() if means is None else ():
             y = np.arange(n) + up
             low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
             panel.hlines(y, low, high, color=colour, linewidth=1.0)
@@ -717,15 +722,37 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
         place = [coord_text(part, dim) for dim in (per, "storey") if dim in part.coords]
         lines = [join_nonempty(*place), _describe_group(part, varied)]
         panel.set_title("\n".join(fill(text, 34) for text in lines if text))
-    inputs = [str(name).replace("_", " ") for name in result["input"].values]
-    limits = {"xlim": (np.nanmin(extremes) - 0.03, np.nanmax(extremes) + 0.03), "ylim": (-0.6, n - 0.4)}
+    inputs = [spell_units(str(name)).replace("_", " ") for name in result["input"].values]
+    room = 0.03 if means is None else 0.4 * np.ptp(extremes)
+    limits = {"xlim": (np.nanmin(extremes) - room, np.nanmax(extremes) + room), "ylim": (-0.6, n - 0.4)}
     for panel in axes[:, 0]:
         panel.set(yticks=range(n), yticklabels=inputs, **limits)
+    if means is not None:
+        first, last = min(0.0, np.nanmin(extremes)), limits["xlim"][1]
+        axes[0, 0].locator_params("x", nbins=6)
+        axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if first <= tick <= last])
+        words = "bars: means at values of one axis", "right: its share of the variance alone"
+        label = f"mean {long_name(means, value)} ({drawn_unit(means.attrs)[0] or '-'})"
+        return finish(figure, axes, label, [""] * rows, result.attrs["over"].partition(":")[0], *words, legend=0)
     response = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
     title = [f"Sobol indices of the {response}", f"{result.attrs['confidence']:.0%} intervals"]
     title.append(_describe_group(result.isel(group=0), [name for name in _GROUP if name not in varied]))
     title.append(f"{rows} of {len(groups)} groups of scenarios" if rows < len(groups) else "")
     return finish(figure, axes, "share of the variance (-)", ["input"] * rows, *title, legend=1)
+
+
+def _draw_effects(panel: Any, part: xr.Dataset, value: str) -> list[float]:
+    """Draw bars between the smallest and largest mean along each axis, where they are, and shares; return the means."""
+    means = part[f"{value}_mean_interval"]
+    low, high = drawn_unit(means.attrs)[1] * means.transpose("bound", "input").values
+    panel.barh(range(len(low)), high - low, left=low, height=0.5, zorder=2)
+    shares = part[f"{value}_first"].values
+    for y, ends in enumerate(part[f"{value}_at_interval"].transpose("input", "bound").values):
+        lower, upper = (fill(f"{end:g}" if isinstance(end, float) else end.replace("_", " "), 14) for end in ends)
+        panel.text(low[y], y, f"{lower} ", ha="right", va="center", fontsize=7)
+        panel.text(high[y], y, f" {upper}", va="center", fontsize=7)
+        panel.text(1.02, y, f"{shares[y]:.0%}", va="center", fontsize=7, transform=panel.get_yaxis_transform())
+    return [*low, *high]
 
 
 def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
