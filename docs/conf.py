@@ -18,7 +18,16 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpyd
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 #: Pages that are run; what they printed is added in generated/.
-_RUN = ("start.md", "tutorial.md", "pounding.ipynb", "reading.md", "own_law.md", "kernels.md", "howto_what_matters.md")
+_RUN = (
+    "start.md",
+    "tutorial.md",
+    "pounding.ipynb",
+    "reading.md",
+    "own_law.md",
+    "kernels.md",
+    "howto_what_matters.md",
+    "howto_tables.md",
+)
 exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"
 html_title = "pounding_sweep: parametric sweeps of seismic pounding"

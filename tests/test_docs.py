@@ -49,6 +49,8 @@ def test_every_name_is_documented(pages):
     for name in (*ps.__all__, *(n for n in dir(analysis) if not n.isupper())):
         if not name.startswith("__"):
             assert re.search(rf"[.:\s,]{name}\b", text), name
+    listed, *_ = text.partition("Every other name")
+    assert {*re.findall(r"``(\w+)``", listed), "__version__"} == {"pounding_sweep", *ps.__all__}
     for kind in FIGURES.values():
         assert f"{kind.draw.__module__}.{kind.draw.__name__}" in text
     assert all(f"## `{law}`" in pages["laws.md"] for law in LAWS)
@@ -102,7 +104,7 @@ def test_the_gallery_has_every_figure(pages):
 
 def test_links_between_pages_lead_somewhere(pages):
     """Those to pages and pictures, from every page that is not run."""
-    run = re.search(r"_RUN = \((.*?)\)", (DOCS / "conf.py").read_text(encoding="utf-8"))[1]
+    run = re.search(r"(?s)_RUN = \((.*?)\)", (DOCS / "conf.py").read_text(encoding="utf-8"))[1]
     known = {f"generated/{name}" for name in (*pages, *re.findall(r"[\w.]+\.md", run.replace(".ipynb", ".md")))}
     known |= {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*") if path.is_file()}
     texts = {f"generated/{name}": text for name, text in pages.items() if name.endswith(".md")}

@@ -13,12 +13,13 @@ from bad_sweeps import GOOD
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.base.errors import OutputError, SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
+from pounding_sweep.run.sweep import Sweep, load_sweep
 from pounding_sweep.spec.axes import Case, Range
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec, digest, to_json
@@ -410,3 +411,23 @@ def test_lines_of_places():
     }  # fmt: skip
     line = line_finder(text)
     assert {place: line(place) for place in expected} == expected
+
+
+MADE = {"records": [PULSE.scaled(1 / 3), STEP.renamed("é 2/3")], "gaps": [0.1, 1 / 3], "title": "“a\\b"}
+FILES = ("bouc_wen", "bumpers", "bumpers_of_a_pair", "columns", "foundations", "linked", "two_buildings_and_wall")
+
+
+@pytest.mark.parametrize("sweep", [Sweep("mate2015", laws="mate2015", **MADE), *FILES], ids=str)
+def test_a_sweep_is_written_as_a_file(sweep, tmp_path):
+    sweep = load_sweep(ROOT / "sweeps" / f"{sweep}.toml") if isinstance(sweep, str) else sweep
+    file = sweep.to_toml(tmp_path / "made.toml")
+    again = load_sweep(file)
+    assert again.spec == sweep.spec
+    assert [record.name for record in again.spec.records] == [record.name for record in sweep.spec.records]
+    with pytest.raises(OutputError, match="exists; give another path"):
+        sweep.to_toml(file)
+
+
+def test_a_design_is_not_written_as_a_file(tmp_path):
+    with pytest.raises(SweepError, match="is another sweep than this one: designs are"):
+        load_sweep(ROOT / "sweeps" / "what_matters.toml").to_toml(tmp_path / "made.toml")

@@ -6,16 +6,17 @@ import inspect
 import os
 import warnings
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import RunError, UnlikelyWarning, WriteError, repr_short
+from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
 from pounding_sweep.base.text import html_table
 from pounding_sweep.output.identity import package_digest
+from pounding_sweep.records import find_record
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
 
@@ -124,6 +125,56 @@ class Sweep:
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
+
+    def to_toml(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the sweep as a sweep file, from which `load_sweep` reads an equal one.
+
+        Parameters
+        ----------
+        path : path
+            The file. Records that cannot be found by name are written beside it, as ``STEM_record_1.csv`` and so on.
+        overwrite : bool
+            Whether files may be replaced.
+
+        Returns
+        -------
+        Path
+            The absolute path of the file.
+
+        Raises
+        ------
+        SweepError
+            The file does not give this sweep: it has a design, or a contact law that was not read from a file.
+        OutputError
+            A file exists or can't be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import pounding_sweep as ps
+        >>> sweep = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     ps.load_sweep(sweep.to_toml(f"{folder}/two_gaps.toml")).spec == sweep.spec
+        True
+        """
+        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.spec.toml import load_spec, to_toml
+
+        target, records = check_output(path, overwrite, netcdf=False), list[Any]()
+        for number, record in enumerate(self.spec.records, 1):
+            records.append({"record": record.name, "scale": record.scale})
+            with suppress(RecordError):
+                if find_record(record.name).scaled(record.scale) == record:
+                    continue
+            file = check_output(target.with_name(f"{target.stem}_record_{number}.csv"), overwrite, netcdf=False)
+            file.write_text(
+                "\n".join(["acceleration (m/s2)", *map(repr, record.acceleration.tolist())]), encoding="utf-8"
+            )
+            records[-1] = {"path": file.name, "name": record.name, "dt": record.dt}
+        target.write_text(to_toml(self.spec, records), encoding="utf-8")
+        if load_spec(target) != self.spec:
+            raise SweepError(f"{str(target)!r} is another sweep than this one: designs are for files of your own")
+        return target
 
     def run(
         self,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import bisect
 import contextlib
+import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,7 @@ from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.build import read_sweep
 from pounding_sweep.spec.design import DesignTable
-from pounding_sweep.spec.spec import SweepSpec, sweep_error
+from pounding_sweep.spec.spec import SweepSpec, json_data, sweep_error
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
@@ -115,7 +116,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         name: name
         for name in (
             *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
-            *(name for name, axis in AXES.items() if not axis.by_building),
+            *AXES,
         )
     },
     "solver": {
@@ -215,3 +216,36 @@ def load_spec(
             f"{name}:{number}: {spell(place)}: {message}{home if message.startswith('unknown key') else ''}"
         )
     raise sweep_error(problems, name)
+
+
+def _value(value: Any) -> str:
+    """Write a value; what is null in a list of JSON is infinite."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(part)}' for key, part in value.items() if part is not None)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return "inf" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+def _lines(table: dict[str, Any], place: str = "") -> Iterator[str]:
+    """Write a table: its keys that have a value, then its parts."""
+    parts = {
+        key: value for key, value in table.items() if isinstance(value, dict) or (value and key in ("row", "cases"))
+    }
+    yield from (f"{key} = {_value(table[key])}" for key in table if key not in parts and table[key] not in (None, []))
+    for key, value in parts.items():
+        for part in value if isinstance(value, list) else [value]:
+            yield from (
+                "",
+                f"[{place}{key}]" if part is value else f"[[{place}{key}]]",
+                *_lines(part, f"{place}{key}."),
+            )
+
+
+def to_toml(spec: SweepSpec, records: list[Any]) -> str:
+    """Return the text of a sweep file that has these `records`, and law files where they were read."""
+    data = json_data(spec) | {"records": records, "laws": None}
+    if spec.cases is None:
+        data["laws"] = [os.path.abspath(law.source) if law.source else law.key for law in map(spec.law, spec.laws)]
+    tables = {section: {key: data.get(name) for key, name in names.items()} for section, names in SECTIONS.items()}
+    return "\n".join(_lines({"title": spec.title, "scene": data["scene"], **tables})) + "\n"
