@@ -310,32 +310,28 @@ def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
     """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
-    status, pairs = arrays["status"], _texts(arrays["pair"]).tolist()
-    keys, law = np.unique(_texts(arrays["law"]), return_inverse=True)
+    status, laws, pairs = arrays["status"], _texts(arrays["law"]), _texts(arrays["pair"]).tolist()
     titles = {key: item.title for key, item in LAWS.items()}
     if "law_title" in arrays:
-        titles |= dict(zip(keys[law].tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
+        titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
     along = status.dimensions.index(arrays["law"].dimensions[0])
-    shape = [-1 if axis == along else 1 for axis in range(status.ndim)]
-    law_of, ok = np.broadcast_to(law.reshape(shape), status.shape).ravel(), status[...].ravel() == Status.OK
-    # the largest of all floors, shape (scenarios, pairs); missing where no floors meet
-    largest = {}
+    ok, largest = np.moveaxis(status[...], along, 0) == Status.OK, {}
+    # the largest of all floors; missing where no floors meet
     for name in (name for name in ("impact_force_max", "impact_count") if name in arrays):
         array = arrays[name]
         most = SLAB_BYTES // max(1, array.dtype.itemsize * array.size // max(1, status.size))
-        parts = [np.fmax.reduce(array[slab], axis=-1) for slab in slabs(status.shape, most)]
-        largest[name] = np.concatenate([part.reshape(-1, len(pairs)) for part in parts])
+        parts = [np.fmax.reduce(array[slab], axis=-1).reshape(-1, len(pairs)) for slab in slabs(status.shape, most)]
+        largest[name] = np.moveaxis(np.concatenate(parts).reshape(*status.shape, -1), along, 0)
     rows = []
-    for i in dict.fromkeys(law.tolist()):
-        mask = ok & (law_of == i)
+    for law in dict.fromkeys(laws.tolist()):
+        mask = ok & (laws == law).reshape(-1, *[1] * (ok.ndim - 1))
         for p, pair in enumerate(pairs):
-            values = {name: column[mask, p] for name, column in largest.items()}
+            values = {name: column[mask][:, p] for name, column in largest.items()}
             peak = np.fmax.reduce(values.get("impact_force_max", []), initial=-np.inf)
             counts = np.array(values.get("impact_count", []))
-            key = str(keys[i])
             rows.append(
                 {
-                    **{"law": key, "title": titles.get(key, ""), "pair": pair, "scenarios": int(mask.sum())},
+                    **{"law": law, "title": titles.get(law, ""), "pair": pair, "scenarios": int(mask.sum())},
                     # a pair touches where it is hit, or pressed
                     "touching": int(([*values.values()][-1] > 0).sum()) if values else None,
                     "peak_force": float(peak) if np.isfinite(peak) else None,

@@ -76,13 +76,10 @@ def outer_dims(dims: Iterable[Any]) -> tuple[str, ...]:
 
 def sets_of_dimensions(cube: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
     """Return the dimensions of each table that a dataset needs, and the variables in it: one for a cube of a sweep."""
-    dims = {str(name): outer_dims(array.dims) for name, array in cube.data_vars.items()}
     tables: dict[tuple[str, ...], list[str]] = {}
-    for outer in sorted(dict.fromkeys(dims.values()), key=len, reverse=True):
-        if not any(set(outer) <= set(other) for other in tables):
-            tables[outer] = []
-    for name, outer in dims.items():
-        tables[next(table for table in tables if set(outer) <= set(table))].append(name)
+    for name in sorted(cube.data_vars, key=lambda name: -len(outer_dims(cube[name].dims))):
+        outer = outer_dims(cube[name].dims)
+        tables.setdefault(next((table for table in tables if {*outer} <= {*table}), outer), []).append(str(name))
     return tables
 
 
@@ -126,9 +123,8 @@ class Table:
         about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
         if "unit_text" in about:
             about["units"] = about.pop("unit_text")
-        for key in ("flag_values", "flag_meanings"):
-            if key in array.attrs:
-                about[key] = " ".join(map(str, np.ravel(array.attrs[key]).tolist()))
+        flags = [key for key in array.attrs if key.startswith("flag_")]
+        about |= {key: " ".join(map(str, np.ravel(array.attrs[key]).tolist())) for key in flags}
         # a whole number that may be missing is read as a float
         stored = np.dtype(array.encoding.get("dtype", array.dtype))
         dtype = stored if array.dtype.kind == "f" and stored.kind == "i" else array.dtype

@@ -206,16 +206,12 @@ def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
 
 def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return indices, intervals and counts of points of outputs, from values of shape (blocks, samples, outputs)."""
-    n_outputs = table.shape[2]
-    indices, ends = np.full((2, d, n_outputs), np.nan), np.full((2, 2, d, n_outputs), np.nan)
+    indices, ends = np.full((2, d, table.shape[2]), np.nan), np.full((2, 2, d, table.shape[2]), np.nan)
     valid = np.isfinite(table).all(axis=0)
-    points, which = np.unique(valid, axis=1, return_inverse=True)  # outputs that are valid at the same points
-    for i, rows in enumerate(points.T):
+    for i, rows in enumerate(valid.T):
         if rows.sum() >= LEAST:
-            columns = np.flatnonzero(which.ravel() == i)
-            blocks = table[:, rows][:, :, columns].swapaxes(1, 2)
-            indices[:, :, columns] = sobol_indices(blocks)
-            ends[:, :, :, columns] = bootstrap_intervals(blocks, confidence, resamples)
+            indices[:, :, i] = sobol_indices(table[:, rows, i])
+            ends[:, :, :, i] = bootstrap_intervals(table[:, rows, i], confidence, resamples)
     return indices, ends, valid.sum(axis=0)
 
 
