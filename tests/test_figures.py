@@ -106,6 +106,7 @@ def test_what_figures_need():
         ("amplification", cube.isel(law=none), CONTACT),
         ("map", cube.isel(gap=[0], restitution=0), "two axes of several numbers such as gap and restitution"),
         ("sensitivity", cube, ""),
+        ("sensitivity", made.histories(), 'a design of kind "saltelli" or axes of several numbers'),
         ("profiles", select(cube, {"storey": 2}, INNER_DIMS), "the storeys from the first on"),
         *((key, made.histories().isel(time=3), "several times") for key in ("histories", "row", "closing", "phase")),
     ):

@@ -78,7 +78,8 @@ class Kind:
             TWO_AXES: len({axis.dim for axis in plot_axes(dataset).values()}) > 1,
             FIRST_STOREY: "storey" not in dataset.coords or 1 in dataset["storey"],
             SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords)
-            or ("status" in dataset and plot_axes(dataset)),
+            or {axis.dim for axis in plot_axes(dataset).values()}
+            & {*(dataset["status"].dims if "status" in dataset else ())},
         }
         present = {*dataset.variables, *dataset.sizes, *(text for text, is_met in checks.items() if is_met)}
         several = {dim for dim, size in dataset.sizes.items() if size > 1 and (dim != "law" or len(contact) > 1)}
