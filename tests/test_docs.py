@@ -162,12 +162,15 @@ def test_cells_of_the_notebook_run(stub_engine):
     assert [type(each).__name__ for each in shown[:2]] == ["Scene", "Plan"]
 
 
+PAGES = ("start.md", "tutorial.md", "reading.md", "own_law.md", "howto_what_matters.md", "howto_tables.md")
+
+
 @pytest.mark.slow
 def test_a_newcomer_can_follow_the_pages(tmp_path):
     """From an empty folder to a cube, comparisons, figures and an animation of two buildings of one's own."""
     from notebook import run_pages
 
-    run_pages([DOCS / name for name in ("start.md", "tutorial.md", "reading.md", "own_law.md")], tmp_path)
+    run_pages([DOCS / name for name in PAGES], tmp_path)
     made = {path.name for path in tmp_path.iterdir()}
     assert {"force_gap.png", "profiles.png", "row.gif", "tutorial_force_gap.png", "tutorial_profiles.png"} <= made
     for name in ("start.md", "tutorial.md", "reading.md"):

@@ -113,17 +113,20 @@ def test_a_part_of_a_cube(cube, tmp_path):
 
 
 @pytest.mark.parametrize("table", [False, True])
-def test_scenarios_of_a_status_units_and_constants(cube, tmp_path, monkeypatch, table):
+def test_units_stand_beside_the_table_or_in_it(cube, tmp_path, monkeypatch, table):
+    """As do statuses in words; only scenarios of a status, and constants of the row, are written where asked for."""
     monkeypatch.setattr(exporting, "CELLS_AT_A_TIME", 7)
     path, places = tmp_path / "t.csv", 1 if table else 5
     export_cube(cube, path, table=table, units=True, status=["not-ok"])
     units, *rows = read(path)
-    assert [(row["law"], row["gap"], row["record"], row["status_name"]) for row in rows] == [
-        ("linear", str(1 / 3), "one", "diverged")
-    ] * places
+    told = [(row["law"], row["gap"], row["record"], row["status_name"]) for row in rows]
+    assert told == [("linear", str(1 / 3), "one", "diverged")] * places
     about = json.loads((tmp_path / "t.csv.json").read_text(encoding="utf-8"))
     assert about["rows"] == places
-    assert units == {name: column.get("units", "") for name, column in about["columns"].items()}
+    assert [(key, column.get("units", "")) for key, column in about["columns"].items()] == [*units.items()]
+    assert (units["gap"], next(text for name, text in units.items() if name.startswith("impact_force"))) == ("m", "kN")
+    assert about["columns"]["status"]["flag_meanings"].split()[1] == "diverged"
+    assert (about["cube"]["title"], about["cube"]["rates"]) == ("a, b", [1.0, 2.0])
     export_cube(cube, path, table=table, constants=True, status=["ok"], overwrite=True)
     found = read(path)
     assert len(found) == 17 * places
@@ -131,18 +134,6 @@ def test_scenarios_of_a_status_units_and_constants(cube, tmp_path, monkeypatch, 
     assert added == {"floor", "contact", "fundamental", "first", "left", "right"}
     with pytest.raises(InputError, match="no scenario has the status 'not_run'; this cube has: ok, diverged"):
         export_cube(cube, path, status=["ok", "not_run"], overwrite=True)
-
-
-def test_units_stand_beside_the_table(cube, tmp_path):
-    export_cube(cube, tmp_path / "all.csv")
-    about = json.loads((tmp_path / "all.csv.json").read_text(encoding="utf-8"))
-    assert about["rows"] == 90
-    assert list(about["columns"]) == list(read(tmp_path / "all.csv")[0])
-    assert about["columns"]["gap"]["units"] == "m"
-    assert about["columns"]["impact_force_max"]["units"] == "kN"
-    assert about["columns"]["status"]["flag_meanings"].split()[1] == "diverged"
-    assert about["cube"]["title"] == "a, b"
-    assert about["cube"]["rates"] == [1.0, 2.0]
 
 
 def test_parquet(cube, tmp_path, monkeypatch):
