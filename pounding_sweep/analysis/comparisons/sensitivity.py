@@ -109,33 +109,34 @@ def sensitivity(
     if "case" not in cube.dims:
         return _shares(pounding_only(cube) if {*law_keys(cube)} - {NO_POUNDING} else cube, names)
     design, labels, rows = _groups(cube)
-    result: dict[str, Any] = {}
+    points, result = xr.DataArray(rows, dims=("group", "block", "sample")), xr.Dataset()
     for name in names:
-        response = values(cube, name).transpose("case", ...)
-        inner, table = response.dims[1:], response.values.reshape(len(response), -1)
-        parts = [_indices(table[places], len(design.inputs), confidence, resamples) for places in rows]
+        parts = xr.apply_ufunc(
+            _indices,
+            values(cube, name).reset_coords(drop=True).drop_vars("case").isel(case=points),
+            kwargs={"confidence": confidence, "resamples": resamples},
+            input_core_dims=[["block", "sample"]],
+            output_core_dims=[["kind", "input"], ["kind", "input", "bound"], []],
+            vectorize=True,
+        )
         indices, ends, counts = (
-            np.stack(part).reshape(len(rows), *part[0].shape[:-1], *response.shape[1:])
-            for part in zip(*parts, strict=True)
+            part.transpose("group", "bound", "input", ..., missing_dims="ignore") for part in parts
         )
         for i, kind in enumerate(_KINDS):
-            text = f"{kind} Sobol index: {long_name(response, name)}"
-            about = {"units": "1", "long_name": text}, {"units": "1", "long_name": f"confidence interval, {text}"}
-            result[f"{name}_{kind}"] = (("group", "input", *inner), indices[:, i], about[0])
-            result[f"{name}_{kind}_interval"] = (("group", "bound", "input", *inner), ends[:, :, i], about[1])
-        text = "points with a value in all blocks"
-        result[f"{name}_samples"] = (("group", *inner), counts, {"units": "1", "long_name": text})
+            text = f"{kind} Sobol index: {long_name(cube[name], name)}"
+            result[f"{name}_{kind}"] = described(indices.isel(kind=i), "1", text)
+            result[f"{name}_{kind}_interval"] = described(ends.isel(kind=i), "1", f"confidence interval, {text}")
+        result[f"{name}_samples"] = described(counts, "1", "points with a value in all blocks")
     coords: dict[str, Any] = {
         "group": labelled("group", np.arange(1, len(rows) + 1), "scenarios of one design", "1"),
         "input": labelled("input", (item.name for item in design.inputs), "input of the design"),
         "bound": labelled("bound", _BOUNDS, "end of the confidence interval"),
     }
-    coords |= {dim: cube[dim].variable for dim in INNER_DIMS if dim in cube.coords}
     about_groups = {"law": "contact law", "record": "ground-motion record", "beside": "values of other axes"}
     for (key, text), texts in zip(about_groups.items(), zip(*labels, strict=True), strict=True):
         if any(texts):
             coords[key] = ("group", list(texts), {"long_name": text})
-    return xr.Dataset(result, coords, {"confidence": confidence, "resamples": resamples})
+    return result.assign_coords(coords).assign_attrs(confidence=confidence, resamples=resamples)
 
 
 def _shares(cube: xr.Dataset, names: Iterable[str]) -> xr.Dataset:
@@ -204,15 +205,13 @@ def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
     return {key: text for key, text in flat.items() if key not in drawn}
 
 
-def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return indices, intervals and counts of points of outputs, from values of shape (blocks, samples, outputs)."""
-    indices, ends = np.full((2, d, table.shape[2]), np.nan), np.full((2, 2, d, table.shape[2]), np.nan)
+def _indices(table: np.ndarray, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return indices, intervals and count of points of an output, from values of shape (blocks, samples)."""
     valid = np.isfinite(table).all(axis=0)
-    for i, rows in enumerate(valid.T):
-        if rows.sum() >= LEAST:
-            indices[:, :, i] = sobol_indices(table[:, rows, i])
-            ends[:, :, :, i] = bootstrap_intervals(table[:, rows, i], confidence, resamples)
-    return indices, ends, valid.sum(axis=0)
+    if valid.sum() < LEAST:
+        return np.full((2, len(table) - 2), np.nan), np.full((2, len(table) - 2, 2), np.nan), valid.sum()
+    ends = bootstrap_intervals(table[:, valid], confidence, resamples)
+    return sobol_indices(table[:, valid]), np.moveaxis(ends, 0, -1), valid.sum()
 
 
 def sobol_indices(blocks: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
