@@ -135,6 +135,12 @@ ENTRIES: tuple[Entry, ...] = (
         ),
         "ductility.png",
     ),
+    Entry(
+        "sensitivity",
+        (_QUICK, "plot quickstart.nc sensitivity -o tornado.png"),
+        "tornado.png",
+        "which axes of a grid matter: main effects and shares of the variance",
+    ),
     Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
 )
 

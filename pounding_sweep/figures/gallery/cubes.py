@@ -749,8 +749,8 @@ def _draw_effects(panel: Any, part: xr.Dataset, value: str) -> list[float]:
     shares = part[f"{value}_first"].values
     for y, ends in enumerate(part[f"{value}_at_interval"].transpose("input", "bound").values):
         lower, upper = (fill(f"{end:g}" if isinstance(end, float) else end.replace("_", " "), 14) for end in ends)
-        panel.text(low[y], y, f"{lower} ", ha="right", va="center", fontsize=7)
-        panel.text(high[y], y, f" {upper}", va="center", fontsize=7)
+        for x, text, side, apart in ((low[y], lower, "right", -3), (high[y], upper, "left", 3)):
+            panel.annotate(text, (x, y), (apart, 0), textcoords="offset points", ha=side, va="center", fontsize=7)
         panel.text(1.02, y, f"{shares[y]:.0%}", va="center", fontsize=7, transform=panel.get_yaxis_transform())
     return [*low, *high]
 
