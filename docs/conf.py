@@ -34,6 +34,7 @@ html_title = "pounding_sweep: parametric sweeps of seismic pounding"
 html_static_path = ["_static"]
 numpydoc_show_class_members = False
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 autodoc_typehints = "none"
 
 _generated = Path(__file__).parent / "generated"

@@ -437,7 +437,7 @@ def test_a_plan_is_printed_as_the_command_prints_it():
     plan = Sweep(row(), motions(), **PRODUCT, title="A <plan>").plan()
     lines = str(plan).splitlines()
     assert lines[0] == "sweep      A <plan>"
-    assert "axes       4 law x 5 gap x 2 stiffness_factor x 2 restitution x 2 record x 2 scale" in lines
+    assert "axes       4 laws x 5 gaps x 2 stiffness factors x 2 restitutions x 2 records x 2 scales" in lines
     assert f"scenarios  {plan.n_asked} asked, at most {plan.n_unique} to run" in lines
     assert repr(plan) == f"Plan({plan.n_asked} scenarios asked, at most {plan.n_unique} to run)"
     assert ElementTree.fromstring(plan._repr_html_()).findtext("caption") == "A <plan>"

@@ -8,7 +8,7 @@ import math
 import re
 import shutil
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -51,6 +51,15 @@ def finite(value: Any) -> Any:
 def terminal_width() -> int:
     """Columns of the terminal, 100 without one."""
     return shutil.get_terminal_size((100, 24)).columns
+
+
+def counts_text(sizes: Mapping[Any, int], separator: str = " x ") -> str:
+    """Say how many there are of each, such as 4 laws x 1 gap x 3 PGAs."""
+    parts = []
+    for name, size in sizes.items():
+        word = name.upper() if name in ("pga", "sa") else str(name).replace("_", " ")
+        parts.append(f"{size} {word}{('es' if word.endswith('s') else 's') if size != 1 else ''}")
+    return separator.join(parts)
 
 
 def pairs_text(rows: Sequence[tuple[str, str]], indent: int = 0, columns: int | None = None) -> str:

@@ -11,12 +11,13 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import repr_short
-from pounding_sweep.base.text import printable
+from pounding_sweep.base.text import printable, terminal_width
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
@@ -237,6 +238,7 @@ def describe(dataset: xr.Dataset) -> str:
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
         "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
     }
+    columns, hangs = terminal_width(), dict[int, int]()
     for heading, rows in sections.items():
         if rows:
             lines += ["", heading] + ([f"  {audit_sentence(cube['audit'], attributes)}"] if heading == errors else [])
@@ -244,7 +246,11 @@ def describe(dataset: xr.Dataset) -> str:
             for row in rows:
                 cells = (cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False))
                 lines.append("  ".join(["", *cells, row[-1]]).rstrip())
-    return "\n".join(map(printable, lines))
+                hangs[len(lines) - 1] = min(2 * len(widths) + sum(widths[:-1]), columns // 2)
+    return "\n".join(
+        fill(printable(line), columns, subsequent_indent=" " * hangs.get(number, 4), break_on_hyphens=False)
+        for number, line in enumerate(lines)
+    )
 
 
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.text import bytes_text, html_table, pairs_text, seconds_text
+from pounding_sweep.base.text import bytes_text, counts_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
@@ -242,7 +242,7 @@ class Plan:
         the time is that with compilation.
         """
         plan = summary or {**self.summary(), "workers": 1}
-        axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
+        axes = counts_text({name: len(values) for name, values in self.spec.axes.items()})
         ranges = {name: dict.fromkeys((plan["steps_least"][name], most)) for name, most in plan["steps"].items()}
         steps = ", ".join(f"{' to '.join(map(str, counts))} ({name})" for name, counts in ranges.items())
         missing, run = plan.get("kernels_to_compile"), f"about {seconds_text(plan['seconds'])}"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
-from pounding_sweep.base.text import html_table
+from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.records import find_record
 from pounding_sweep.spec.build import build_spec
@@ -96,7 +96,7 @@ class Sweep:
         return sweep
 
     def __repr__(self) -> str:
-        names = " x ".join(f"{len(v)} {k}" for k, v in self.spec.axes.items()) or f"{self.spec.n_scenarios} cases"
+        names = counts_text({k: len(v) for k, v in self.spec.axes.items()} or {"case": self.spec.n_scenarios})
         how = f"dt = {self.spec.dt} s" if self.spec.accuracy is None else f"accuracy {self.spec.accuracy:g}"
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 

@@ -15,6 +15,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.text import counts_text, finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -257,7 +258,7 @@ def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **
 
 def over_text(sizes: Mapping[Any, int]) -> str:
     """Say what was taken together, "-" where that is nothing."""
-    return ", ".join(f"{size} {dim}s" for dim, size in sizes.items() if size > 1) or "-"
+    return counts_text({dim: size for dim, size in sizes.items() if size > 1}, ", ") or "-"
 
 
 def plain_rows(table: xr.Dataset) -> list[Row]:
@@ -266,8 +267,6 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
     An interval, a variable along ``bound``, is two columns.
     """
     import xarray as xr
-
-    from pounding_sweep.base.text import finite
 
     columns: dict[str, xr.DataArray] = {}
     for name, part in table.items():
