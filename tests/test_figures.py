@@ -181,9 +181,11 @@ def test_the_middle_of_the_other_axes():
     cube = made.cube(restitution=3, record=3, scale=2)
     part, words = select_default(cube, ("law", "gap"), [FORCE])
     xr.testing.assert_identical(part, cube.isel(stiffness_factor=0, restitution=1, record=1, scale=0))
-    assert words == "restitution 0.6 (one of 3); record r2 (one of 3); scale 0.5 (one of 2)"
+    others = "restitution 0.6 (one of 3); record r2 (one of 3); scale 0.5 (one of 2)"
+    assert words == f"{others}; --at restitution=... or record=... or scale=... for another"
     chosen = cube.isel(gap=2, scale=1, storey=1).squeeze("stiffness_factor")
     words = "gap 6 mm; stiffness factor 1; restitution 0.6 (one of 3); record r2 (one of 3); scale 1; storey 2"
+    words += "; --at restitution=... or record=... for another"
     assert select_default(chosen, ("law",), [FORCE])[1] == words
 
 
@@ -192,7 +194,9 @@ def test_the_scenario_next_to_the_middle_that_has_values_and_touches():
     there = xr.zeros_like(cube["status"], dtype=bool)
     for place in ({"restitution": 0, "record": 0}, {"restitution": 3, "record": 1}, {"restitution": 4, "record": 4}):
         there[{"law": 0, "gap": 3, **place}] = True
-    assert title("force-gap", masked(cube, there)) == "restitution 1 (one of 5); record r2 (one of 5)"
+    assert title("force-gap", masked(cube, there)) == (
+        "median of 1 of 5 records (thin: each); restitution 1 (one of 5); --at restitution=... for another"
+    )
     cube = made.cube(gap=6, restitution=3)
     touches = (cube["gap"] < 0.003) & (cube["restitution"] > 0.5) & (cube["law"] != "none")
     cube["impact_count"] = cube["impact_count"].where(touches, 0)
@@ -206,13 +210,22 @@ def test_the_scenario_next_to_the_middle_that_has_values_and_touches():
         assert select_default(dataset, ("law",), [drawn])[1].startswith(words)
     cube = made.cube(record=3)  # forces are looked for among laws with contact
     there = (cube["law"] == "none") | (cube["record"] == "r3") & (cube["status"] == 0)
-    assert title("force-gap", masked(cube, there)).endswith("record r3 (one of 3); scale 0.5")
+    assert title("force-gap", masked(cube, there)).startswith("median of 1 of 3 records (thin: each);")
 
 
-@some(("amplification", "law-comparison"), "law-comparison")
-def test_a_median_counts_the_records_that_have_values(key):
+@some(("force-gap", "amplification", "profiles"), "force-gap", "profiles")
+def test_records_are_thin_lines_and_their_median_counts_those_that_have_values(key):
     cube = made.cube(record=3)
-    assert "median of 3 records" in title(key, cube)
+    assert "median of 3 records (thin: each)" in title(key, cube)
+    ax = draw(key, cube).axes[-1]  # with one line for each law
+    points = [np.stack(line.get_data()) for line in ax.lines]
+    for colour in {line.get_color() for line in ax.lines if line.get_alpha()}:
+        thin = [p for p, line in zip(points, ax.lines, strict=True) if line.get_alpha() and line.get_color() == colour]
+        assert len({part.tobytes() for part in thin}) == len(thin) == 3
+        bold = [
+            p for p, line in zip(points, ax.lines, strict=True) if not line.get_alpha() and line.get_color() == colour
+        ]
+        np.testing.assert_array_equal(bold[0], np.median(thin, axis=0))
     assert "median of 2 of 3 records" in title(key, masked(cube, (cube["record"] != "r2") & (cube["status"] == 0)))
 
 

@@ -132,7 +132,7 @@ def plot_command(
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
             settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-            print(plot(chosen, kind, out, contours=contours or None, **settings))
+            print(plot(chosen, kind, out, contours=contours or None, report=say, **settings))
 
 
 def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) -> xr.Dataset:

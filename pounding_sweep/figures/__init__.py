@@ -176,7 +176,15 @@ def require(dataset: xr.Dataset, key: str) -> None:
         )
 
 
-def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: float = 150.0, **options: Any) -> Path:
+def plot(
+    dataset: xr.Dataset,
+    kind: str,
+    path: str | os.PathLike[str],
+    *,
+    dpi: float = 150.0,
+    report: Callable[[str], None] | None = None,
+    **options: Any,
+) -> Path:
     """Draw a figure of a dataset into a file (PNG, SVG, PDF by its suffix).
 
     Parameters
@@ -189,6 +197,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         File to write.
     dpi : float
         Dots per inch of a PNG, 10 to 1200.
+    report : callable, optional
+        Called with the figure's title if that names values of axes which stand for others.
     **options
         Options of the figure, such as ``x``, ``y`` and ``value``; None leaves one out.
 
@@ -213,6 +223,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     ...     plot(cube, "force-gap", f"{folder}/force.png").name
     'force.png'
     """
+    from pounding_sweep.figures.select import OTHERS
+
     figures = _figures()
     if kind not in figures:
         raise InputError(unknown("figure", kind, figures))
@@ -224,6 +236,9 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
             raise InputError(f"figure {kind!r} takes no {name}; it takes {', '.join(figures[kind].options) or 'none'}")
     target = expanded(path)
     figure = figures[kind].draw(dataset, **options)
+    title = " ".join(figure.get_suptitle().split())
+    if report is not None and OTHERS in title:
+        report(f"figure {kind!r} shows {title}")
     try:
         figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:

@@ -39,23 +39,22 @@ _DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "r
 _LABEL, _TICKS, _WIDE = 36, 8, 3.999
 
 
+#: Begins the part of a title that says how other values of axes are drawn.
+OTHERS = "--at "
+
+
 class NothingToDrawError(InputError):
     """What a figure would draw has no value."""
 
 
-def select_default(
-    dataset: xr.Dataset, keep: Collection[str], drawn: Iterable[str], *, median: bool = False
-) -> tuple[xr.Dataset, str]:
+def select_default(dataset: xr.Dataset, keep: Collection[str], drawn: Iterable[str]) -> tuple[xr.Dataset, str]:
     """Take one value of every axis that a figure does not `keep`: the middle one at which floors touch.
 
-    Where nothing touches it is the middle one at which one of `drawn` has a value. With `median`, several records give
-    their median. Laws, pairs and buildings without a value of `drawn` are left out. The text names what was taken, and
-    of how many.
+    Where nothing touches it is the middle one at which one of `drawn` has a value. Laws, pairs and buildings without a
+    value of `drawn` are left out. The text names what was taken, of how many, and how others are drawn.
     """
     drawn = [name for name in drawn if name in dataset]
-    records = dataset.sizes.get("record", 1) if median else 1
-    kept = {*keep, "record"} if records > 1 else {*keep}
-    sizes = {dim: dataset.sizes[dim] for dim in scenario_dims(dataset) if dim not in kept}
+    sizes = {dim: dataset.sizes[dim] for dim in scenario_dims(dataset) if dim not in keep}
     place = {dim: (size - 1) // 2 for dim, size in sizes.items()}
     if _score(dataset.isel(place), drawn, ()).max() < 2:  # else all of a large cube would be read
         score = _score(dataset, drawn, sizes)
@@ -65,21 +64,27 @@ def select_default(
             score = score - 1e-6 * abs(xr.DataArray(np.arange(sizes[dim]), dims=dim) - middle)
         place = {str(dim): int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
     dataset = dataset.isel(place)
-    words = describe(dataset, sizes, but=keep)
-    if records > 1:
-        dataset, words = over_records(dataset, words, drawn)
+    others = " or ".join(f"{dim}=..." for dim, size in sizes.items() if size > 1)
+    words = join_nonempty(describe(dataset, sizes, but=keep), f"{OTHERS}{others} for another" if others else "")
     valued = {dim: labels_with_values(dataset, dim, drawn) for dim in ("law", "pair", "building")}
     return dataset.sel({dim: labels for dim, labels in valued.items() if labels}), words
 
 
+def several_records(dataset: xr.Dataset) -> list[str]:
+    """Return the dimension of records if there are several."""
+    return ["record"] * (dataset.sizes.get("record", 1) > 1)
+
+
 def over_records(
-    dataset: xr.Dataset, words: str, drawn: Collection[str], *, worst: bool = False
+    dataset: xr.Dataset, words: str, drawn: Collection[str], *, worst: bool = False, thin: str = ""
 ) -> tuple[xr.Dataset, str]:
-    """Take the median, or the largest, of several records, and say so before the words."""
+    """Take the median, or the largest, of several records, and say so, and what is `thin`, before the words."""
+    if "record" not in dataset.dims:
+        return dataset, words
     records, valued = dataset.sizes["record"], len(labels_with_values(dataset, "record", drawn))
     count = f"{valued} of {records}" if 0 < valued < records else str(records)
     result = dataset.max("record", keep_attrs=True) if worst else dataset.median("record", keep_attrs=True)
-    return result, join_nonempty(f"{'worst' if worst else 'median'} of {count} records", words)
+    return result, join_nonempty(f"{'worst' if worst else 'median'} of {count} records{thin}", words)
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:
@@ -113,8 +118,13 @@ def coord_text(dataset: xr.Dataset, name: str) -> str:
         return law_name(dataset, value) if value else ""
     unit, factor = drawn_unit(dataset[name].attrs)
     value = record_name(value) if name == "record" else value
-    text = value if isinstance(value, str) else f"{factor * value:.6g} {unit}".rstrip()
+    text = value if isinstance(value, str) else f"{_three_digits(factor * value)} {unit}".rstrip()
     return f"{name.replace('_', ' ')} {text}"
+
+
+def _three_digits(value: float) -> str:
+    """Write a number to three digits, whole numbers in full."""
+    return str(value) if isinstance(value, int) else f"{float(f'{value:.3g}'):g}"
 
 
 def select_lines(result: xr.Dataset, axis: str) -> xr.Dataset:

@@ -43,6 +43,7 @@ from pounding_sweep.figures.select import (
     scale_axis,
     select_default,
     select_lines,
+    several_records,
     use_logarithms,
     with_dims,
 )
@@ -72,6 +73,9 @@ _AMPLIFIED = {
     "displacement_max_ratio": "displacement to the right",
     "displacement_min_ratio": "displacement to the left",
 }
+#: Lines of records, what a title says of them, and the number of impacts from which their axis is logarithmic.
+_EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
+_THIN, _MANY = " (thin: each)", 100
 _RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 #: Outputs by which laws are compared, the first that is there.
@@ -86,19 +90,26 @@ _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)
 
 
 def _draw_laws(
-    result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, ax: Any = None
-) -> tuple[Any, Any]:
-    """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law."""
-    result = result.sortby(axis.name)
+    result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, words: str, ax: Any = None
+) -> tuple[Any, Any, str]:
+    """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law.
+
+    Lines are medians of the records, those of each record are thin. The text says so before `words`.
+    """
+    result = result[[*rows]].sortby(axis.name)
+    median, words = over_records(result, words, rows, thin=_THIN)
     figure, axes = subplots(len(rows), result.sizes[per], size, ax, styles=MARKED)
     at, names = axis.values(result), [law_name(result, law) for law in result["law"].values]
     for number, name in enumerate(rows):
-        for panel, part in panels(axes[number], result, per):
-            panel.plot(at, part[name].transpose(axis.dim, "law"), label=names)
+        for column, (panel, part) in enumerate(panels(axes[number], median, per)):
+            lines = panel.plot(at, part[name].transpose(axis.dim, "law"), label=names)
+            each = result[name].isel({per: column}).transpose("law", axis.dim, ...)
+            for line, values in zip(lines, each.values if "record" in result.dims else (), strict=False):
+                panel.plot(at, values, color=line.get_color(), **_EACH)
             scale_axis(panel.xaxis, at)
             if number:
                 panel.set_title("")
-    return figure, axes
+    return figure, axes, words
 
 
 @figure_of("force-gap", "cube", f"law, gap, pair, impact_force_max, impact_count, {CONTACT}")
@@ -106,15 +117,20 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     """Draw peak impact force and impacts of each pair against the gap, or another axis, law by law.
 
     Of the storeys of a pair the largest is shown. By default along the gap, or, where there is one gap, along the
-    first axis that varies. Of all other axes the middle value is shown at which floors touch; the title names it.
+    first axis that varies. Of several records each is a thin line beside their median. Of all other axes the middle
+    value is shown at which floors touch; the title names it. Impacts up to 100 and more are on a logarithmic axis.
     """
     check_value(value, _FORCES)
     cube = pounding_only(with_dims(cube, "law", "gap"))
     axis = choose_axis(cube, x or ("gap" if cube.sizes["gap"] > 1 else None)) or plot_axis(cube, "gap")
-    cube, selection = select_default(cube, ("law", axis.dim), ["impact_force_max"])
+    cube, selection = select_default(cube, ("law", axis.dim, *several_records(cube)), ["impact_force_max"])
     rows = {name: label for name, label in _FORCES.items() if value in (None, name)}
-    figure, axes = _draw_laws(cube[[*rows]].max("storey"), rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), ax)
-    for panel in axes[:, 0]:
+    peaks = cube[[*rows]].max("storey")
+    figure, axes, selection = _draw_laws(peaks, rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), selection, ax)
+    for panel, name in zip(axes[:, 0], rows, strict=True):
+        if name == "impact_count" and peaks[name].max() >= _MANY:
+            panel.set_yscale("symlog", linthresh=1.0)
+            panel.yaxis.set_major_formatter("{x:g}")
         panel.set_ylim(bottom=0.0)
     return finish(figure, axes, axis.label, [*rows.values()], selection)
 
@@ -125,21 +141,22 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
 
     One column per building, one row per response, three at most, one line per law that has values: the largest over
     storeys; over the storeys themselves where no axis varies. By default along the first of gap, stiffness, scale,
-    restitution and building properties that varies. Of several records the median is shown, of the other axes the
-    middle value at which floors touch, which the title names. The thin line at 1 is no change.
+    restitution and building properties that varies. Of several records each is a thin line beside their median, of
+    the other axes the middle value is shown at which floors touch, which the title names. The grey line at 1 is no
+    change.
     """
     present = [name for name in _AMPLIFIED if name in cube or {*needed_for([name])} <= {*cube.data_vars}]
     check_value(value, present)
     rows = [value] if value else present[:3]
     result = with_dims(result_of(with_dims(cube, "law"), "amplification", responses=needed_for(rows)), "building")
     axis = choose_axis(result, x) or plot_axis(with_dims(result, "storey"), "storey")
-    result, selection = select_default(result, ("law", axis.dim), rows, median=True)
+    result, selection = select_default(result, ("law", axis.dim, *several_records(result)), rows)
     result, over = result[rows], ""
     if axis.dim != "storey" and "storey" in result.dims:
         over = "largest of the storeys" * (result.sizes["storey"] > 1)
         result = result.max("storey")
     size = (1.6, 2.4, 1.3, 1.7) if result.sizes["building"] * len(rows) > 1 else (5.6, 0.0, 4.2, 0.0)
-    figure, axes = _draw_laws(result, rows, "building", axis, size, ax)
+    figure, axes, selection = _draw_laws(result, rows, "building", axis, size, selection, ax)
     for panel in axes.flat:
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         if axis.dim == "storey":
@@ -167,9 +184,9 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         raise InputError(
             "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
         )
-    ratio, selection = select_default(ratio, ("law", "basis", axis.dim), ["ratio"], median=True)
+    ratio, selection = select_default(ratio, ("law", "basis", axis.dim, *several_records(ratio)), ["ratio"])
     bases = ratio["ratio"].to_dataset("basis")
-    figure, axes = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1))
+    figure, axes, selection = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1), selection)
     for panel, (basis, pair) in zip(axes.flat, product(bases, bases["pair"].values), strict=True):
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
@@ -343,15 +360,19 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
 
     One column per building. Of up to three laws one row per response, the laws as lines; of more laws one row per law,
-    the others behind it in grey, and one response: the drift, else the first that is there. Of all other axes the
-    middle value is shown at which floors touch; the title names it.
+    the others behind it in grey, and one response: the drift, else the first that is there. Of several records each is
+    a thin line beside their median. Of all other axes the middle value is shown at which floors touch; the title names
+    it.
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
-    cube, selection = select_default(with_dims(cube, "law"), ("law",), row_of)
+    cube, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
+    each, responses = cube[[*row_of]], [row for row in _ROWS if row in row_of.values()]
+    cube, selection = over_records(cube, selection, row_of, thin=_THIN)
     laws = cube["law"].values.tolist()
     by_law = [law for law in laws if law != "none"] if len(laws) > _TOGETHER else []
-    responses = [row for row in _ROWS if row in row_of.values()]
+    if by_law and not value and len(responses) > 1:
+        selection = join_nonempty(selection, "--value for other responses")
     if value or by_law:
         responses = [row_of[value or ("drift_max" if "drift_max" in row_of else next(iter(row_of)))]]
     rows = list(product(by_law or [""], responses))
@@ -372,14 +393,13 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
             floors = np.isfinite(part.floor_elevation.values)
             heights = part.floor_elevation.values[floors]
             for (law, style), name in product(styles.items(), names):
-                x, y, marked = factor * part[name].sel(law=law).values[floors], heights, slice(None)
-                if where == "storeys":  # straight from the floor below to the floor above, marked halfway
-                    below = np.append(0.0, heights[:-1])
-                    x, y = np.repeat(x, 3), np.column_stack([below, 0.5 * (below + heights), heights]).ravel()
-                    marked = slice(1, None, 3)
-                elif where == "floors and base":
-                    x, y, marked = np.append(0.0, x), np.append(0.0, y), slice(1, None)
+                values = factor * part[name].sel(law=law).values[floors]
+                x, y, marked = _along_height(values, heights, where)
                 ax.plot(x, y, markevery=marked, **style)
+                if "record" in each.dims and row_law in ("", law):
+                    one = each[name].sel(law=law, building=part["building"]).transpose("storey", "record")
+                    x = _along_height(factor * one.values[floors], heights, where)[0]
+                    ax.plot(x, y, color=ax.lines[-1].get_color(), **_EACH)
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
             if row[0] is not axes[0, 0]:
@@ -393,6 +413,17 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     axes[0, 0].set_ylim(bottom=0)
     legend_below(figure, axes[0], most=3 if by_law else 4)
     return put_title(figure, selection)
+
+
+def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, slice]:
+    """Return lines of values of floors, the first axis: values, heights, and the points that are marked."""
+    if where == "storeys":  # straight from the floor below to the floor above, marked halfway
+        below = np.append(0.0, heights[:-1])
+        at = np.column_stack([below, 0.5 * (below + heights), heights]).ravel()
+        return np.repeat(values, 3, axis=0), at, slice(1, None, 3)
+    if where == "floors and base":
+        return np.concatenate([0.0 * values[:1], values]), np.append(0.0, heights), slice(1, None)
+    return values, heights, slice(None)
 
 
 #: Parts of the energy input, from below; told apart by colour and hatching.
