@@ -147,9 +147,10 @@ def test_what_cannot_be_drawn_or_written_is_said(tmp_path):
         (
             cube,
             "map",
-            {"x": "record"},
-            "unknown axis to draw along 'record'; valid: gap, period_factor_a, period_ratio",
+            {"x": "law"},
+            "unknown axis to draw along 'law'; valid: gap, period_factor_a, period_ratio",
         ),
+        (cube, "map", {"y": "storey", "value": "status"}, "status is not a value of storeys"),
         (cube, "map", {"value": "impact_forces"}, "did you mean 'impact_force_max'"),
         (cube, "amplification", {"value": "impulse_ratio"}, "unknown value to draw"),
         (cube, "profiles", {"value": "impulse"}, "unknown value to draw"),
@@ -329,6 +330,30 @@ def test_panels_show_all_of_their_lines(key):
 def cells(ax):
     """Values of the grey cells of a panel of a map, and of the coloured ones."""
     return [np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections if hasattr(mesh, "get_coordinates")]
+
+
+def test_maps_over_records_and_heights_of_impact_say_what_is_hatched():
+    cube = made.cube(record=3, right_wall=True).sel(law=["none", "linear"])
+    want = cube[FORCE].sel(law="linear", restitution=0.4).squeeze(drop=True)
+    for name, values in (("record", want.max("storey")), ("storey", want.median("record"))):
+        figure = draw("map", cube, y=name)
+        for ax, pair in zip(figure.axes, ("a-b", "b-w2"), strict=False):
+            grey, shown = cells(ax)
+            np.testing.assert_array_equal(
+                np.where(np.isnan(grey), shown, 0.0), values.sel(pair=pair).transpose(name, "gap")
+            )
+        assert "hatched" not in figure.get_suptitle()
+    refused = masked(cube, (cube["gap"] > 0.002) & (cube["status"] == 0))
+    assert "hatched: not ok (info --status says why)" in title("map", refused)
+    low = cube.assign(drift_max=cube["drift_max"].where((cube["storey"] < 3) | (cube["building"] == "b")))
+    assert "no such storey or not ok" in draw("map", low, y="storey", value="drift_max").get_suptitle()
+
+
+def test_axes_of_impacts_are_logarithmic_where_they_span_decades():
+    for factor, scales in ((1, ("linear", "linear")), (100, ("symlog", "log"))):
+        cube = made.cube(stiffness_factor=3).assign(impact_count=lambda cube, by=factor: by * cube["impact_count"])
+        axes = draw("force-gap", cube).axes[1], draw("map", cube, value="impact_count").axes[-1]
+        assert tuple(ax.get_yscale() for ax in axes) == scales
 
 
 def test_the_map_shows_medians_over_records_and_where_nothing_touches():
@@ -533,7 +558,8 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
     assert not_rendered == [{"dpi": 20.0}]
     call("plot", cube, "profiles", "-o", picture, "--at", "gap=0.004", "--at", "law=linear")
     call("plot", one, "phase", "-o", picture, "--start", "0.5", "--end", "1")
-    call("plot", cube, "force-gap", "-o", picture, "--at", "gap=0.002", "--at", "gap=0.008")
+    told = call("plot", cube, "force-gap", "-o", picture, "--at", "gap=0.002", "--at", "gap=0.008").stderr
+    assert "--at restitution=... for another" in told
     for words, text in (
         ((), "give CUBE.nc FIGURE"),
         ((cube, "profiles"), "-o is missing"),

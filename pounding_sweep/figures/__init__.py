@@ -33,6 +33,8 @@ SOURCES: dict[str, str] = {
 }
 #: A law with contact, and the one without, as needs.
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
+#: Axes that maps may be drawn along besides those of numbers.
+LABELS = ("record", "storey")
 #: Further needs: of a map, of profiles, of a design.
 TWO_AXES = "two axes of several numbers such as gap and restitution"
 FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli" or axes of several numbers'
@@ -75,7 +77,7 @@ class Kind:
         checks = {
             CONTACT: contact,
             NO_CONTACT: "none" in laws,
-            TWO_AXES: len({axis.dim for axis in plot_axes(dataset).values()}) > 1,
+            TWO_AXES: len({axis.dim for axis in plot_axes(dataset, LABELS).values()}) > 1,
             FIRST_STOREY: "storey" not in dataset.coords or 1 in dataset["storey"],
             SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords)
             or {axis.dim for axis in plot_axes(dataset).values()}

@@ -21,14 +21,8 @@ from pounding_sweep.spec.axes import AXES, DIMENSIONS
 
 #: Lines in a panel at most.
 _LINES_SHOWN = 5
-#: Responses that are drawn, the first that is there, and what they are called.
-RESPONSES = {
-    "impact_force_max": "peak impact force",
-    "drift_max": "peak drift",
-    "displacement_max": "peak displacement",
-    "acceleration_max": "peak acceleration",
-    "storey_shear_max": "peak storey shear",
-}
+#: Responses that are drawn, the first that is there.
+RESPONSES = ("impact_force_max", "drift_max", "displacement_max", "acceleration_max", "storey_shear_max")
 #: Names of axes in titles, and beginnings of those that are there for each building.
 _AXES = {*INNER_DIMS, "law", "record", "case", *(dim for dims in DIMENSIONS.values() for dim in dims)}
 _BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_building)
@@ -176,9 +170,8 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
         names = ", ".join(RESPONSES)
         raise InputError(f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks")
     unit, factor = drawn_unit(cube[name].attrs)
-    words = long_name(cube[name], name) if value else RESPONSES[name]
     per = next((dim for dim in ("pair", "building") if dim in cube[name].dims), "scenario")
-    return name, f"{words} ({unit or '-'})", factor, per
+    return name, f"{long_name(cube[name], name)} ({unit or '-'})", factor, per
 
 
 def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
@@ -232,35 +225,41 @@ class PlotAxis:
 
     def values(self, result: xr.Dataset | xr.DataArray) -> np.ndarray:
         """Return the values that are drawn."""
-        return np.asarray(result[self.name].values, dtype=float) * self.factor
+        values = result[self.name].values
+        values = values if values.dtype.kind in "iuf" else np.arange(values.size) + 1  # names have numbers
+        return values.astype(float) * self.factor
 
 
 def plot_axis(result: xr.Dataset, name: str) -> PlotAxis:
     """Return an axis, or a coordinate along one, to draw along."""
     unit, factor = drawn_unit(result[name].attrs)
     words = "gap" if name == "gap" else long_name(result[name], name)
-    label = fill(f"{words}\xa0({unit or '-'})", _LABEL).replace("\xa0", " ")  # a unit stays with the last word
+    words += f"\xa0({unit or '-'})" if result[name].dtype.kind in "iuf" else ""
+    label = fill(words, _LABEL).replace("\xa0", " ")  # a unit stays with the last word
     return PlotAxis(str(result[name].dims[0]), name, label, factor)
 
 
-def plot_axes(result: xr.Dataset) -> dict[str, PlotAxis]:
-    """Return what can be drawn along, by name: axes of several numbers, and coordinates that follow one of them."""
+def plot_axes(result: xr.Dataset, labels: Iterable[str] = ()) -> dict[str, PlotAxis]:
+    """Return what can be drawn along, by name: axes of several numbers, coordinates along one, and some `labels`."""
     numbers = [str(name) for name, coord in result.coords.items() if coord.ndim == 1 and coord.dtype.kind in "iuf"]
     dims = [dim for dim in scenario_dims(result) if dim in numbers and result.sizes[dim] > 1 and dim != "case"]
     along = [name for name in numbers if name not in dims and result[name].dims[0] in dims]
-    return {name: plot_axis(result, name) for name in (*dims, *along)}
+    labels = [name for name in labels if result.sizes.get(name, 1) > 1]
+    return {name: plot_axis(result, name) for name in (*dims, *along, *labels)}
 
 
-def choose_axis(result: xr.Dataset, requested: str | None, but: Collection[str] = ()) -> PlotAxis | None:
-    """Return the requested axis, else the first that has several numbers, building properties last, or None.
+def choose_axis(
+    result: xr.Dataset, requested: str | None, but: Collection[str] = (), labels: Collection[str] = ()
+) -> PlotAxis | None:
+    """Return the requested axis, else the first with several numbers, building properties and `labels` last, or None.
 
     Along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
     means the first of such names.
     """
-    axes = plot_axes(result)
+    axes = plot_axes(result, labels)
     if requested is None:
-        free = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case", *but)]
-        dim = next((dim for dim in free if dim in axes), None)
+        free = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case")]
+        dim = next((dim for dim in (*free, *labels) if dim in axes and dim not in but), None)
         ratios = [axis for axis in axes.values() if axis.dim == dim and "_ratio_" in axis.name]
         return ratios[0] if ratios else axes.get(str(dim))
     name = requested if requested in axes else next((key for key in axes if key.startswith(f"{requested}_")), requested)

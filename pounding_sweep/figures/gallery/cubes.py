@@ -21,7 +21,7 @@ from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directio
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import CONTACT, FIRST_STOREY, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
+from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
     RESPONSES,
     NothingToDrawError,
@@ -63,7 +63,7 @@ from pounding_sweep.figures.style import (
 )
 from pounding_sweep.outputs.variables import Status, get_variable
 
-_FORCES = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}
+_FORCES = ("impact_force_max", "impact_count")
 #: Amplifications, the first three of which that are there are drawn.
 _AMPLIFIED = {
     "displacement_peak_ratio": "displacement",
@@ -79,13 +79,7 @@ _THIN, _MANY = " (thin: each)", 100
 _RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 #: Outputs by which laws are compared, the first that is there.
-_COMPARED = {
-    "impact_force_max": "peak impact force",
-    "penetration_max": "penetration",
-    "impulse": "impulse",
-    "approach_speed_max": "approach speed",
-    "impact_count": "number of impacts",
-}
+_COMPARED = ("impact_force_max", "penetration_max", "impulse", "approach_speed_max", "impact_count")
 _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)])
 
 
@@ -114,7 +108,7 @@ def _draw_laws(
 
 @figure_of("force-gap", "cube", f"law, gap, pair, impact_force_max, impact_count, {CONTACT}")
 def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
-    """Draw peak impact force and impacts of each pair against the gap, or another axis, law by law.
+    """Draw the largest contact force and the impacts of each pair against the gap, or another axis, law by law.
 
     Of the storeys of a pair the largest is shown. By default along the gap, or, where there is one gap, along the
     first axis that varies. Of several records each is a thin line beside their median. Of all other axes the middle
@@ -124,7 +118,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     cube = pounding_only(with_dims(cube, "law", "gap"))
     axis = choose_axis(cube, x or ("gap" if cube.sizes["gap"] > 1 else None)) or plot_axis(cube, "gap")
     cube, selection = select_default(cube, ("law", axis.dim, *several_records(cube)), ["impact_force_max"])
-    rows = {name: label for name, label in _FORCES.items() if value in (None, name)}
+    rows = {name: choose_response(cube, "force-gap", name)[1] for name in _FORCES if value in (None, name)}
     peaks = cube[[*rows]].max("storey")
     figure, axes, selection = _draw_laws(peaks, rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), selection, ax)
     for panel, name in zip(axes[:, 0], rows, strict=True):
@@ -190,7 +184,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     for panel, (basis, pair) in zip(axes.flat, product(bases, bases["pair"].values), strict=True):
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
-    rows = [f"{_COMPARED[name]}\nover the reference's (-)"] * len(bases)
+    rows = [f"{get_variable(name).long_name}\nover the reference's (-)"] * len(bases)
     return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
 
 
@@ -214,25 +208,26 @@ def response_map(
     contours: bool = False,
     ax: Any = None,
 ) -> Figure:
-    """Draw a response or its amplification over two axes of the sweep, pair by pair and law by law.
+    """Draw a response or its amplification over two axes, records or storeys, pair by pair and law by law.
 
     ``value`` is a variable of the cube, or the amplification of one, such as ``drift_max_ratio``, for which the sweep
     has the law "none". Axes may be coordinates along one, such as ``period_ratio_left_right``; ``period_ratio`` means
     the first of these. By default they are the first that vary of: period ratios, gap, stiffness, scale, restitution,
-    other building properties.
+    other building properties, records, storeys. Records are in the order of the cube.
 
     One column per pair or building, one row per law, three at most. Shown is the largest over storeys (of what is
     negative or comes first, the smallest), of several records the median, of the other axes the middle value at which
     floors touch, which the title names. Grey cells have no contact under any record, light grey ones under more than
-    half of them (with the share of records that touch), hatched ones no value. All panels share one scale of colours;
-    of amplifications its middle is 1, no change. A value of whole scenarios, such as ``status``, has one column; of the
+    half of them (with the share of records that touch), hatched ones no scenario that is ok. All panels share one scale
+    of colours, logarithmic for 100 impacts and more; of amplifications its middle is 1, no change. There are no
+    contours along records. A value of whole scenarios, such as ``status``, has one column; of the
     status of several records the worst is shown.
     """
-    upward = choose_axis(cube, y) if y else None
+    upward = choose_axis(cube, y, labels=LABELS) if y else None
     used = [upward.dim] if upward else []
     periods = (axis.name for axis in plot_axes(cube).values() if "period_ratio_" in axis.name and axis.dim not in used)
-    across = choose_axis(cube, x or next(periods, None), used)
-    upward = upward or choose_axis(cube, None, [across.dim] if across else [])
+    across = choose_axis(cube, x or next(periods, None), used, LABELS)
+    upward = upward or choose_axis(cube, None, [across.dim] if across else [], LABELS)
     assert across is not None
     assert upward is not None
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
@@ -241,21 +236,28 @@ def response_map(
     check_value(value, [str(key) for key, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"], ratios)
     name, label, factor, per = choose_response(cube, "map", value)
     cube = with_dims(cube, "law", per, absent="")
-    storeys = "storey" in cube[name].dims
+    drawn = upward.dim, across.dim
+    if "storey" in drawn and "storey" not in cube[name].dims:
+        raise InputError(
+            f"{name} is not a value of storeys, along which this map is drawn; give other axes, or --value"
+        )
+    storeys = "storey" in cube[name].dims and "storey" not in drawn
     if storeys:
         smallest = name.endswith("_min") or name == "first_impact_time"
         cube = cube.assign({name: cube[name].min("storey") if smallest else cube[name].max("storey")})
-    records = ["record"] if cube.sizes.get("record", 1) > 1 else []
-    cube, selection = select_default(cube, ("law", per, upward.dim, across.dim, *records), [name])
+    cube, selection = select_default(cube, ("law", per, *drawn, *several_records(cube)), [name])
     ratio = name.endswith("_ratio") and "touches" in cube
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
+    records = [] if "record" in drawn else several_records(cube)
     if records:
         cube, selection = over_records(cube, selection, [name], worst=name == "status")
     share = touch.mean(records)
     share = share.where((share < 0.5) & (ratio or per == "pair"))  # else there is a colour
     laws = [law for law in cube["law"].values.tolist() if per != "pair" or law != "none"]
     cube = cube.assign({name: factor * cube[name].where(share.isnull()), "share": share})[[name, "share"]]
-    cube = cube.sel(law=laws[:_LAWS]).sortby([across.name, upward.name])
+    cube = cube.sel(law=laws[:_LAWS]).sortby([axis.name for axis in (across, upward) if axis.name != "record"])
+    if "storey" in drawn:
+        cube = cube.sel(storey=labels_with_values(cube, "storey", [name, "share"]))
     cube = cube.transpose("law", per, upward.dim, across.dim)
     rows, columns = cube.sizes["law"], cube.sizes[per]
     size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
@@ -271,21 +273,46 @@ def response_map(
         for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
             panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
         mesh = panel.pcolormesh(*edges, values, **colours)
-        if contours and len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
-            panel.clabel(panel.contour(*grid, values, levels, colors="black", linewidths=0.7), fontsize=7, fmt="%g")
+        if (
+            contours
+            and "record" not in drawn
+            and len(levels)
+            and min(values.shape) >= _CONTOURED
+            and np.isfinite(values).any()
+        ):
+            ends = [np.r_[edge[0], at, edge[-1]] for edge, at in zip(edges, grid, strict=True)]  # of the outer cells
+            lines = panel.contour(*ends, np.pad(values, 1, mode="edge"), levels, colors="black", linewidths=0.7)
+            panel.clabel(lines, fontsize=7, fmt="%g", inline_spacing=2)
         panel.grid(visible=False)
-        scale_axis(panel.xaxis, grid[0], marked=True)
-        scale_axis(panel.yaxis, grid[1], marked=True)
+        for axis, along, at in zip((panel.xaxis, panel.yaxis), (across, upward), grid, strict=True):
+            scale_axis(axis, at, marked=True)
+            if names := _label_ticks(cube, along.name, per):
+                axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
     axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
     title = {
         selection: True,
-        f"{rows} of {len(laws)} laws": rows < len(laws),
+        f"{rows} of {len(laws)} laws, --at law=... for others": rows < len(laws),
         "largest of the storeys": storeys,
+        f"hatched: {'no such storey or ' * ('storey' in drawn)}not ok (info --status says why)": (
+            (cube[name].isnull() & cube["share"].isnull()).any()
+        ),
         "grey: no contact": (cube["share"] == 0.0).any(),
         "light grey: the share of records that touch, less than half": (cube["share"] > 0.0).any(),
     }
     words = [text for text, is_true in title.items() if is_true]
     return finish(figure, axes, across.label, [upward.label] * rows, *words, legend=0)
+
+
+def _label_ticks(cube: xr.Dataset, name: str, per: str) -> list[str]:
+    """Return the names of few records, or storeys with their heights if all panels have the same; else nothing."""
+    if name == "record" and cube.sizes[name] <= _NAMED:
+        return [fill(record_name(key), 22) for key in cube[name].values.tolist()]
+    heights = cube.get("contact_elevation" if per == "pair" else "floor_elevation")
+    if name != "storey" or heights is None or (heights.max(per) != heights.min(per)).any():
+        return []
+    return [
+        f"{storey} ({height:g} m)" for storey, height in zip(cube[name].values, heights.max(per).values, strict=True)
+    ]
 
 
 def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[str, Any], Any, dict[str, Any]]:
@@ -301,6 +328,8 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
         wide = max(high, 1.0 / low if low > 0.0 else high, 1.05)
         ticks = {"ticks": sorted((*_LEVELS, 1.0)), "format": "%g"}
         return {"cmap": "PuOr_r", "norm": LogNorm(1.0 / wide, wide)}, _LEVELS, ticks
+    if name == "impact_count" and high >= _MANY:
+        return {"cmap": "viridis", "norm": LogNorm(low or 1.0, high)}, [1, 10, 100, 1000], {"format": "%g"}
     levels = MaxNLocator(_LINES).tick_values(low, high)
     return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, levels, {}
 
