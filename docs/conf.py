@@ -25,6 +25,7 @@ _RUN = (
     "reading.md",
     "own_law.md",
     "kernels.md",
+    "howto_figures.md",
     "howto_what_matters.md",
     "howto_tables.md",
 )

@@ -80,7 +80,7 @@ _OTHERS = {
     "hysteresis": (_YIELDING, ""),
     "incremental": (_SUITE, ""),
     "map": (_PERIODS, " --value drift_max_ratio"),
-    "profiles": (_QUICK, " --at gap=0.006 --at law=none --at law=hertz_damped"),
+    "profiles": (_SUITE, " --at scale=2"),
     **dict.fromkeys(("closing", "force-penetration", "phase"), (_ONE, " --start 2 --end 5")),
 }
 #: Figures that other commands draw.

@@ -162,7 +162,7 @@ def test_cells_of_the_notebook_run(stub_engine):
     assert [type(each).__name__ for each in shown[:2]] == ["Scene", "Plan"]
 
 
-PAGES = ("start.md", "tutorial.md", "reading.md", "own_law.md", "howto_what_matters.md", "howto_tables.md")
+PAGES = "start.md", "tutorial.md", "reading.md", "own_law.md", *sorted(path.name for path in DOCS.glob("howto_*.md"))
 
 
 @pytest.mark.slow

@@ -112,13 +112,8 @@ def coord_text(dataset: xr.Dataset, name: str) -> str:
         return law_name(dataset, value) if value else ""
     unit, factor = drawn_unit(dataset[name].attrs)
     value = record_name(value) if name == "record" else value
-    text = value if isinstance(value, str) else f"{_three_digits(factor * value)} {unit}".rstrip()
+    text = str(value) if isinstance(value, str | int) else f"{float(f'{factor * value:.3g}'):g} {unit}".rstrip()
     return f"{name.replace('_', ' ')} {text}"
-
-
-def _three_digits(value: float) -> str:
-    """Write a number to three digits, whole numbers in full."""
-    return str(value) if isinstance(value, int) else f"{float(f'{value:.3g}'):g}"
 
 
 def select_lines(result: xr.Dataset, axis: str) -> xr.Dataset:
@@ -197,7 +192,7 @@ def scenario_title(one: xr.Dataset) -> str:
     title = one.attrs.get("title", "one scenario")
     if {"record", "law"} <= one.attrs.keys():
         title = f"{record_name(one.attrs['record'])}: {law_name(one, one.attrs['law'])}"
-    gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
+    gaps = [f"{1e3 * gap:.3g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     words = f"gaps {', '.join(gaps)} mm" if len({*gaps}) > 1 else "".join(f"gap {gap} mm" for gap in gaps[:1])
     return join_nonempty(title, words, one.attrs.get("scenario", ""))
 

@@ -65,14 +65,10 @@ from pounding_sweep.outputs.variables import Status, get_variable
 
 _FORCES = ("impact_force_max", "impact_count")
 #: Amplifications, the first three of which that are there are drawn.
-_AMPLIFIED = {
-    "displacement_peak_ratio": "displacement",
-    "drift_max_ratio": "drift",
-    "acceleration_max_ratio": "acceleration",
-    "storey_shear_max_ratio": "storey shear",
-    "displacement_max_ratio": "displacement to the right",
-    "displacement_min_ratio": "displacement to the left",
-}
+_AMPLIFIED = (
+    *("displacement_peak_ratio", "drift_max_ratio", "acceleration_max_ratio"),
+    *("storey_shear_max_ratio", "displacement_max_ratio", "displacement_min_ratio"),
+)
 #: Lines of records, what a title says of them, and the number of impacts from which their axis is logarithmic.
 _EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
 _THIN, _MANY = " (thin: each)", 100
@@ -155,9 +151,8 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         if axis.dim == "storey":
             panel.set_xticks(axis.values(result))
-    return finish(
-        figure, axes, axis.label, [f"{_AMPLIFIED[name]}\nover no pounding (-)" for name in rows], selection, over
-    )
+    labels = [fill(choose_response(result, "amplification", name)[1], 24) for name in rows]
+    return finish(figure, axes, axis.label, labels, selection, over)
 
 
 @figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
