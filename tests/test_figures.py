@@ -144,12 +144,7 @@ def test_what_cannot_be_drawn_or_written_is_said(tmp_path):
         (cube, "force-gap", {"value": "drift_max"}, "valid: impact_count, impact_force_max"),
         (cube, "map", {"x": "gpa"}, "did you mean 'gap'"),
         (cube, "map", {"x": "gap", "y": "gap"}, "are the same, gap"),
-        (
-            cube,
-            "map",
-            {"x": "law"},
-            "unknown axis to draw along 'law'; valid: gap, period_factor_a, period_ratio",
-        ),
+        (cube, "map", {"x": "law"}, "unknown axis to draw along 'law'; valid: gap, period_factor_a, period_ratio"),
         (cube, "map", {"y": "storey", "value": "status"}, "status is not a value of storeys"),
         (cube, "map", {"value": "impact_forces"}, "did you mean 'impact_force_max'"),
         (cube, "amplification", {"value": "impulse_ratio"}, "unknown value to draw"),
@@ -218,15 +213,11 @@ def test_the_scenario_next_to_the_middle_that_has_values_and_touches():
 def test_records_are_thin_lines_and_their_median_counts_those_that_have_values(key):
     cube = made.cube(record=3)
     assert "median of 3 records (thin: each)" in title(key, cube)
-    ax = draw(key, cube).axes[-1]  # with one line for each law
-    points = [np.stack(line.get_data()) for line in ax.lines]
-    for colour in {line.get_color() for line in ax.lines if line.get_alpha()}:
-        thin = [p for p, line in zip(points, ax.lines, strict=True) if line.get_alpha() and line.get_color() == colour]
+    lines = draw(key, cube).axes[-1].lines  # with one line for each law
+    for colour in {line.get_color() for line in lines if line.get_alpha()}:
+        bold, *thin = (np.stack(line.get_data()) for line in lines if line.get_color() == colour)
         assert len({part.tobytes() for part in thin}) == len(thin) == 3
-        bold = [
-            p for p, line in zip(points, ax.lines, strict=True) if not line.get_alpha() and line.get_color() == colour
-        ]
-        np.testing.assert_array_equal(bold[0], np.median(thin, axis=0))
+        np.testing.assert_array_equal(bold, np.median(thin, axis=0))
     assert "median of 2 of 3 records" in title(key, masked(cube, (cube["record"] != "r2") & (cube["status"] == 0)))
 
 

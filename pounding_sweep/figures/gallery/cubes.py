@@ -375,52 +375,37 @@ _ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("storey_shear_max",), "storey shear", "storeys"),
     (("acceleration_max",), "total acceleration", "floors"),
 )
-#: Lines that are told apart in one panel; of more laws each has a row of panels.
-_TOGETHER = 3
 
 
 @figure_of("profiles", "cube", f"law, floor_elevation, {_RESPONSES}, {FIRST_STOREY}")
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
 
-    One column per building. Of up to three laws one row per response, the laws as lines; of more laws one row per law,
-    the others behind it in grey, and one response: the drift, else the first that is there. Of several records each is
-    a thin line beside their median. Of all other axes the middle value is shown at which floors touch; the title names
-    it.
+    One column per building, one row per response, one line per law: of more than three with contact the first three, as
+    the title says. Of several records each is a thin line beside their median. Of all other axes the middle value is
+    shown at which floors touch; the title names it.
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
     cube, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
-    each, responses = cube[[*row_of]], [row for row in _ROWS if row in row_of.values()]
-    cube, selection = over_records(cube, selection, row_of, thin=_THIN)
-    laws = cube["law"].values.tolist()
-    by_law = [law for law in laws if law != "none"] if len(laws) > _TOGETHER else []
-    if by_law and not value and len(responses) > 1:
-        selection = join_nonempty(selection, "--value for other responses")
-    if value or by_law:
-        responses = [row_of[value or ("drift_max" if "drift_max" in row_of else next(iter(row_of)))]]
-    rows = list(product(by_law or [""], responses))
-    size = (1.4, 2.4, 1.3, 1.9 if len(rows) <= len(_ROWS) else 1.3)
-    sharing: Any = {"sharex": "all" if by_law else "row", "sharey": True}
-    figure, axes = subplots(len(rows), cube.sizes["building"], size, **sharing)
-    for row, (row_law, (both, words, where)) in zip(axes, rows, strict=True):
-        styles = {law: {"label": law_name(cube, law), **style} for law, style in zip(laws, MARKED, strict=False)}
-        if row_law:  # before the others
-            styles = {law: {"color": "0.75", "linewidth": 1.0, "label": "other laws"} for law in by_law}
-            if "none" in laws:
-                styles["none"] = {"color": "black", "linestyle": ":", "label": law_name(cube, "none")}
-            del styles[row_law]
-            styles[row_law] = {"color": COLOURS[2], "marker": "o", "linewidth": 1.6, "label": "law of the row"}
+    contact = [law for law in cube["law"].values.tolist() if law != "none"]
+    each = cube[[*row_of]].sel(law=[law for law in cube["law"].values.tolist() if law not in contact[_LAWS:]])
+    cube, selection = over_records(each, selection, row_of, thin=_THIN)
+    others = f"{_LAWS} of {len(contact)} laws, --at law=... for others" if len(contact) > _LAWS else ""
+    responses = [row for row in _ROWS if row in ([row_of[value]] if value else row_of.values())]
+    size = (1.4, 2.4, 1.3, 1.9)
+    figure, axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
+    for row, (both, words, where) in zip(axes, responses, strict=True):
         names = [name for name in both if name in cube]
         unit, factor = drawn_unit(cube[names[0]].attrs)
         for ax, part in panels(row, cube, "building"):
             floors = np.isfinite(part.floor_elevation.values)
             heights = part.floor_elevation.values[floors]
-            for (law, style), name in product(styles.items(), names):
+            for (law, style), name in product(zip(part["law"].values, MARKED, strict=False), names):
                 values = factor * part[name].sel(law=law).values[floors]
                 x, y, marked = _along_height(values, heights, where)
-                ax.plot(x, y, markevery=marked, **style)
-                if "record" in each.dims and row_law in ("", law):
+                ax.plot(x, y, markevery=marked, label=law_name(cube, law), **style)
+                if "record" in each.dims:
                     one = each[name].sel(law=law, building=part["building"]).transpose("storey", "record")
                     x = _along_height(factor * one.values[floors], heights, where)[0]
                     ax.plot(x, y, color=ax.lines[-1].get_color(), **_EACH)
@@ -428,15 +413,13 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
             if row[0] is not axes[0, 0]:
                 ax.set_title("")
-            if not by_law or row_law == by_law[-1]:
-                ax.set_xlabel(f"{words} ({unit})")
+            ax.set_xlabel(f"{words} ({unit})")
         if where != "floors and base":
             row[0].set_xlim(left=0)
-        title = f"{fill(law_name(cube, row_law), 18, break_on_hyphens=False)}\n" if row_law else ""
-        row[0].set_ylabel(f"{title}elevation (m)")
+        row[0].set_ylabel("elevation (m)")
     axes[0, 0].set_ylim(bottom=0)
-    legend_below(figure, axes[0], most=3 if by_law else 4)
-    return put_title(figure, selection)
+    legend_below(figure, axes[0], most=4)
+    return put_title(figure, selection, others)
 
 
 def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, slice]:
