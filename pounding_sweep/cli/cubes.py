@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.base.text import print_json, print_pairs, print_table
+from pounding_sweep.base.text import print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli import app
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Overwrite, argument, command, option, say
 
@@ -46,7 +46,7 @@ def info_command(
         with open_cube(cube) as dataset:
             if status and not as_json:
                 return _print_failures(about(dataset))
-            content = about(dataset) if as_json else describe(dataset)
+            content = about(dataset) if as_json else describe(dataset, terminal_width())
         try:
             unfinished = survey(parts) if os.path.exists(parts / MANIFEST) else None
         except OutputError as error:

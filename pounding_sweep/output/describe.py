@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import repr_short
-from pounding_sweep.base.text import printable, terminal_width
+from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
@@ -158,13 +158,15 @@ def failures(dataset: xr.Dataset) -> list[dict[str, Any]]:
     return ends
 
 
-def describe(dataset: xr.Dataset) -> str:
+def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
     """Describe a cube in plain text.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         A cube of this package, or any dataset: what is not there is left out.
+    columns : int
+        Width that lines are folded to.
 
     Returns
     -------
@@ -238,7 +240,7 @@ def describe(dataset: xr.Dataset) -> str:
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
         "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
     }
-    columns, hangs = terminal_width(), dict[int, int]()
+    hangs = dict[int, int]()
     for heading, rows in sections.items():
         if rows:
             lines += ["", heading] + ([f"  {audit_sentence(cube['audit'], attributes)}"] if heading == errors else [])
