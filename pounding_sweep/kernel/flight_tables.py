@@ -74,10 +74,6 @@ class Tables(_Filler):
     def fill(self, rows: Any) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
         flight, layout, lanes = self.flight, self.layout, self.lanes
-        flight, layout, lanes = self.flight, self.layout, self.lanes
-        flight, layout, lanes = self.flight, self.layout, self.lanes
-        flight, layout, lanes = self.flight, self.layout, self.lanes
-        flight, layout, lanes = self.flight, self.layout, self.lanes
         for row in count_to(rows):
             flight.base.now = layout.base(row, self.points)
             start = row * (len(layout.decays) * layout.wide_modes) + self.points + HEAD
