@@ -98,7 +98,7 @@ FOUNDED = ps.Scene(
     [0.003],
     pair().contact,
 )
-FOUNDING = ("rk4", "newmark")
+FOUNDING = ("rk4", "newmark", "exact")
 #: A law that is damped on rebound only, by bumpers in the gap.
 BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: Rubber between the pair and, before one floor of a wall, a law of another kind; what is bare takes the sweep's.

@@ -195,17 +195,17 @@ KINDS = {
     ),
     "founded": Kind(
         FOUNDED,
-        {"rk4": (5e-4, 8e-7), "newmark": (1e-3, 8e-3)},
-        {"rk4": (5e-4, 4e-6), "newmark": (2e-4, 4e-3), "central_difference": (1e-4, 4e-3)},
+        {"rk4": (5e-4, 8e-7), "newmark": (1e-3, 8e-3), "exact": (1e-3, 1e-8)},
+        {"rk4": (5e-4, 4e-6), "newmark": (2e-4, 4e-3), "central_difference": (1e-4, 4e-3), **_EXACT},
         acts=lambda got: got.impact_count.sum() > 10,
         order=("displacement_max", "foundation_sway_max", "foundation_rotation_max", "energy_damping", "energy_strain",
                "impact_force_max"),
         nightly=("rk4", "newmark", "central_difference"),
         loose=("contact_time",),
     ),
-    "both founded": Kind(BOTH, {}, _SMALL, ("kelvin_voigt",), acts=yields),
+    "both founded": Kind(BOTH, {}, _SMALL | _EXACT, ("kelvin_voigt", "hertz_damped"), acts=yields),
     "founded towers": Kind(
-        TALL_FOUNDED, {}, {"rk4": (1e-3, 1e-5), "newmark": (1e-3, 2e-3)}, ("kelvin_voigt",), scale=2.0,
+        TALL_FOUNDED, {}, {"rk4": (1e-3, 1e-5), "newmark": (1e-3, 2e-3), **_EXACT}, ("kelvin_voigt",), scale=2.0,
         acts=lambda got: got.impact_count.sum() > 10,
     ),
     "bumped": Kind(
@@ -318,12 +318,15 @@ SWEEPS = {
     "yields": (YIELDING_SWEEP, 1e-8),
     "linked": (_LINKED_SWEEP, 1e-8),
     "linked, float32": (_LINKED_SWEEP | {"precision": "float32"}, 2e-3),
-    "founded": (
-        _LINKED_SWEEP
-        | {"scene": FOUNDED, "method": "rk4", "damping_ratios": [0.02, 0.06], "period_factors": {"a": [1.0, 1.3]}}
-        | {"outputs": ["displacement_max", "drift_max", "foundation_sway_max", "energy_damping", "impact_count"]},
-        1e-8,
-    ),
+    **{
+        f"founded, {method}": (
+            _LINKED_SWEEP
+            | {"scene": FOUNDED, "method": method, "damping_ratios": [0.02, 0.06], "period_factors": {"a": [1.0, 1.3]}}
+            | {"outputs": ["displacement_max", "drift_max", "foundation_sway_max", "energy_damping", "impact_count"]},
+            1e-8,
+        )
+        for method in ("rk4", "exact")
+    },
     **{f"bumped, {method}": (_BUMPED_SWEEP | {"method": method}, 2e-6) for method in ("rk4", "exact")},
     **{  # flight looks for peaks otherwise
         f"staggered, {method}": (_COLUMNS_SWEEP | {"method": method}, 2e-3) for method in ("rk4", "newmark", "exact")

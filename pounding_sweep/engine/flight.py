@@ -175,6 +175,8 @@ def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndar
         if power.kind == "momentum":
             floors = slice(*scene.offsets[power.number : power.number + 2])
             weights[floors] = masses[floors] / masses[floors.start]
+            if (foundation := scene.buildings[power.number].foundation) is not None:
+                weights[scene.dofs_of([power.number])[-2]] = foundation.mass / masses[floors.start]
         else:
             link = scene.linked_floors[power.number]
             weights[link.left] += power.kind != "right"
@@ -195,15 +197,14 @@ def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
 
 
 def _sets(row: Variants) -> np.ndarray:
-    """Displacements at which a row rests whose storeys have drifts without shear, shape (variants, floors, storeys)."""
-    n, at = row.scene.n_dof, 0
-    rest = np.zeros((len(row), n, n))
-    for group in row.scene.linked_buildings:
-        _, stiff, _ = row.matrices(group)
-        here = slice(at, at := at + stiff.shape[1])
-        bottom = [s == 0 for b in group for s in range(row.scene.buildings[b].n_storeys)]
-        drift = np.eye(len(bottom)) - np.diag([0.0 if first else 1.0 for first in bottom[1:]], -1)
-        rest[:, here, here] = np.linalg.solve(stiff, drift.T * row.stiffnesses[:, None, here])
+    """Displacements at which a row rests whose storeys have drifts without shear, shape (variants, dofs, storeys)."""
+    scene = row.scene
+    rest = np.zeros((len(row), scene.n_moving, scene.n_dof))
+    for group in scene.linked_buildings:
+        dofs = scene.dofs_of(group)
+        floors = dofs[dofs < scene.n_dof]
+        pushed = scene.drifts[np.ix_(floors, dofs)].T * row.stiffnesses[:, None, floors]
+        rest[np.ix_(np.arange(len(row)), dofs, floors)] = np.linalg.solve(row.matrices(group)[1], pushed)
     return rest
 
 

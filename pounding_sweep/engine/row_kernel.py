@@ -225,7 +225,7 @@ class RowKernel:
             return np.full(len(row), steps)
         frequencies = row.frequencies
         if self.shape.coupled:
-            at = np.cumsum([0, *(many for _, many in self.shape.coupled_groups)])
+            at = np.cumsum([0, *map(len, self.shape.coupled_groups)])
             w = coupled_modes(row, self.shape.precision).w
             frequencies = [w[:, low:high] for low, high in pairwise(at)]
         rates = np.zeros(len(row))  # least inverse (1/s) of an exact step

@@ -15,7 +15,7 @@ side. See docs/theory.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
@@ -110,7 +110,7 @@ class Watched:
 
 def watched(group: Group) -> list[Watched]:
     """Return what the flight of a lane group watches: contacts first."""
-    n = group.spec.n_dof
+    n = group.spec.n_moving
     # in a kernel that is traced, constants are not known: which floors count does not depend on them
     constants = group.constants if isinstance(group.constants, np.ndarray) else np.ones(property_slots(group.spec).size)
     probe = Group(group.spec, group.scheme, group.reducers, None, n, constants)
@@ -135,7 +135,8 @@ def watched(group: Group) -> list[Watched]:
         rates = weights(motion.of, "v") if motion.pulls else ()
         quantities.append(Watched(TURN, of, most, least, motion.sized and i < 0, i, rates))
     if "acceleration" in group.requested:
-        quantities += [Watched(ACCELERATION, tuple(x), first["acc"] + i, -1, True) for i, x in enumerate(np.eye(n))]
+        floors = enumerate(np.eye(group.spec.n_dof, n))
+        quantities += [Watched(ACCELERATION, tuple(x), first["acc"] + i, -1, True) for i, x in floors]
     return quantities
 
 
@@ -152,16 +153,19 @@ class Power:
 
 def powers(spec: KernelSpec) -> list[Power]:
     """Return what the powers of a row are made of that are asked for."""
-
-    def part(floor: int) -> tuple[int, int]:
-        return next(floors for floors in spec.coupled_groups if floors[0] <= floor < sum(floors))
-
     factors = []
     if "energy" in spec.reducers:
-        factors = [Power("momentum", b, part(spec.home(b))) for b in range(spec.n_buildings)]
+        factors = [Power("momentum", b, _modes_of(spec, {spec.home(b)})) for b in range(spec.n_buildings)]
     for j, (left, _) in enumerate(spec.links if spec.reducers & {"energy", "links"} else ()):
-        factors += [Power(kind, j, part(left)) for kind in ("stretch", "left", "right")]
+        factors += [Power(kind, j, _modes_of(spec, {left})) for kind in ("stretch", "left", "right")]
     return factors
+
+
+def _modes_of(spec: KernelSpec, moved: Set[int]) -> tuple[int, int]:
+    """First mode of what moves as one with some degrees of freedom, and number of modes."""
+    ends = [0, *accumulate(map(len, spec.coupled_groups))]
+    parts = [k for k, group in enumerate(spec.coupled_groups) if moved & set(group)]
+    return ends[parts[0]], ends[parts[-1] + 1] - ends[parts[0]]
 
 
 def nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +185,7 @@ class Layout:
         # as many instants at once on every processor, for the same results
         spec, lanes = group.spec, LANES // 2 if group.spec.precision == "float64" else LANES
         self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
-        self.modes = n = spec.n_dof
+        self.modes = n = spec.n_moving
         #: How many watched quantities, the first of all, end a flight where they reach something.
         self.touches = sum(quantity.kind in (TOUCH, ONSET) for quantity in self.watched)
 
@@ -194,8 +198,7 @@ class Layout:
         for quantity in self.watched:
             moved = np.array(quantity.weights) != 0.0
             moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
-            parts = [(first, many) for first, many in spec.coupled_groups if moved[first : first + many].any()]
-            self.ranges.append((parts[0][0], sum(parts[-1]) - parts[0][0]))
+            self.ranges.append(_modes_of(spec, set(np.flatnonzero(moved))))
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
         #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
@@ -226,7 +229,7 @@ class Layout:
             self.powers, self.nodes = powers(spec), NODES[spec.precision]
             if self.powers:
                 self.fixed |= {"powers": 2 * n * len(self.powers), "nodes": NODE_STATE * n * self.nodes}
-            self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
+            self.fixed |= {"sets": n * spec.n_dof} if spec.yielding and (spec.links or spec.foundations) else {}
         #: How many numbers are known before a kernel runs.
         self.n_precomputed = sum(map(padded, self.fixed.values()))
         self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
@@ -473,7 +476,7 @@ class Flight:
     def _damped(self, b: Any, lane: Any) -> Iterator[None]:
         """Go on where a building has damping: else what is missing of its energy is rounding."""
         group = self.group
-        if any(group.spec.building_of[i] == b for i in group.spec.dashpots):
+        if group.spec.base(b) or any(group.spec.building_of[i] == b for i in group.spec.dashpots):
             yield
             return
         alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))
@@ -554,8 +557,8 @@ class Flight:
         def drift(i: Any) -> Any:
             return (1.0 - group.prop("hardening", i)) * s["slip", i]
 
-        if group.spec.links:  # which hold back, too
-            for i in self.indices(n):
+        if "sets" in self.layout.fixed:  # links and foundations hold back, too
+            for i in self.indices(self.layout.modes):
                 rest = group.cell(0.0)
                 for j in self.indices(n):
                     rest.now = fma(self.number("sets", i * n + j), drift(j), rest.now)

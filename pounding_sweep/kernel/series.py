@@ -62,7 +62,7 @@ def substep(group: Group, h: Any) -> None:
     march.look_ahead(group, h)
     s, spec = group.state, group.spec
     s["span"] = s["h"]
-    for i in group.indices(spec.n_dof):
+    for i in group.indices(spec.n_moving):
         s["taylor_u", i] = s["u0", i]
     if spec.yielding and group.touching and not group.looped:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
@@ -104,11 +104,11 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Loo
     for contact in group.iter_contacts(straight=True) if contacts else ():
         push.add_contact(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
-    s, n, per = group.state, group.spec.n_dof, group.state["h"] * inverse[k]
-    for b, floors in group.iter_buildings():  # numbers are read building by building: there is room for few
-        moved, sped = [x[i] for i in floors], [s[x.rates, i] for i in floors]
-        a = accelerations(group, [(b, floors)], moved, sped, ground, push.on(floors), x.constant)
-        for i, yi, ai in zip(floors, sped, a, strict=True):
+    s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
+    for part, moving in group.iter_parts():  # numbers are read building by building: there is room for few
+        moved, sped = [x[i] for i in moving], [s[x.rates, i] for i in moving]
+        a = accelerations(group, part, moved, sped, ground, push.on(moving), x.constant)
+        for i, yi, ai in zip(moving, sped, a, strict=True):
             s["taylor_u", i + (k + 1) * n] = yi * per
             s["y", i] = ai * per
 
@@ -117,7 +117,7 @@ class _Term:
     """One coefficient of all floors."""
 
     def __init__(self, group: Group, k: Any) -> None:
-        self._state, self._begin = group.state, k * group.spec.n_dof
+        self._state, self._begin = group.state, k * group.spec.n_moving
         #: Whether what follows from it has the constants that rates are without.
         self.constant = isinstance(k, int) and k == 0
         #: Rows of the same coefficient of velocities, while coefficients are found.
@@ -166,7 +166,7 @@ def _press(contact: Contact, k: Any, x: _Term) -> Any:
 
 def _floor(group: Group, i: Any) -> Series:
     """Displacement of a floor."""
-    return Series(_Coefficients(group, "taylor_u", i, group.spec.n_dof).__getitem__, group.spec.series)
+    return Series(_Coefficients(group, "taylor_u", i, group.spec.n_moving).__getitem__, group.spec.series)
 
 
 def _depth(contact: Contact) -> Series:
@@ -262,7 +262,7 @@ def _converge(group: Group) -> None:
 
 def _converge_floors(group: Group) -> None:
     """End the step where the series of a floor is left out too early."""
-    s, n, order = group.state, group.spec.n_dof, group.spec.series
+    s, n, order = group.state, group.spec.n_moving, group.spec.series
 
     def terms(i: Any) -> tuple[Any, Any]:
         # the fourth of them too: a floor at rest begins with the ground's ramp
@@ -461,7 +461,7 @@ def _locate(group: Group, lanes: Any) -> None:
 def _place(group: Group) -> None:
     """Find displacements and velocities at ``fraction``, of the step."""
     s, t, per = group.state, group.state["fraction"], _per(group)
-    for i in group.indices(group.spec.n_dof, straight=False):
+    for i in group.indices(group.spec.n_moving, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t, halves=not group.spec.yielding)
         s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
 
@@ -541,7 +541,7 @@ def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
 
 def _integrate(group: Group) -> None:
     """Add energies, work and impulse over the step (Gauss & Legendre)."""
-    s, r, n = group.state, group.requested, group.spec.n_dof
+    s, r, n = group.state, group.requested, group.spec.n_moving
     if not r & {"energy", "work", "impulse", "transfer", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
@@ -562,8 +562,9 @@ def _integrate(group: Group) -> None:
             links.add_powers(group, "x", "y", weight, first=False)
         if "energy" in r:
             ground = fma(t, s["g1"] - s["g0"], s["g0"])
-            for b, floors in group.iter_buildings():
-                for gained, damped in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
+            for part, moving in group.iter_parts():
+                gains = powers(group, part, [s["y", i] for i in moving], ground)
+                for (b, _), (gained, damped) in zip(part, gains, strict=True):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, damped, s["e_damp", b])
         for contact in group.iter_contacts() if r & {"work", "impulse", "transfer"} else ():

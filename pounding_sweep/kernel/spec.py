@@ -225,18 +225,19 @@ class KernelSpec:
 
     @property
     def coupled(self) -> bool:
-        """Whether exact flight is in modes that hold both displacements and velocities: dashpots, or links."""
-        return self.flies_exactly and bool(self.dashpots or self.links)
+        """Whether exact flight is in modes that hold both displacements and velocities."""
+        return self.flies_exactly and bool(self.dashpots or self.links or self.foundations)
 
     @property
-    def coupled_groups(self) -> list[tuple[int, int]]:
-        """First floors and numbers of floors of what moves as one: linked buildings, and each other one alone."""
+    def coupled_groups(self) -> list[list[int]]:
+        """Floors, then sways and rockings, of what moves as one: linked buildings, and each other one alone."""
         joined = {self.building_of[left] for left, _ in self.links}  # those with a link to the right
-        blocks: list[tuple[int, int]] = []
-        for b, n in enumerate(self.storeys):
-            first, many = blocks.pop() if b - 1 in joined else (self.home(b), 0)
-            blocks.append((first, many + n))
-        return blocks
+        groups: list[list[int]] = []
+        for b in range(self.n_buildings):
+            groups.append([*(groups.pop() if b - 1 in joined else ()), b])
+        floors = [[i for i, b in enumerate(self.building_of) if b in group] for group in groups]
+        bases = [[i for b in group for i in self.base(b) or ()] for group in groups]
+        return [[*above, *below] for above, below in zip(floors, bases, strict=True)]
 
     @property
     def n_dof(self) -> int:

@@ -770,6 +770,7 @@ class Scene:
     pair_names: tuple[str, ...] = derived()
     n_storeys: int = derived()  # of the highest building
     n_dof: int = derived()  # floors of all buildings
+    n_moving: int = derived()  # the same, and displacements and rotations of bases on foundations
     offsets: tuple[int, ...] = derived()  # first degree of freedom of each building, and the total at the end
     #: whether the storey below each floor may yield, has the hysteresis of Bouc and Wen, has a dashpot
     yields: tuple[bool, ...] = derived()
@@ -805,6 +806,7 @@ class Scene:
             pair_names=tuple(f"{a.name}-{b.name}" for a, b in itertools.pairwise(row)),
             n_storeys=max(building.n_storeys for building in buildings),
             n_dof=sum(building.n_storeys for building in buildings),
+            n_moving=sum(building.n_storeys + 2 * (building.foundation is not None) for building in buildings),
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
             yields=tuple(flag for building in buildings for flag in building.yields),
             smooth=tuple(flag and building.bouc_wen is not None for building in buildings for flag in building.yields),
@@ -943,6 +945,36 @@ class Scene:
         joined = {self.pair_names.index(link.pair) - first for link in self.links}  # those with a link to the right
         groups = np.split(np.arange(count), [b for b in range(1, count) if b - 1 not in joined])
         return tuple(tuple(map(int, group)) for group in groups)
+
+    def dofs_of(self, group: Sequence[int]) -> np.ndarray:
+        """Numbers of what moves in some buildings: their floors, then the displacement and rotation of each base."""
+        floors = [i for b in group for i in range(*self.offsets[b : b + 2])]
+        bases = [self.n_dof + 2 * self.foundations.index(b) for b in group if b in self.foundations]
+        return np.array([*floors, *(i for sway in bases for i in (sway, sway + 1))])
+
+    @cached_property
+    def rocks(self) -> np.ndarray:
+        """Whether what moves is a rotation, which the ground's acceleration does not push, shape (n_moving,)."""
+        base = np.arange(self.n_moving) - self.n_dof
+        return np.asarray((base >= 0) & (base % 2 == 1))
+
+    @cached_property
+    def drifts(self) -> np.ndarray:
+        """Storey drifts by the displacements of floors and bases, shape (n_dof, n_moving)."""
+        return self._of_buildings("drifts")
+
+    @cached_property
+    def deformations(self) -> np.ndarray:
+        """Displacements of floors relative to their bases by the same, shape (n_dof, n_moving)."""
+        return self._of_buildings("deformations")
+
+    def _of_buildings(self, name: str) -> np.ndarray:
+        """Return a matrix that each building has, for the whole row."""
+        result = np.zeros((self.n_dof, self.n_moving))
+        for b, building in enumerate(self.buildings):
+            dofs = self.dofs_of([b])
+            result[np.ix_(dofs[: building.n_storeys], dofs)] = getattr(building, name)
+        return result
 
     def faced(self, pair: int) -> list[list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""

@@ -193,28 +193,21 @@ class Variants:
 
     def matrices(self, group: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Masses (t), K (kN/m) and C (kN s/m) of what moves as one, shapes (n, floors and bases, ...)."""
-        start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
-        based = [b for b in group if self.scene.buildings[b].foundation]
-        n, first = stop - start + 2 * len(based), 2 * sum(b < group[0] for b in self.scene.foundations)
-        floors, bases = slice(start, stop), slice(first, first + 2 * len(based))
-        drifts, deformations = np.zeros((2, stop - start, n))
-        for b in group:
-            building, rows = self.scene.buildings[b], np.arange(*self.scene.offsets[b : b + 2]) - start
-            base = stop - start + 2 * based.index(b) + np.arange(2) if b in based else ()
-            at = rows[:, None], [*rows, *base]
-            drifts[at], deformations[at] = building.drifts, building.deformations
+        scene, dofs = self.scene, self.scene.dofs_of(group)
+        floors, bases = dofs[dofs < scene.n_dof], dofs[dofs >= scene.n_dof] - scene.n_dof
+        drifts, deformations = (matrix[np.ix_(floors, dofs)] for matrix in (scene.drifts, scene.deformations))
         alpha, beta = (factor[:, self._owner[floors]] for factor in self.rayleigh_factors)
         masses, stiffnesses = self.masses[:, floors], self.stiffnesses[:, floors]
         stiff = (drifts.T * stiffnesses[:, None]) @ drifts
         damped = (drifts.T * (beta * stiffnesses + self.dashpots[:, floors])[:, None]) @ drifts
         damped += (deformations.T * (alpha * masses)[:, None]) @ deformations
-        for link in self.scene.linked_floors:
-            if start <= link.left < stop:
-                across = (np.arange(start, start + n) == link.left) - 1.0 * (np.arange(start, start + n) == link.right)
+        for link in scene.linked_floors:
+            if link.left in floors:
+                across = 1.0 * (dofs == link.left) - (dofs == link.right)
                 stiff += link.stiffness * np.outer(across, across)
                 damped += link.damping * np.outer(across, across)
-        if based:
-            last = np.arange(stop - start, n)
+        if len(bases):
+            last = np.arange(len(floors), len(dofs))
             stiff[:, last, last] += self.base_stiffnesses[:, bases]
             damped[:, last, last] += self.base_dashpots[:, bases]
             masses = np.concatenate([masses, self.base_masses[:, bases]], axis=1)
@@ -300,18 +293,20 @@ class CoupledModes:
 
 def coupled_modes(row: Variants, precision: str = "float64") -> CoupledModes:
     """Return the modes of a row for a kernel's number format, one group of buildings that move as one after another."""
-    count, n, at = len(row), row.scene.n_dof, 0
+    scene, count, at = row.scene, len(row), 0
+    n = scene.n_moving
     w, c, push, error = (np.empty((count, n)) for _ in range(4))
     floors, modal = np.zeros((count, 4, n, n)), np.zeros((count, 4, n, n))
-    for group in row.scene.linked_buildings:
+    for group in scene.linked_buildings:
         light, heavy, omega, drag = row.modal(group)
-        cols = slice(at, at := at + (half := omega.shape[1]))
-        w[:, cols], c[:, cols], push[:, cols], x, y, worst = _modes_of(omega, drag, heavy.sum(axis=2), precision)
+        cols, dofs = slice(at, at := at + (half := omega.shape[1])), scene.dofs_of(group)
+        load = heavy[:, :, ~scene.rocks[dofs]].sum(axis=2)
+        w[:, cols], c[:, cols], push[:, cols], x, y, worst = _modes_of(omega, drag, load, precision)
         error[:, cols] = worst[:, None]
-        block, pairs = (slice(None), slice(None), cols, cols), [(k, j) for k in (0, 1) for j in (0, 1)]
+        pairs = [(k, j) for k in (0, 1) for j in (0, 1)]
         to, back = (light / omega[:, None, :], light), (omega[:, :, None] * heavy, heavy)
-        floors[block] = np.stack([to[k] @ x[:, j, k * half : (k + 1) * half] for k, j in pairs], 1)
-        modal[block] = np.stack([y[:, k, :, j * half : (j + 1) * half] @ back[j] for k, j in pairs], 1)
+        floors[:, :, dofs, cols] = np.stack([to[k] @ x[:, j, k * half : (k + 1) * half] for k, j in pairs], 1)
+        modal[:, :, cols, dofs] = np.stack([y[:, k, :, j * half : (j + 1) * half] @ back[j] for k, j in pairs], 1)
     return CoupledModes(w, c, push, floors, modal, error.max(axis=1))
 
 

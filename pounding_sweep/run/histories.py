@@ -8,7 +8,6 @@ import numpy as np
 
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import DIMS, scatter
 from pounding_sweep.records import Record
@@ -54,7 +53,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     part = {name: states[:, first : first + slots.count[name]] for name, first in slots.first.items()}
     moved, moving = part["u"], part["v"]  # of floors, then of foundations
     u, v = moved[:, :n], moving[:, :n]
-    drifts, deformations = (_by_motion(scene, name) for name in ("drifts", "deformations"))
+    drifts, deformations = scene.drifts, scene.deformations
     owner = np.repeat(np.arange(len(scene.buildings)), [b.n_storeys for b in scene.buildings])
     owned = np.equal.outer([*owner, *np.repeat(scene.foundations, 2)], range(len(scene.buildings))).astype(float)
     masses, base = np.hstack([row.masses, row.base_masses])[0], row.base_stiffnesses[0]
@@ -112,17 +111,6 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
             about = {"units": units, "long_name": long_name}
             arrays[name] = xr.DataArray(scatter(values[name], scene, per), dims=("time", *DIMS[per]), attrs=about)
     return arrays
-
-
-def _by_motion(scene: Scene, name: str) -> np.ndarray:
-    """Return a matrix that each building has, for the whole row, shape (floors, floors and bases)."""
-    n = scene.n_dof
-    result = np.zeros((n, n + 2 * len(scene.foundations)))
-    for b, building in enumerate(scene.buildings):
-        floors = np.arange(*scene.offsets[b : b + 2])
-        bases = 2 * scene.foundations.index(b) + np.array([n, n + 1]) if building.foundation else ()
-        result[np.ix_(floors, [*floors, *bases])] = getattr(building, name)
-    return result
 
 
 #: Peaks that a cube has, the histories in which they are seen, and on which side: 0 for either.

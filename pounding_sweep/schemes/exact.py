@@ -128,9 +128,6 @@ class Exact(Explicit):
         why = super().refuses(scene, precision)
         if why is not None or scene.has_classical_modes:
             return why
-        if scene.foundations:
-            name = scene.buildings[scene.foundations[0]].name
-            return f"flies in modes of buildings on a fixed base, and building {name!r} stands on a foundation"
         error = float(coupled_modes(variants_of(scene), precision).error[0])
         if error <= MAX_MODE_ERROR[precision]:
             return None
