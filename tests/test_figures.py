@@ -248,7 +248,7 @@ def test_a_part_of_the_row_that_was_selected():
     assert figure.axes[0].get_title() == "pair a-b"
     assert "storey 2" in figure.get_suptitle()
     assert draw("profiles", cube.sel(building="b")).axes[0].get_title() == "building b"
-    assert draw("incremental", select(cube, {"storey": 2}, INNER_DIMS)).axes[0].get_title().endswith("storey 2")
+    assert "storey 2" in draw("incremental", select(cube, {"storey": 2}, INNER_DIMS)).get_suptitle()
 
 
 @some(("force-gap", "law-comparison", "map", "incremental", "required-gap"), "force-gap", "required-gap")
@@ -420,12 +420,34 @@ def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(
     assert "record Imperial Valley 1940" in title(key, cube.isel(record=[0]).assign_coords(record=["el_centro"]))
 
 
-def test_incremental_says_why_there_are_no_fractiles():
-    cube = made.cube(record=3, scale=3)
-    for pga, there in (([0.1, 1.0, 100.0], False), ([0.9, 1.0, 1.1], True)):
-        figure = draw("incremental", cube.assign_coords(record_pga=("record", pga)))
-        assert ("No fractiles: none of these intensities" in figure.get_suptitle().replace("\n", " ")) != there
-        assert ("median" in [text.get_text() for text in figure.legends[0].texts]) == there
+@pytest.mark.parametrize(
+    ("pga", "fractiles", "why"),
+    [
+        ([1.0], [], "no 16%, 50%, 84% fractile: at most 1 of the 2 curves needed reach one intensity"),
+        ([0.1, 1.0, 100.0], [], "no 16%, 50%, 84% fractile: at most 1 of the 2 curves needed"),
+        ([0.9, 1.0, 1.1], ["median"], "no 16%, 84% fractile: at most 3 of the 7 curves needed"),
+        ([1.0] * 7, ["16% fractile", "median", "84% fractile"], ""),
+        ([1.0] * 12 + [9.0] * 4, ["16% fractile", "median", "84% fractile"], "fractiles where 8 of 16 curves or more"),
+    ],
+)
+def test_incremental_draws_fractiles_that_enough_records_reach(pga, fractiles, why):
+    cube = made.cube(record=len(pga), scale=3).assign_coords(record_pga=("record", pga))
+    figure = draw("incremental", cube)
+    assert [text.get_text() for text in figure.legends[0].texts][1:] == fractiles
+    assert why in figure.get_suptitle().replace("\n", " ")
+    assert ("fractile" in figure.get_suptitle()) == bool(why)
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_incremental_is_of_the_largest_over_storeys_upright_or_turned(turn):
+    cube = made.cube(law=1, gap=1, restitution=1, record=8, scale=3).assign_coords(record_pga=("record", [2.0] * 8))
+    figure = draw("incremental", cube, value="drift_max", turn=turn, names=True)
+    assert "drift (mm)" in (figure.axes[0].get_ylabel() if turn else figure.axes[0].get_xlabel()).replace("\n", " ")
+    curves = {line.get_label(): line.get_data()[:: -1 if turn else 1] for line in figure.axes[1].lines}
+    drift = 1e3 * cube["drift_max"].sel(building="b").max("storey").squeeze().transpose("record", "scale").values
+    np.testing.assert_allclose(curves["r8"], (drift[-1], 2.0 * cube["scale"]))
+    np.testing.assert_allclose(curves["84% fractile"][0], np.quantile(drift, 0.84, axis=0))
+    assert len({(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines}) == 8 + 3
 
 
 @some(("force-gap", "amplification", "law-comparison", "incremental", "required-gap"), "force-gap")

@@ -111,6 +111,8 @@ def plot_command(
     start: Annotated[float | None, option("S", "Of histories, the first instant drawn (s).")] = None,
     end: Annotated[float | None, option("S", "Of histories, the last instant (s).")] = None,
     contours: Annotated[bool, Option("--contours", help="Of a map, lines of equal value as well.")] = False,
+    turn: Annotated[bool, Option("--turn", help="Of incremental, the intensity across.")] = False,
+    names: Annotated[bool, Option("--names", help="Of incremental, name the records.")] = False,
     dpi: Annotated[float, option("N", "Dots per inch of a PNG.")] = 150.0,
     only_list: Annotated[bool, Option("--list", help="List the figures, and what of them CUBE.nc allows.")] = False,
 ) -> None:
@@ -131,8 +133,9 @@ def plot_command(
         elif out is None:
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
-            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-            print(plot(chosen, kind, out, contours=contours or None, report=say, **settings))
+            flags = {"contours": contours or None, "turn": turn or None, "names": names or None}
+            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi} | flags
+            print(plot(chosen, kind, out, report=say, **settings))
 
 
 def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) -> xr.Dataset:

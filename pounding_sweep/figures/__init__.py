@@ -48,6 +48,8 @@ _OPTIONS = {
     "y": "str, optional\n    The other axis.",
     "value": "str, optional\n    What is drawn, such as ``drift_max``; by default the first that is there, or all.",
     "contours": "bool\n    Whether lines of equal value are drawn as well.",
+    "turn": "bool\n    Whether the intensity is drawn across, the response upright.",
+    "names": "bool\n    Whether records are told apart and named in the legend.",
     "start": "float, optional\n    First instant that is drawn (s).",
     "end": "float, optional\n    Last instant that is drawn (s).",
     "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",

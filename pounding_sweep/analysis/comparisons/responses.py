@@ -357,7 +357,7 @@ QUANTILES = (0.16, 0.5, 0.84)
 _NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
 
 
-def _responses(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> list[str]:
+def responses_of(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> list[str]:
     """Return the variables that are asked for, by default those that are responses of scenarios."""
     responses = [name for name in VARIABLES if name in cube.data_vars and name not in _NO_RESPONSES]
     return responses if outputs is None else need_variables(cube, what, outputs)
@@ -403,7 +403,7 @@ def fractiles(
     numbers_in("[0, 1]", quantiles, "quantiles")
     check_needs(cube, "taking fractiles", several=[dim])
     result: dict[str, xr.DataArray] = {}
-    for name in _responses(cube, "taking fractiles", outputs):
+    for name in responses_of(cube, "taking fractiles", outputs):
         part = values(cube, name)
         if dim in part.dims:  # a selection may not vary along it
             result[f"{name}_fractiles"], count = fractiles_over(part, [dim], quantiles)
@@ -482,7 +482,7 @@ def incremental_curves(
     """
     numbers_in("[0, 1]", quantiles, "quantiles")
     scaled = next(dim for dim in DIMENSIONS["scale"] if dim in cube.dims)
-    names = _responses(cube, "an incremental curve", outputs)
+    names = responses_of(cube, "an incremental curve", outputs)
     strength = intensity_of(cube, intensity, records=records, folders=folders)
     if "record" not in cube.dims:
         cube, strength = cube.expand_dims("record"), strength.expand_dims("record")
@@ -490,8 +490,8 @@ def incremental_curves(
     units, words = strength.attrs["units"], strength.attrs["long_name"]
     x = np.asarray(strength.values, dtype=float)
     ways = directions(cube[scaled].values)
-    curves = [(record, way, x[record, way]) for record in range(len(x)) for way in ways]
-    low, high = max(at.min() for *_, at in curves), min(at.max() for *_, at in curves)
+    curves = [x[record, way] for record in range(len(x)) for way in ways]
+    low, high = max(at.min() for at in curves), min(at.max() for at in curves)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
     elif low > high * (1.0 + ROUND_OFF):
@@ -500,14 +500,11 @@ def incremental_curves(
         at = np.sort(x[0])
     else:
         at = np.linspace(low, high, LEVELS)
+    level = labelled("level", at, words, units)
     result: dict[str, xr.DataArray] = {}
     for name in names:
-        part = result[name] = values(cube, name).transpose("record", ..., scaled)
-        rows = np.stack([interpolate(part.values[record][..., way], places, at) for record, way, places in curves])
-        coords = {dim: part[dim] for dim in part.dims[1:-1] if dim in part.coords}
-        coords["level"] = labelled("level", at, words, units)
-        on_levels = xr.DataArray(rows, coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
-        result[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
+        result[name] = values(cube, name).transpose("record", ..., scaled)
+        result[f"{name}_fractiles"], count = suite_fractiles(result[name], strength, level, quantiles)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     over = over_text({"record": len(x), "direction": len(ways)})
     about: dict[str, Any] = {"curves": len(curves), "intensity": f"{words} ({units})", "over": over}
@@ -517,6 +514,31 @@ def incremental_curves(
             f"{units}, one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
         )
     return xr.Dataset(result, attrs=about).assign_coords(intensity=strength)
+
+
+def suite_fractiles(
+    response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray, quantiles: Sequence[float]
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Return fractiles of a response at levels of intensity, over records and directions, and counts of the curves.
+
+    The strength is the intensity by record and scale. Curves are linear between their scales, missing outside them.
+    """
+    scaled = strength.dims[-1]
+    part = response.transpose("record", ..., scaled)
+    rows = [
+        interpolate(curve[..., way], at[way], level.values)
+        for curve, at in zip(part.values, strength.values, strict=True)
+        for way in directions(strength[scaled].values)
+    ]
+    coords = {dim: part[dim] for dim in part.dims[1:-1] if dim in part.coords} | {"level": level}
+    on_levels = xr.DataArray(np.stack(rows), coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
+    return fractiles_over(on_levels, ["curve"], quantiles)
+
+
+def curves_needed(quantile: float, curves: int) -> float:
+    """Return of how many curves a fractile needs values: half of them, and so many that one is expected beyond it."""
+    tail = min(quantile, 1.0 - quantile)
+    return max(0.5 * curves, 1.0 / tail if tail > 0.0 else 1.0)
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:

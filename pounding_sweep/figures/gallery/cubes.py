@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
-from itertools import product
+from itertools import cycle, product
 from textwrap import fill
 from typing import Any
 
@@ -12,13 +13,20 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
-from pounding_sweep.analysis.comparisons.responses import NO_FRACTILES, directions, needed_for
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
+from pounding_sweep.analysis.comparisons.responses import (
+    curves_needed,
+    directions,
+    needed_for,
+    responses_of,
+    suite_fractiles,
+)
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
@@ -238,8 +246,7 @@ def response_map(
         )
     storeys = "storey" in cube[name].dims and "storey" not in drawn
     if storeys:
-        smallest = name.endswith("_min") or name == "first_impact_time"
-        cube = cube.assign({name: cube[name].min("storey") if smallest else cube[name].max("storey")})
+        cube = cube.assign({name: _over_storeys(cube[name])})
     cube, selection = select_default(cube, ("law", per, *drawn, *several_records(cube)), [name])
     ratio = name.endswith("_ratio") and "touches" in cube
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
@@ -296,6 +303,14 @@ def response_map(
     }
     words = [text for text, is_true in title.items() if is_true]
     return finish(figure, axes, across.label, [upward.label] * rows, *words, legend=0)
+
+
+def _over_storeys(part: xr.DataArray) -> xr.DataArray:
+    """Return the largest over storeys, of what is negative or comes first the smallest."""
+    if "storey" not in part.dims:
+        return part
+    smallest = str(part.name).endswith("_min") or part.name == "first_impact_time"
+    return part.min("storey") if smallest else part.max("storey")
 
 
 def _label_ticks(cube: xr.Dataset, name: str, per: str) -> list[str]:
@@ -493,8 +508,10 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     return put_title(figure, selection)
 
 
-#: Dashes of fractiles.
-_DASHES = ("--", "-", "-.", ":") * 3
+#: Dashes of fractiles but the median, and looks of records that are named: none is black.
+_DASHES = ("--", "-.", ":") * 4
+_RECORD_DASHES = ("-", "--", "-.", ":", (0, (6, 2)), (0, (1, 1)), (0, (6, 1, 1, 1)))
+_NAMED_LINES = cycler(linestyle=_RECORD_DASHES) * cycler(color=COLOURS[1:])
 #: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6
 #: Characters of a line of a legend.
@@ -503,13 +520,13 @@ _ENTRY = 48
 _NAMED = 8
 
 
-def _draw_intensities(ax: Any, result: xr.Dataset) -> str:
-    """Make the x of a panel, of intensities, logarithmic if the scales are, else begin at zero; return its label."""
+def _scale_intensities(axis: Any, result: xr.Dataset) -> str:
+    """Make an axis of a panel, of intensities, logarithmic if the scales are, else begin at zero; return its label."""
     scales = next((result[dim].values for dim in MOTION_DIMS[1:] if dim in result.dims), np.ones(1))
     if is_log(np.sort(scales)):
-        use_logarithms(ax.xaxis)
+        use_logarithms(axis)
     else:
-        ax.set_xlim(left=0.0)
+        axis.axes.set(**{f"{axis.axis_name}lim": (0.0, None)})
     attrs = result["intensity"].attrs
     return fill(f"{attrs['long_name']} ({unit_text(attrs) or '-'})", 36)
 
@@ -544,7 +561,7 @@ def fragility(cube: xr.Dataset) -> Figure:
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
             _draw_fit(ax, end.isel({axis: number}), axis, style, marker)
         ax.set_ylim(-0.02, 1.02)
-    label = _draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
+    label = _scale_intensities(axes[0, 0].xaxis, result)  # shared: nothing drawn later would move it
     below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
     for ax in axes[0]:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=below, fontsize=8)
@@ -578,43 +595,55 @@ def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marke
 
 
 @figure_of("incremental", "cube", f"several {'|'.join(MOTION_DIMS[1:])}")
-def incremental(cube: xr.Dataset) -> Figure:
-    """Draw responses against intensity, record by record, with the fractiles of the suite.
+def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = False, names: bool = False) -> Figure:
+    """Draw intensity against a response, record by record, with the fractiles of the suite (IDA curves).
 
-    Of one record its curve alone is drawn, without fractiles.
+    One column per pair or building, one row per law, three at most. Shown is the largest over storeys, or the storey
+    that was selected. Fractiles are drawn at intensities that half of the curves reach, and enough that one lies beyond
+    the fractile (7 for 16 % and 84 %); the title says if there are none, and why.
     """
-    name, label, factor, per = choose_response(cube, "incremental")
+    check_value(value, responses_of(cube, "an incremental curve", None))
+    name, label, factor, per = choose_response(cube, "incremental", value)
     touch = next((name for name in TOUCH_VARIABLES if name in cube), name)  # by which the default is selected
-    result = result_of(cube, "incremental", outputs=dict.fromkeys((name, touch)))
-    result = with_dims(result, "law", per, "storey", absent="")
+    result = with_dims(result_of(cube, "incremental", outputs=dict.fromkeys((name, touch))), "law", per, absent="")
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
     result, selection = select_default(result, ("law", "record", scaled, "quantile", "level"), [name])
-    laws = [law for law in result["law"].values if per == "building" or law != "none"]
-    result = result.sel(law=laws[:_LAWS])
-    ways, suite = directions(result[scaled].values), result.sizes["record"] > 1
-    thin = {"color": "0.7", "linewidth": 0.8} if suite else {"color": COLOURS[0]}
-    rows = result.sizes["law"]
-    figure, axes = subplots(rows, result.sizes[per], (1.6, 2.6, 1.3, 2.0))
-    for ax, storeys in panels(axes, result, "law", per):
-        largest = storeys[name].max(["record", scaled])
-        part = storeys.isel(storey=int(largest.fillna(-np.inf).argmax("storey")))
-        ax.set_title(f"{ax.get_title()}, storey {part['storey'].item()}")
-        for way in ways:
-            curves = part.isel({scaled: way}).transpose(scaled, ...)
-            dot = "" if len(way) > 1 else "."  # of one scale there is no line
-            ax.plot(curves["intensity"], curves[name] * factor, marker=dot, label="record", **thin)
-        complete = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
-        fractiles = part[f"{name}_fractiles"].where(complete) * factor
-        for q, dashes in zip(part["quantile"].values if suite and complete.any() else (), _DASHES, strict=False):
-            style = {"label": f"{q:.0%} fractile", "color": COLOURS[2], "linestyle": dashes}
-            style = {"label": "median", "color": COLOURS[0]} if q == 0.5 else style
-            ax.plot(part["level"], fractiles.sel(quantile=q), linewidth=1.8, **style)
-    for ax in axes[:, 0]:
-        ax.set_ylim(bottom=0.0)
-    intensity = _draw_intensities(axes[0, 0], result)  # shared by all, as y is by a row
-    words = spell_units(result.attrs.get(NO_FRACTILES, "")) if suite else ""
-    title = _name_records(result), selection, f"No fractiles: {words}" if words else ""
-    return finish(figure, axes, intensity, [label] * rows, *title, legend=4)
+    laws = [law for law in result["law"].values if per != "pair" or law != "none"]
+    response = factor * _over_storeys(result[name].sel(law=laws[:_LAWS]))
+    quantiles, ways = result["quantile"].values.tolist(), directions(result[scaled].values)
+    fractiles, count = suite_fractiles(response, result["intensity"], result["level"], quantiles)
+    curves, most = response.sizes["record"] * len(ways), int(count.max())
+    needed = {q: curves_needed(q, curves) for q in quantiles}
+    rows = response.sizes["law"]
+    below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
+    figure, axes = subplots(rows, response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
+    thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
+    records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
+    for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
+        for (record, look), way in product(records, ways):
+            curve = part["curve"].sel(record=record), result["intensity"].sel(record=record)
+            look |= {"label": record_name(record) if names else "record", "marker": "" if len(way) > 1 else "."}
+            ax.plot(*(values[way] for values in curve[:: -1 if turn else 1]), **look)
+        for q, dashes in zip(quantiles, _DASHES, strict=False):
+            drawn = part["fractile"].sel(quantile=q).where(part["count"] >= needed[q]), part["level"]
+            look = {"label": "median"} if q == 0.5 else {"label": f"{q:.0%} fractile", "linestyle": dashes}
+            if most >= needed[q]:
+                ax.plot(*drawn[:: -1 if turn else 1], color="black", linewidth=1.8, **look)
+    intensity = _scale_intensities(axes[0, 0].xaxis if turn else axes[0, 0].yaxis, result)  # shared by all
+    if response.min() >= 0.0:
+        axes[0, 0].set(**{"ylim" if turn else "xlim": (0.0, None)})
+    storeys = "largest of the storeys" * (result[name].sizes.get("storey", 1) > 1)
+    others = f"{rows} of {len(laws)} laws, --at law=... for others" * (rows < len(laws))
+    lacking = [q for q in quantiles if most < needed[q]]
+    why = f"no {', '.join(f'{q:.0%}' for q in lacking)} fractile: " * bool(lacking)
+    if lacking:
+        least = math.ceil(min(needed[q] for q in lacking))
+        why += f"at most {most} of the {least} curves needed reach one intensity"
+    elif (count < max(needed.values())).any():
+        why = f"fractiles where {math.ceil(max(needed.values()))} of {curves} curves or more reach"
+    x, y = (intensity, label) if turn else (label, intensity)
+    title = _name_records(result), storeys, selection, others, why
+    return finish(figure, axes, x, [fill(y, 32)] * rows, *title, legend=4)
 
 
 @figure_of("gap-for-probability", "cube", "pair, several record")
