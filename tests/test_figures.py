@@ -15,7 +15,8 @@ from PIL import Image
 from scenes import call
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import COMPARISONS, amplification
+from pounding_sweep.analysis import COMPARISONS, amplification, fragility
+from pounding_sweep.analysis.comparisons.fragility import fit_rows
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.base.errors import InputError, OutputError
@@ -101,7 +102,6 @@ def test_what_figures_need():
         ("fragility", made.cube(record=3), ""),
         ("fragility", made.cube(scale=3), ""),
         ("fragility", cube, f"several records or {intensities}"),
-        ("fragility", made.cube(scale=3).isel(law=none), CONTACT),
         ("amplification", amplification(cube), ""),
         ("amplification", cube.isel(law=none), CONTACT),
         ("map", cube.isel(gap=[0], restitution=0), "two axes of several numbers such as gap and restitution"),
@@ -409,6 +409,30 @@ def test_fragility_shows_its_trials_and_bands():
     assert ax.lines[0].get_xdata().min() < 0.1  # the curve itself begins there
 
 
+@pytest.mark.parametrize(
+    ("factor", "bands", "notes"),
+    [
+        (5.0, 1, "6 records: give 20 or more"),
+        (12.0, 0, "(a) no band: the confidence interval of the median or dispersion spans more than a factor of 10"),
+        (np.nan, 0, "(a) no band: without one of the records there is no fit"),
+    ],
+)
+def test_fragility_of_any_event_has_a_band_if_its_interval_is_not_too_wide(factor, bands, notes):
+    cube = made.suite()
+    drift = 0.02 * cube["impact_count"].isel(pair=0, drop=True) + 0.0 * cube["drift_max"]
+    result = fragility(cube.assign(drift_max=drift), "drift", 0.01)
+    result["dispersion_interval"][:] = xr.DataArray([1.0, factor], dims="bound")
+    result["median_interval"][:] = xr.DataArray([1.0, 2.0], dims="bound")
+    figure = draw("fragility", result)
+    assert len(figure.axes) == 2
+    assert [sum(bool(c.get_paths()) for c in ax.collections) for ax in figure.axes] == [bands, bands]
+    assert notes in figure.get_supxlabel().replace("\n", " ")
+    assert all(("(a)" in text) != bands for text in figure.axes[0].get_legend_handles_labels()[1])
+    assert (factor > 10.0) == ("no band" in fit_rows(result)[0]["fit"])
+    with pytest.raises(InputError, match="of the event 'drift', not 'touch'"):
+        draw("fragility", result, event="touch")
+
+
 @some(("fragility", "incremental"), "fragility")
 def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(key):
     cube = made.cube(record=2, scale=4, law=2).isel(gap=[0])
@@ -423,11 +447,11 @@ def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(
 @pytest.mark.parametrize(
     ("pga", "fractiles", "why"),
     [
-        ([1.0], [], "no 16%, 50%, 84% fractile: at most 1 of the 2 curves needed reach one intensity"),
-        ([0.1, 1.0, 100.0], [], "no 16%, 50%, 84% fractile: at most 1 of the 2 curves needed"),
-        ([0.9, 1.0, 1.1], ["median"], "no 16%, 84% fractile: at most 3 of the 7 curves needed"),
+        ([1.0], [], "fractiles of 16%, 50%, 84% need 7, 2, 7 curves at one intensity, at most 1 reach"),
+        ([0.1, 1.0, 100.0], [], "16%, 50%, 84% need 7, 2, 7 curves at one intensity, at most 1 reach"),
+        ([0.9, 1.0, 1.1], ["median"], "fractiles of 16%, 84% need 7, 7 curves at one intensity, at most 3"),
         ([1.0] * 7, ["16% fractile", "median", "84% fractile"], ""),
-        ([1.0] * 12 + [9.0] * 4, ["16% fractile", "median", "84% fractile"], "fractiles where 8 of 16 curves or more"),
+        ([1.0] * 12 + [9.0] * 4, ["16% fractile", "median", "84% fractile"], "need 8, 8, 8 curves"),
     ],
 )
 def test_incremental_draws_fractiles_that_enough_records_reach(pga, fractiles, why):

@@ -48,7 +48,8 @@ COMMANDS = {
     "run": "sweep -o --output --scheduler --workers --accuracy --records --skip-missing-records --overwrite --extend",
     "plan": "sweep --workers --accuracy --records --json",
     "info": "cube --json",
-    "plot": "cube kind -o --output --at --x --y --value --contours --turn --names --start --end --dpi --list",
+    "plot": "cube kind -o --output --at --x --y --value --contours --turn --names --event --level --start --end --dpi "
+    "--list",
     "export": "cube -o --output --var --at --overwrite",
     "merge": "cubes -o --output --tolerance --overwrite",
     "compare": "cube --what -o --output --reference --event --level --records --json",

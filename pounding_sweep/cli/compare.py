@@ -135,7 +135,7 @@ class CompareOptions:
 #: Attributes of results that are told above their tables.
 _NOTES = (
     *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
-    *("no_fractiles", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
+    *("no_fractiles", "advice", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
 )
 
 

@@ -108,6 +108,8 @@ def plot_command(
     x: Annotated[str | None, option("AXIS", "Axis of numbers to draw along, such as period_ratio.")] = None,
     y: Annotated[str | None, option("AXIS", "Of a map, the other axis.")] = None,
     value: Annotated[str | None, option("NAME", "What to draw: a variable, or its amplification NAME_ratio.")] = None,
+    event: Annotated[str | None, option("EVENT", "Of a fragility, such as drift; touch by default.")] = None,
+    level: Annotated[float | None, option("X", "What the event must exceed, in its own unit.")] = None,
     start: Annotated[float | None, option("S", "Of histories, the first instant drawn (s).")] = None,
     end: Annotated[float | None, option("S", "Of histories, the last instant (s).")] = None,
     contours: Annotated[bool, Option("--contours", help="Of a map, lines of equal value as well.")] = False,
@@ -133,8 +135,8 @@ def plot_command(
         elif out is None:
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
-            flags = {"contours": contours or None, "turn": turn or None, "names": names or None}
-            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi} | flags
+            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
+            settings |= {"contours": contours, "turn": turn, "names": names, "event": event, "level": level}
             print(plot(chosen, kind, out, report=say, **settings))
 
 

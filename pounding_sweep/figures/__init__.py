@@ -50,6 +50,8 @@ _OPTIONS = {
     "contours": "bool\n    Whether lines of equal value are drawn as well.",
     "turn": "bool\n    Whether the intensity is drawn across, the response upright.",
     "names": "bool\n    Whether records are told apart and named in the legend.",
+    "event": "str, optional\n    A key of `pounding_sweep.analysis.comparisons.EVENTS`.",
+    "level": "float, optional\n    What the event must exceed, in its own unit.",
     "start": "float, optional\n    First instant that is drawn (s).",
     "end": "float, optional\n    Last instant that is drawn (s).",
     "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",
@@ -204,7 +206,7 @@ def plot(
     report : callable, optional
         Called with the figure's title if that names values of axes which stand for others.
     **options
-        Options of the figure, such as ``x``, ``y`` and ``value``; None leaves one out.
+        Options of the figure, such as ``x``, ``y`` and ``value``; None or False leaves one out.
 
     Returns
     -------
@@ -234,7 +236,7 @@ def plot(
         raise InputError(unknown("figure", kind, figures))
     if not _DPI[0] <= dpi <= _DPI[1]:
         raise InputError(f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}")
-    options = {name: value for name, value in options.items() if value is not None}
+    options = {name: value for name, value in options.items() if value is not None and value is not False}
     for name in options:
         if name not in figures[kind].options:
             raise InputError(f"figure {kind!r} takes no {name}; it takes {', '.join(figures[kind].options) or 'none'}")

@@ -351,6 +351,7 @@ EVENTS: dict[str, Event] = {
         Event("force", "contact force above {level}", "impact_force_max", "pair", "kN"),
         Event("penetration", "penetration above {level}", "penetration_max", "pair", "m"),
         Event("drift", "interstorey drift above {level}", "drift_max", "building", "m"),
+        Event("ductility", "storey ductility above {level}", "ductility_max", "building", "1"),
         Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
         Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
     )

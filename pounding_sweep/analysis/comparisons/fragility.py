@@ -37,6 +37,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError, PoundingSweepError, unknown
+from pounding_sweep.base.text import counts_text
 
 #: Intensities that differ by less than this share are one.
 SAME = 1e-9
@@ -67,16 +68,22 @@ class FitStatus(IntEnum):
 
 
 #: What the statuses mean, by their values.
-_MEANINGS = (
+MEANINGS = (
     "fitted",
     "no trials: no scenario is ok, or nothing of the kind exists there",
-    "never happened: the median is above {low} {units}, the strongest motion tried",
-    "always happened: the median is below {high} {units}, the weakest motion tried",
-    "weaker and stronger motions do not overlap: the median is {between}, and the dispersion can't be told",
-    "all trials have one intensity, {low} {units}: no curve follows from them",
+    "never happened, even under the strongest motion tried",
+    "always happened, even under the weakest motion tried",
+    "weaker and stronger motions do not overlap, so there is no dispersion",
+    "all trials have one intensity, so there is no curve",
     "does not get more likely as the intensity rises, or hardly so over the intensities tried: no "
     "lognormal describes it",
 )
+#: Why there is no band: an interval whose ends differ by more than a factor is of no use, or there is none.
+WIDE = 10.0
+TOO_WIDE = f"no band: the confidence interval of the median or dispersion spans more than a factor of {WIDE:g}"
+NO_INTERVAL = "no band: without one of the records there is no fit"
+#: Records from which intervals are dependable.
+ENOUGH = 20
 
 
 class LognormalFit(NamedTuple):
@@ -208,9 +215,10 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
         table.transpose(*scenario_dims(result["median"]), *(dim for dim in ("pair", "building") if dim in dims), ...)
     )
     for row in rows:
+        wide = any((row.get(f"{name}_upper") or 0.0) > WIDE * (row.get(f"{name}_lower") or 0.0) for name in names[2:4])
         between = (np.nan if end is None else end for end in (row.pop("between_lower"), row.pop("between_upper")))
         fit = {"fit_status": row.pop("fit"), "median_between": between, "median": result["median"]}
-        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": sentence(fit)}
+        row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": sentence(fit) + f"; {TOO_WIDE}" * wide}
     return rows
 
 
@@ -309,7 +317,7 @@ def fragility(
     if levels is None and x.max() <= 0.0:
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name = strength.attrs["units"], strength.attrs["long_name"]
-    words = about.title.format(level=f"{level or 0.0:g} {about.units}")
+    words = about.title.format(level=f"{level or 0.0:g} {about.units}".removesuffix(" 1"))
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
@@ -351,22 +359,32 @@ def fragility(
         index = labelled("quantile", quantiles, f"probability that {words}", "1")
         away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
         dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
-    optional = {"one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset), "confidence": confidence}
+    few = f"{counts_text({'record': len(x)}, '')}: give {ENOUGH} or more" if len(x) < ENOUGH else ""
+    optional = {"advice": few, "one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset)}
     return dataset.assign_attrs(
         event=about.key,
         event_in_words=words,
         intensity=f"{name} ({units})",
         trials_of=over_text(dict(zip(trials, x.shape, strict=True))),
-        **{key: value for key, value in optional.items() if value},
+        **{key: value for key, value in (optional | {"confidence": confidence}).items() if value},
     )
 
 
 def sentence(fit: xr.Dataset | Mapping[str, Any]) -> str:
     """Say in words what the fit of one cell is, or why there is none, and what is known of the median."""
-    low, high = (f"{float(end):.4g}" for end in fit["median_between"])
+    known = median_words(fit)
+    return MEANINGS[int(fit["fit_status"])] + (f"; the median is {known}" if known else "")
+
+
+def median_words(fit: xr.Dataset | Mapping[str, Any]) -> str:
+    """Say what is known of a median without a fit; "" if nothing is."""
+    low, high = (float(end) for end in fit["median_between"])
+    low = np.nan if int(fit["fit_status"]) == FitStatus.ONE_LEVEL else low  # that level
     units = fit["median"].attrs["units"]
-    between = f"about {low} {units}" if low == high else f"between {low} and {high} {units}"
-    return _MEANINGS[int(fit["fit_status"])].format(low=low, high=high, units=units, between=between)
+    if low < high:
+        return f"between {low:.4g} and {high:.4g} {units}"
+    words = "about" if low == high else "below" if np.isnan(low) else "above"
+    return "" if np.isnan(low) and np.isnan(high) else f"{words} {np.nanmax([low, high]):.4g} {units}"
 
 
 #: Results of a fit: dimensions of their own, unit ("": the intensity's), and what they are.

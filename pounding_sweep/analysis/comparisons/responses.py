@@ -421,8 +421,6 @@ def fractiles(
 
 #: Intensities at which the fractiles of a suite are given, where none are.
 LEVELS = 25
-#: Attribute that says why there are no fractiles of all records.
-NO_FRACTILES = "no_fractiles"
 
 
 @comparison("incremental")
@@ -509,7 +507,7 @@ def incremental_curves(
     over = over_text({"record": len(x), "direction": len(ways)})
     about: dict[str, Any] = {"curves": len(curves), "intensity": f"{words} ({units})", "over": over}
     if not ((at >= low * (1.0 - ROUND_OFF)) & (at <= high * (1.0 + ROUND_OFF))).any():
-        about[NO_FRACTILES] = (
+        about["no_fractiles"] = (
             f"none of these intensities is within the scales of all {len(curves)} curves (one begins at {low:.3g} "
             f"{units}, one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
         )
@@ -533,12 +531,6 @@ def suite_fractiles(
     coords = {dim: part[dim] for dim in part.dims[1:-1] if dim in part.coords} | {"level": level}
     on_levels = xr.DataArray(np.stack(rows), coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
     return fractiles_over(on_levels, ["curve"], quantiles)
-
-
-def curves_needed(quantile: float, curves: int) -> float:
-    """Return of how many curves a fractile needs values: half of them, and so many that one is expected beyond it."""
-    tail = min(quantile, 1.0 - quantile)
-    return max(0.5 * curves, 1.0 / tail if tail > 0.0 else 1.0)
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from itertools import cycle, product
+from string import ascii_lowercase
 from textwrap import fill
 from typing import Any
 
@@ -18,10 +19,19 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
-from pounding_sweep.analysis.comparisons.fragility import TRIALS, FitStatus, crossed, merged, sentence
+from pounding_sweep.analysis.comparisons.fragility import (
+    MEANINGS,
+    NO_INTERVAL,
+    TOO_WIDE,
+    TRIALS,
+    WIDE,
+    FitStatus,
+    crossed,
+    median_words,
+    merged,
+)
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.comparisons.responses import (
-    curves_needed,
     directions,
     needed_for,
     responses_of,
@@ -538,28 +548,33 @@ def _name_records(result: xr.Dataset) -> str:
     return coord_text(result, "record") if "record" in result.coords else ""
 
 
-@figure_of("fragility", "cube", f"pair, {CONTACT}, several {'|'.join(TRIALS)}")
-def fragility(cube: xr.Dataset) -> Figure:
-    """Draw the probability that a pair touches, against intensity, with its confidence.
+@figure_of("fragility", "cube", f"pair|building, several {'|'.join(TRIALS)}")
+def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None = None) -> Figure:
+    """Draw the probability of an event, by default that a pair touches, against intensity, with its confidence.
 
     One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
-    most, evenly chosen, or else the laws; of the other axes, and of the laws, the middle value is shown. Bands are
-    confidence intervals, between the least and the greatest intensity tried; marks are the shares observed at each
-    intensity where trials share them (stripes), else in classes of about equal numbers of trials. The title says where
-    curves cross. Where there is no fit, the legend says why.
+    most, evenly chosen, or else the laws; of the other axes, and of the laws with contact, the middle value is shown.
+    Bands are confidence intervals, between the least and the greatest intensity tried; marks are the shares observed at
+    each intensity where trials share them (stripes), else in classes of about equal numbers of trials. The title says
+    where curves cross, footnotes why there is no fit or no band.
     """
-    result = result_of(cube, "fragility")
+    result = result_of(cube, "fragility", event=event or "touch", level=level)
+    if event not in (None, result.attrs["event"]):
+        raise InputError(f"this file is of the event {result.attrs['event']!r}, not {event!r}; draw its cube instead")
     words, per = spell_units(result.attrs["event_in_words"]), EVENTS[result.attrs["event"]].per
     result = with_dims(result, *(dim for dim in ("law", per) if dim in result.coords))
     keep = (*TRIALS, "bound", "intensity", "quantile")
     varied = choose_axis(result, None, keep)
     axis = varied.dim if varied else "law"
+    if varied and "law" in result.dims and (result["law"] != "none").any():
+        result = result.sel(law=result["law"] != "none")
     result, selection = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
     figure, axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
+    notes: dict[str, str] = {}
     for ax, end in panels(axes[0], lines, per):
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
-            _draw_fit(ax, end.isel({axis: number}), axis, style, marker)
+            _draw_fit(ax, end.isel({axis: number}), axis, style, marker, notes)
         ax.set_ylim(-0.02, 1.02)
     label = _scale_intensities(axes[0, 0].xaxis, result)  # shared: nothing drawn later would move it
     below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
@@ -567,27 +582,35 @@ def fragility(cube: xr.Dataset) -> Figure:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=below, fontsize=8)
     cross = "curves cross, as each has its own dispersion" if crossed(lines) else ""
     common = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
+    footnotes = *(f"{letter} {note}" for note, letter in notes.items()), result.attrs.get("advice", "")
+    text = "\n".join(fill(note, int(15 * figure.get_figwidth())) for note in footnotes)
+    figure.supxlabel(text.strip(), x=0.02, ha="left", fontsize=8)
     title = words, _name_records(result), selection, cross, common
-    return finish(figure, axes, label, [f"probability that\n{words} (-)"], *title, legend=0)
+    return finish(figure, axes, label, [f"probability (-):\n{words}"], *title, legend=0)
 
 
-def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marker: str) -> None:
-    """Draw one fit with its band and the observed shares."""
-    label = coord_text(part, axis)
-    label = f"{label}: " if label else ""
+def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
+    """Draw one fit with its band and the observed shares; notes say what is missing."""
     happened = part["happened"].values.ravel()
     tried = np.isfinite(happened)
     x, happened = part["trial_intensity"].values.ravel()[tried], happened[tried]
     mark = {"color": style["color"], "marker": marker, "linestyle": "none"}
-    if int(part["fit_status"]) == FitStatus.FITTED:
+    units, fit = unit_text(part["median"].attrs), int(part["fit_status"])
+    note = MEANINGS[fit]
+    if fit == FitStatus.FITTED:
         at, band = part["intensity"].values, part["probability_interval"].values
-        inside = (at >= x.min()) & (at <= x.max()) & np.isfinite(band).all()
+        low, high = part[["median_interval", "dispersion_interval"]].to_dataarray().transpose("bound", ...).values
+        missing = "confidence" in part.attrs and bool(np.isnan(high).any())
+        note = TOO_WIDE if (high > WIDE * low).any() else NO_INTERVAL * missing
+        inside = (at >= x.min()) & (at <= x.max()) & (np.isfinite(band).all() and not note)
         ax.fill_between(at, *band, where=inside, color=style["color"], alpha=0.15, linewidth=0)
-        units = unit_text(part["median"].attrs)
-        label = f"{label}median {part['median']:.3g} {units}, dispersion {part['dispersion']:.2g}"
-        ax.plot(at, part["probability"].values, label=fill(label, _ENTRY), **style)
+        known = f"median {part['median']:.3g} {units}, dispersion {part['dispersion']:.2g}"
+        ax.plot(at, part["probability"].values, **style)
     else:
-        ax.plot([], [], label=fill(label + spell_units(sentence(part)), _ENTRY), **mark)
+        known = f"median {spell_units(median_words(part))}".removesuffix("median ")
+    letter = notes.setdefault(note, f"({ascii_lowercase[len(notes)]})") if note else ""
+    label = ": ".join(filter(None, (coord_text(part, axis), f"{known} {letter}".strip())))
+    ax.plot([], [], label=fill(label, _ENTRY), **(mark if fit else style))
     order = np.argsort(x, kind="stable")  # a mark for trials of one intensity, if several share it, else of a class
     groups = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1)
     groups = groups if min(map(len, groups)) > 1 else np.array_split(order, min(_CLASSES, len(order)) or 1)
@@ -613,7 +636,8 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     quantiles, ways = result["quantile"].values.tolist(), directions(result[scaled].values)
     fractiles, count = suite_fractiles(response, result["intensity"], result["level"], quantiles)
     curves, most = response.sizes["record"] * len(ways), int(count.max())
-    needed = {q: curves_needed(q, curves) for q in quantiles}
+    # half of the curves, and so many that one is expected beyond the fractile
+    needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
     rows = response.sizes["law"]
     below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
     figure, axes = subplots(rows, response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
@@ -634,13 +658,9 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
         axes[0, 0].set(**{"ylim" if turn else "xlim": (0.0, None)})
     storeys = "largest of the storeys" * (result[name].sizes.get("storey", 1) > 1)
     others = f"{rows} of {len(laws)} laws, --at law=... for others" * (rows < len(laws))
-    lacking = [q for q in quantiles if most < needed[q]]
-    why = f"no {', '.join(f'{q:.0%}' for q in lacking)} fractile: " * bool(lacking)
-    if lacking:
-        least = math.ceil(min(needed[q] for q in lacking))
-        why += f"at most {most} of the {least} curves needed reach one intensity"
-    elif (count < max(needed.values())).any():
-        why = f"fractiles where {math.ceil(max(needed.values()))} of {curves} curves or more reach"
+    short = [q for q in quantiles if (count < needed[q]).any()]
+    words, numbers = ", ".join(f"{q:.0%}" for q in short), ", ".join(f"{math.ceil(needed[q])}" for q in short)
+    why = f"fractiles of {words} need {numbers} curves at one intensity, at most {most} reach" if short else ""
     x, y = (intensity, label) if turn else (label, intensity)
     title = _name_records(result), storeys, selection, others, why
     return finish(figure, axes, x, [fill(y, 32)] * rows, *title, legend=4)
