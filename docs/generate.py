@@ -219,7 +219,7 @@ def _separation_rules() -> str:
     lines = ["| rule | what it is | needed gap | clause | edition | note |", "|---|---|---|---|---|---|"]
     for rule in SEPARATION_RULES.values():
         formula = typeset(rule.formula)
-        lines.append(_row(f"`{rule.key}`", rule.title, formula, rule.clause, rule.edition, rule.note))
+        lines.append(_row(f"{rule.name} (`{rule.key}`)", rule.title, formula, rule.clause, rule.edition, rule.note))
     return "\n".join([*lines, ""])
 
 

@@ -22,7 +22,7 @@ from pounding_sweep.analysis import (
     required_gap,
     response_spectrum,
 )
-from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation, gap_rows
+from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation, gap_rows, read_factors
 from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_sweep
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -69,7 +69,7 @@ def test_all_rules_by_hand():
     """Two buildings of one height, all floors level: the standards' reductions apply."""
     scene = Scene([Building("a", [1.0, 1.0], [9.0, 9.0], 0.04), Building("b", [2.0, 1.0], [9.0, 5.0], 0.06)], [0.1])
     cube = told(scene)
-    behaviour = BehaviourFactors(cd={"a": 4.0, "b": 5.0}, importance=1.25, q=3.0, r={"a": 5.0, "b": 3.0})
+    behaviour = read_factors({"cd": ["a=4", "5"], "importance": ["1.25"], "q": ["3"], "r": ["a=5", "b=3"]})
     gaps = required_gap(cube, behaviour=behaviour).isel(record=1).sel(pair="a-b")
     a, b = scene.buildings
     r, za, zb = b.periods[0] / a.periods[0], 0.04, 0.06
@@ -91,6 +91,10 @@ def test_all_rules_by_hand():
     assert float(gaps.exact) == exact
     assert float(gaps.ratio.sel(rule="abs")) == pytest.approx(expected["abs"].max() / exact)
     assert gaps.attrs["factor_r"] == "{'a': 5.0, 'b': 3.0}"
+    assert gaps.attrs["factors"] == "cd = a 4, 5; importance = 1.25; q = 3; r = a 5, b 3; others 1"
+    assert required_gap(cube).attrs["factors"] == "1 (elastic displacements)"
+    with pytest.raises(InputError, match="separation rules need fundamental_period of the buildings, which this cube"):
+        required_gap(cube.drop_vars("fundamental_period"))
     assert gaps.exact.attrs == {"units": "m", "long_name": "exact required gap"}
     standards = [rule.key for rule in SEPARATION_RULES.values() if rule.note == FROM_MEMORY]
     assert standards == ["asce7", "ec8", "is1893"]
@@ -138,6 +142,7 @@ def test_columns_that_a_sweep_left_out_are_looked_at(stub_engine):
     [
         ({"q": {"a": 2.0}}, r"building .b. is nan; give every building a positive"),
         ({"r": 0.0}, r"factor 'r' of building 'a' is 0\.0"),
+        ({"q": {"": 2.0, "left": 1.5}}, "unknown building of the factor 'q' 'left'; valid: a, b"),
     ],
 )
 def test_factors_that_are_not_valid(factors, said):

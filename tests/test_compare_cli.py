@@ -167,6 +167,8 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--what sensitivity --intensity sa", "--intensity is for the comparisons 'amplification', 'ener"),
         ("--what laws --probability 0.1", "--probability is for the comparison 'gap-for-probability'"),
         ("--probability 1.5", "probabilities: 1.5 is not in (0, 1)"),
+        ("--q left", "factor q 'left': give a number for all buildings, or BUILDING=NUMBER"),
+        ("--what laws --ie 1.5", "--cd, --ie, --q, --r is for the comparison 'required-gap'"),
         ("--intensity sv", "unknown intensity 'sv'; valid: pga, pgv, sa(PERIOD in s)"),
         ("--quantile 2", "quantiles: 2 is not in [0, 1]"),
         ("--years 50", "--years are those of a hazard; add --hazard"),

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 SHOWN = 12
 #: Options whose flag is not the name of the argument of comparisons that they give.
 _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"}
+_FLAGS["behaviour"] = "cd, --ie, --q, --r"
 #: Options that are for every comparison, or part of another one.
-_COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units")
+_COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", "cd", "ie", "q", "r")
 #: Options that are numbers, and where they must lie.
 _INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
 
@@ -87,10 +88,15 @@ class CompareOptions:
         None
     )
     years: Annotated[float | None, option("N", "Years of the probability with --hazard; 50 by default.")] = None
+    cd: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: deflection amplification Cd; 1 by default.")] = None
+    ie: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: importance factor Ie; 1 by default.")] = None
+    q: Annotated[list[str] | None, option("[BUILDING=]X", "Eurocode 8: behaviour factor q; 1 by default.")] = None
+    r: Annotated[list[str] | None, option("[BUILDING=]X", "IS 1893: response reduction R; 1 by default.")] = None
     folders: Folders = None
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
+        from pounding_sweep.analysis.comparisons.gaps import read_factors
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import numbers_in
@@ -105,6 +111,9 @@ class CompareOptions:
                 raise InputError(unknown("axis to take together", name, MOTION_DIMS))
         options = {name: value for name, value in vars(self).items() if value not in (None, [])}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
+        names = {"cd": "cd", "ie": "importance", "q": "q", "r": "r"}
+        if factors := {name: options[key] for key, name in names.items() if key in options}:
+            arguments["behaviour"] = read_factors(factors)
         for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
@@ -135,7 +144,7 @@ class CompareOptions:
 #: Attributes of results that are told above their tables.
 _NOTES = (
     *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
-    *("no_fractiles", "advice", "one_dispersion", "curves_cross", "hazard", "years", "confidence"),
+    *("no_fractiles", "advice", "one_dispersion", "curves_cross", "hazard", "years", "confidence", "factors"),
 )
 
 

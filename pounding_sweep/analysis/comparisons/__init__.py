@@ -297,6 +297,8 @@ def table_rows(
 
     if comparison.rows:
         return list(comparison.load(comparison.rows)(result))
+    if "rule_name" in result.coords:
+        result = result.assign_coords(rule=result["rule_name"].values)
     counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}
     names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables) and name not in counts]
     if lead:

@@ -29,7 +29,7 @@ from pounding_sweep.analysis.scenarios import (
     peak_displacement,
     values,
 )
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import DIMENSIONS
@@ -43,10 +43,10 @@ FROM_MEMORY = "stated from memory of the standard; the standard was not consulte
 class BehaviourFactors:
     """Factors by which standards turn reduced displacements into real ones, and what they divide by.
 
-    Each is one number for all buildings, or a mapping of building name to number: ``cd``, the deflection amplification
-    Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour factor of Eurocode 8, and
-    ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the displacements that the rules
-    take come from linear runs under the record itself and were reduced by nothing.
+    Each is one number for all buildings, or a mapping of building name, or "" for all others, to number: ``cd``, the
+    deflection amplification Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour
+    factor of Eurocode 8, and ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the
+    displacements that the rules take come from linear runs under the record itself and were reduced by nothing.
     """
 
     cd: float | Mapping[str, float] = 1.0
@@ -58,19 +58,53 @@ class BehaviourFactors:
         """Return a factor of a building, a positive number."""
         value = getattr(self, factor)
         if isinstance(value, Mapping):
-            value = value.get(building, math.nan)
+            value = value.get(building, value.get("", math.nan))
         if not 0.0 < value < math.inf:
             raise InputError(
                 f"factor {factor!r} of building {building!r} is {value!r}; give every building a positive number"
             )
         return float(value)
 
+    @property
+    def in_words(self) -> str:
+        """Those that are not 1, and what is reduced by none."""
+        words = []
+        for name, value in vars(self).items():
+            if value != 1.0:
+                numbers = value if isinstance(value, Mapping) else {"": value}
+                words.append(f"{name} = {', '.join(f'{building} {x:g}'.lstrip() for building, x in numbers.items())}")
+        return "; ".join([*words, "others 1" if words else "1 (elastic displacements)"])
+
+
+def read_factors(texts: Mapping[str, Sequence[str]]) -> BehaviourFactors:
+    """Return factors from texts by name, "1.5" for all buildings and "BUILDING=1.5" for one.
+
+    Raises
+    ------
+    InputError
+        A text has no number.
+
+    Examples
+    --------
+    >>> read_factors({"q": ["2", "tower=1.5"]}).of("q", "tower")
+    1.5
+    """
+    factors: dict[str, dict[str, float]] = {name: {} for name in texts}
+    for name, text in ((name, text) for name, parts in texts.items() for text in parts):
+        building, _, number = text.rpartition("=")
+        try:
+            factors[name][building] = float(number)
+        except ValueError:
+            raise InputError(f"factor {name} {text!r}: give a number for all buildings, or BUILDING=NUMBER") from None
+    return BehaviourFactors(**factors)
+
 
 @dataclass(frozen=True)
 class SeparationRule:
     """A rule for the distance between two buildings."""
 
-    key: str  # name in tables
+    key: str  # name in results
+    name: str  # name in tables and figures
     title: str  # the rule in words
     formula: str  # of the displacements u1 and u2 (m)
     gap: Callable[[xr.Dataset], xr.DataArray]  # what `_neighbours` returns -> needed gap (m)
@@ -97,6 +131,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
     for rule in (
         SeparationRule(
             "abs",
+            "sum",
             "sum of the largest displacements",
             "u1 + u2",
             lambda ends: ends.left + ends.right,
@@ -104,6 +139,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
         ),
         SeparationRule(
             "srss",
+            "SRSS",
             "square root of the sum of squares",
             "sqrt(u1^2 + u2^2)",
             lambda ends: np.hypot(ends.left, ends.right),
@@ -111,6 +147,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
         ),
         SeparationRule(
             "double_difference",
+            "double difference",
             "double-difference combination",
             "sqrt(u1^2 + u2^2 - 2 rho u1 u2)",
             lambda ends: (
@@ -122,6 +159,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
         ),
         SeparationRule(
             "asce7",
+            "ASCE 7",
             "ASCE/SEI 7, structural separation",
             "sqrt(dM1^2 + dM2^2), dM = Cd u / Ie",
             lambda ends: np.hypot(
@@ -132,6 +170,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
         ),
         SeparationRule(
             "ec8",
+            "Eurocode 8",
             "Eurocode 8, seismic joint condition, buildings of one owner",
             "sqrt((q1 u1)^2 + (q2 u2)^2), times 0.7 where all floors are level",
             lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
@@ -140,6 +179,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
         ),
         SeparationRule(
             "is1893",
+            "IS 1893",
             "IS 1893, separation between adjacent units",
             "R1 u1 + R2 u2, halved where all floors are level",
             lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
@@ -180,7 +220,7 @@ def required_gap(
         storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys,
         0 where it is below 1e-9 of the floors' displacements, which ``never`` (pair) tells by 1; ``rule_gap`` (rule,
         pair; m), and ``ratio`` (rule, pair) to the exact one; ``correlation`` (pair) of the first modes. The
-        ``thickness`` (pair; m) of bumpers is in the gaps. Missing where no floors meet. Beside ``rule`` stand its
+        ``thickness`` (pair; m) of bumpers is in the gaps. Missing where no floors meet. Beside ``rule`` stand its name,
         title, formula, clause, edition and note, beside ``pair`` the row's own gap.
 
     Raises
@@ -217,14 +257,15 @@ def required_gap(
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
     result = xr.Dataset({name: described(*about, bare=True) for name, about in variables.items()})
-    for name in ("title", "formula", "clause", "edition", "note"):
+    for name in ("name", "title", "formula", "clause", "edition", "note"):
         texts = [getattr(rule, name) for rule in rules]
         result.coords[f"rule_{name}"] = ("rule", texts, {"long_name": f"{name} of the rule"})
     gaps = [scene.gaps[pair] for pair in scene.pair_of_label]
     result.coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
     if ends.thickness.any():
         result.coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
-    return result.assign_attrs({f"factor_{name}": str(value) for name, value in vars(factors).items()})
+    attributes = {f"factor_{name}": str(value) for name, value in vars(factors).items()}
+    return result.assign_attrs(attributes, factors=factors.in_words)
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
@@ -253,8 +294,15 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
     result = {"left": left, "right": right, "thickness": meets.copy(data=thickness)}
     names = [item.name for item in scene.buildings]
     modes = ("fundamental_period", "first_damping_ratio")
+    if absent := [name for name in modes if name not in runs.coords]:
+        raise InputError(
+            f"separation rules need {' and '.join(absent)} of the buildings, which this cube lacks; give a cube made "
+            "by 'pounding-sweep run', or the row and its records"
+        )
     properties = {name: runs[name].reset_coords(drop=True) for name in modes}
-    for name in vars(factors):
+    for name, value in vars(factors).items():
+        for building in {*value} - {"", *names} if isinstance(value, Mapping) else ():
+            raise InputError(unknown(f"building of the factor {name!r}", building, names))
         properties[name] = xr.DataArray([factors.of(name, building) for building in names], dims="building")
     row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
     sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], labels, ("pair",)) for side in (0, 1)]

@@ -717,41 +717,56 @@ def _draw_gaps(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, style: dict[
 def required_gap(cube: xr.Dataset) -> Figure:
     """Draw the gap that each pair needs, exactly and by separation rules.
 
-    One column per pair. Above, the exact required gap (bars) and that of each rule
-    (markers), records in the order of the exact one; below, the ratio of each rule to
-    it, one dot per record and a bar at the median: below 1 a rule is unsafe.
+    One column per pair. Above, the exact required gap (line) and that of each rule (markers), records in the order of
+    the exact one; below, the ratio of each rule to it, one mark per record and a bar at the median: below 1 a rule is
+    unsafe. Rules that agree are drawn once.
     """
     result = result_of(cube, "required-gap")
     trials = "case" if "case" in result.dims else "record"
     result, selection = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
-    names = [str(rule).replace("_", " ") for rule in result["rule"].values]
     figure, axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
     x = np.arange(result.sizes[trials])
     offsets = np.linspace(-0.22, 0.22, len(x)) if len(x) > 1 else np.zeros(1)
+    few = len(x) <= _NAMED
     tilted: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
     for (gaps, pair), ratios in zip(panels(axes[0], result, "pair"), axes[1], strict=True):
         part = pair.sortby("exact")
-        gaps.bar(x, part["exact"].values * 1e3, color="0.8", width=0.8, label="exact", zorder=1)
+        gaps.plot(x, part["exact"].values * 1e3, "k.-", label="exact", linewidth=1.8)
         ratios.axhline(1.0, color="0.4", linewidth=0.9, zorder=0)
-        for number, name in enumerate(names):
-            hollow = {"markerfacecolor": "none", "markersize": 6} if number % 2 else {}  # one seen through the other
-            mark = {"color": COLOURS[1:][number % 7], "marker": MARKERS[number % 8], "linestyle": "none", **hollow}
-            rule = part.isel(rule=number)
+        groups = _group_rules(pair, result)
+        for place, (name, number) in enumerate(groups.items()):
+            mark: Any = {"color": COLOURS[1 + number], "marker": MARKERS[number], "linestyle": "none"}
+            mark |= {"markerfacecolor": "none", "markersize": 6 if few else 3.5}
+            rule = part.isel(rule=number % part.sizes["rule"])
             gaps.plot(x, 1e3 * rule["rule_gap"], label=name, **mark)
-            ratios.plot(number + offsets, rule["ratio"], **mark)
-            ratios.hlines(rule["ratio"].median(), number - 0.35, number + 0.35, color="black", linewidth=1.6, zorder=2)
-        if len(x) <= _NAMED and trials == "record":
+            ratios.plot(place + offsets, rule["ratio"], **mark)
+            ratios.hlines(rule["ratio"].median(), place - 0.35, place + 0.35, color="black", linewidth=1.6, zorder=2)
+        if few and trials == "record":
             gaps.set_xticks(x, [fill(record_name(key), 22) for key in part["record"].values.tolist()], **tilted)
         else:
-            gaps.set_xlabel(f"{trials}s, by rising required gap")
-        ratios.set_xticks(range(len(names)), names, **tilted)
-        gaps.set_axisbelow(True)
+            gaps.set(xticks=[], xlabel=f"{len(x)} {trials}s, by rising required gap")
+        ratios.set_xticks(range(len(groups)), [fill(name, 20) for name in groups], **tilted)
+        ratios.set_xlim(-0.6, len(groups) - 0.4)
+        gaps.set_xlim(-0.5, len(x) - 0.5)
+        gaps.margins(y=0.1)
         gaps.grid(visible=False, axis="x")
         ratios.grid(visible=False, axis="x")
     axes[0, 0].set(ylim=(0.0, None), ylabel="required gap (mm)")
-    axes[1, 0].set_ylabel("rule over exact (-)")
+    axes[1, 0].set_ylabel("rule over exact (-)\nbelow 1: too small")
     legend_below(figure, axes[0], most=4)
-    return put_title(figure, selection)
+    return put_title(figure, selection, f"factors {result.attrs['factors']}")
+
+
+def _group_rules(pair: xr.Dataset, result: xr.Dataset) -> dict[str, int]:
+    """Return the first of those separation rules that agree for all pairs, or of all for this one, by their names."""
+    for part in (pair, result):
+        gaps, groups = part["rule_gap"].transpose("rule", ...).values, dict[int, list[str]]()
+        for number, name in enumerate(part["rule_name"].values.tolist()):
+            same = (i for i in groups if np.allclose(gaps[i], gaps[number], equal_nan=True))
+            groups.setdefault(next(same, number), []).append(name)
+        if len(groups) == 1:
+            return {"all rules": len(gaps)}
+    return {", ".join(names): number for number, names in groups.items()}
 
 
 #: What tells groups of scenarios apart.
