@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def test_all_rules_by_hand():
     """Two buildings of one height, all floors level: the standards' reductions apply."""
     scene = Scene([Building("a", [1.0, 1.0], [9.0, 9.0], 0.04), Building("b", [2.0, 1.0], [9.0, 5.0], 0.06)], [0.1])
     cube = told(scene)
-    behaviour = read_factors({"cd": ["a=4", "5"], "importance": ["1.25"], "q": ["3"], "r": ["a=5", "b=3"]})
+    behaviour = read_factors({"cd": ["a=4", "b=5"], "importance": ["1.25"], "q": ["3"], "r": ["a=5", "b=3"]})
     gaps = required_gap(cube, behaviour=behaviour).isel(record=1).sel(pair="a-b")
     a, b = scene.buildings
     r, za, zb = b.periods[0] / a.periods[0], 0.04, 0.06
@@ -90,10 +91,9 @@ def test_all_rules_by_hand():
     exact = float(cube.closing_max.isel(law=0, record=1).max())
     assert float(gaps.exact) == exact
     assert float(gaps.ratio.sel(rule="abs")) == pytest.approx(expected["abs"].max() / exact)
-    assert gaps.attrs["factor_r"] == "{'a': 5.0, 'b': 3.0}"
-    assert gaps.attrs["factors"] == "cd = a 4, 5; importance = 1.25; q = 3; r = a 5, b 3; others 1"
+    assert gaps.attrs["factors"] == "cd = a: 4.0, b: 5.0; importance = 1.25; q = 3.0; r = a: 5.0, b: 3.0; others 1"
     assert required_gap(cube).attrs["factors"] == "1 (elastic displacements)"
-    with pytest.raises(InputError, match="separation rules need fundamental_period of the buildings, which this cube"):
+    with pytest.raises(InputError, match=r"rules need fundamental_period and .*, which this cube lacks"):
         required_gap(cube.drop_vars("fundamental_period"))
     assert gaps.exact.attrs == {"units": "m", "long_name": "exact required gap"}
     standards = [rule.key for rule in SEPARATION_RULES.values() if rule.note == FROM_MEMORY]
@@ -142,7 +142,6 @@ def test_columns_that_a_sweep_left_out_are_looked_at(stub_engine):
     [
         ({"q": {"a": 2.0}}, r"building .b. is nan; give every building a positive"),
         ({"r": 0.0}, r"factor 'r' of building 'a' is 0\.0"),
-        ({"q": {"": 2.0, "left": 1.5}}, "unknown building of the factor 'q' 'left'; valid: a, b"),
     ],
 )
 def test_factors_that_are_not_valid(factors, said):
@@ -329,7 +328,24 @@ def test_rates_of_the_records_by_hand():
     assert float(gaps.gap_in_years) == pytest.approx(math.sqrt(1e-3 / target * moment))
     assert float(gaps.gap_in_years_observed) == pytest.approx(math.sqrt(1e-3 / target * np.mean(RATIOS**2)))
     assert gaps.attrs["hazard"] == "0.001 x^-2"
+    said = (
+        r"a-b: (\d+) mm \((\d+) to (\d+)\) touch with 2 % probability in 30 years; the 50 mm of the file with (\S+) %"
+    )
+    words = re.fullmatch(said, gaps.answer)
+    numbers = gaps.gap_in_years, gaps.gap_in_years_lower, gaps.gap_in_years_upper
+    assert list(map(int, words.groups()[:3])) == [round(1e3 * float(gap)) for gap in numbers]
+    assert float(words[4]) == pytest.approx(-100.0 * math.expm1(-30.0 * float(gaps.rate)), rel=5e-3)
     assert float(gaps.beyond) == 0.0
+
+
+def test_gaps_by_rules_are_those_of_the_motion_that_standards_design_for():
+    """By hand of a power law: k0 x^-kappa = -ln(0.9) / 50."""
+    exact = growing(RATIOS, (0.5, 2.0))
+    rules = exact.assign(rule_gap=2.0 * exact.exact.expand_dims(rule=["srss"])).assign_attrs(factors="1")
+    gaps = gap_for_probability(rules, [0.02], hazard="k0=1e-3,kappa=2")
+    design = (1e-3 * 50.0 / -math.log(0.9)) ** 0.5
+    assert gaps.rule_gap.item() == pytest.approx(2.0 * np.median(RATIOS) * design)
+    assert f"at {design:.3g} m s-2, exceeded with 10 % probability in 50 years" in gaps.rule_gap.long_name
 
 
 @pytest.mark.slow

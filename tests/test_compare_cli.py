@@ -166,9 +166,12 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--what laws --records .", "--records is for the comparisons 'fragility', 'gap-for-prob"),
         ("--what sensitivity --intensity sa", "--intensity is for the comparisons 'amplification', 'ener"),
         ("--what laws --probability 0.1", "--probability is for the comparison 'gap-for-probability'"),
-        ("--probability 1.5", "probabilities: 1.5 is not in (0, 1)"),
-        ("--q left", "factor q 'left': give a number for all buildings, or BUILDING=NUMBER"),
-        ("--what laws --ie 1.5", "--cd, --ie, --q, --r is for the comparison 'required-gap'"),
+        *(
+            (f"--probability {text}", f"probability '{text}' is not in (0, 1); give 0.01 or 1%")
+            for text in ("1", "0%", "one")
+        ),
+        ("--q left", "factor q ['left']: give one number, or BUILDING=NUMBER for each"),
+        ("--what laws --ie 1.5", "--cd, --ie, --q, --r is for the comparisons 'gap-for-probability', 'required-gap'"),
         ("--intensity sv", "unknown intensity 'sv'; valid: pga, pgv, sa(PERIOD in s)"),
         ("--quantile 2", "quantiles: 2 is not in [0, 1]"),
         ("--years 50", "--years are those of a hazard; add --hazard"),
@@ -257,7 +260,7 @@ def test_the_question_of_a_gap_for_one_percent(tmp_path):
     axes = {"law": ["none"], "record": ["one", "two", "three"]}
     about = sweep_attribute(low_and_high(), sines(axes["record"]), laws="none")
     cube = hand_cube(axes, random_fill(2, "displacement_max", "displacement_min", "closing_max"), attributes=about)
-    asked = (write_cube(cube, tmp_path / "still.nc"), "--what", "gap-for-probability", "--probability", "0.01")
+    asked = (write_cube(cube, tmp_path / "still.nc"), "--what", "gap-for-probability", "--probability", "1%")
     asked = (*asked, "--intensity", "pga", "--given", "2")
     rows = told(*asked, "--hazard k0=1e-3,kappa=2 --years 10 --at pair=a-b")["rows"]
     assert [row["given"] for row in rows] == ["intensity 2", "in 10 years", "the row's gap"]

@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 #: Rows of each table in a summary.
 SHOWN = 12
 #: Options whose flag is not the name of the argument of comparisons that they give.
-_FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"}
-_FLAGS["behaviour"] = "cd, --ie, --q, --r"
+_FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"} | {
+    "behaviour": "cd, --ie, --q, --r"
+}
+_FACTORS = ("cd", "importance", "q", "r")
 #: Options that are for every comparison, or part of another one.
-_COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", "cd", "ie", "q", "r")
+_COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", *_FACTORS)
 #: Options that are numbers, and where they must lie.
-_INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
+_INTERVALS = {"quantiles": "[0, 1]", "years": "(0, inf)", "levels": "(0, inf)"}
 
 
 @dataclass
@@ -65,7 +67,7 @@ class CompareOptions:
         list[float] | None, option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
     ] = None
     probabilities: Annotated[
-        list[float] | None, option("P", "Probability of touching, 0 to 1; repeat for several.", "--probability")
+        list[str] | None, option("P", "Probability of touching: 0.01 or 1%; repeat for several.", "--probability")
     ] = None
     intensity: Annotated[
         str | None,
@@ -89,7 +91,7 @@ class CompareOptions:
     )
     years: Annotated[float | None, option("N", "Years of the probability with --hazard; 50 by default.")] = None
     cd: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: deflection amplification Cd; 1 by default.")] = None
-    ie: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: importance factor Ie; 1 by default.")] = None
+    importance: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: factor Ie; 1 by default.", "--ie")] = None
     q: Annotated[list[str] | None, option("[BUILDING=]X", "Eurocode 8: behaviour factor q; 1 by default.")] = None
     r: Annotated[list[str] | None, option("[BUILDING=]X", "IS 1893: response reduction R; 1 by default.")] = None
     folders: Folders = None
@@ -111,9 +113,10 @@ class CompareOptions:
                 raise InputError(unknown("axis to take together", name, MOTION_DIMS))
         options = {name: value for name, value in vars(self).items() if value not in (None, [])}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
-        names = {"cd": "cd", "ie": "importance", "q": "q", "r": "r"}
-        if factors := {name: options[key] for key, name in names.items() if key in options}:
+        if factors := {name: options[name] for name in _FACTORS if name in options}:
             arguments["behaviour"] = read_factors(factors)
+        if self.probabilities:
+            arguments["probabilities"] = [_read_probability(text) for text in self.probabilities]
         for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
@@ -141,9 +144,20 @@ class CompareOptions:
         return keys, arguments
 
 
+def _read_probability(text: str) -> float:
+    """Return a probability from a number or, with a sign, per cent."""
+    try:
+        number = float(text.rstrip("%")) / (100.0 if "%" in text else 1.0)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < 1.0:
+        raise InputError(f"probability {text!r} is not in (0, 1); give 0.01 or 1% for 1 %")
+    return number
+
+
 #: Attributes of results that are told above their tables.
 _NOTES = (
-    *("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
+    *("answer", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
     *("no_fractiles", "advice", "one_dispersion", "curves_cross", "hazard", "years", "confidence", "factors"),
 )
 
@@ -251,7 +265,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
         print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
         rows = part["lead"][: SHOWN if summary else None]
         for name in _NOTES:
-            if name in part["attributes"]:
+            if part["attributes"].get(name):
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
         if rows:
             _print_rows(rows)

@@ -29,7 +29,7 @@ from pounding_sweep.analysis.scenarios import (
     peak_displacement,
     values,
 )
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import DIMENSIONS
@@ -43,10 +43,10 @@ FROM_MEMORY = "stated from memory of the standard; the standard was not consulte
 class BehaviourFactors:
     """Factors by which standards turn reduced displacements into real ones, and what they divide by.
 
-    Each is one number for all buildings, or a mapping of building name, or "" for all others, to number: ``cd``, the
-    deflection amplification Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour
-    factor of Eurocode 8, and ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the
-    displacements that the rules take come from linear runs under the record itself and were reduced by nothing.
+    Each is one number for all buildings, or a mapping of building name to number: ``cd``, the deflection amplification
+    Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour factor of Eurocode 8, and
+    ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the displacements that the rules
+    take come from linear runs under the record itself and were reduced by nothing.
     """
 
     cd: float | Mapping[str, float] = 1.0
@@ -58,7 +58,7 @@ class BehaviourFactors:
         """Return a factor of a building, a positive number."""
         value = getattr(self, factor)
         if isinstance(value, Mapping):
-            value = value.get(building, value.get("", math.nan))
+            value = value.get(building, math.nan)
         if not 0.0 < value < math.inf:
             raise InputError(
                 f"factor {factor!r} of building {building!r} is {value!r}; give every building a positive number"
@@ -68,16 +68,13 @@ class BehaviourFactors:
     @property
     def in_words(self) -> str:
         """Those that are not 1, and what is reduced by none."""
-        words = []
-        for name, value in vars(self).items():
-            if value != 1.0:
-                numbers = value if isinstance(value, Mapping) else {"": value}
-                words.append(f"{name} = {', '.join(f'{building} {x:g}'.lstrip() for building, x in numbers.items())}")
+        factors = {name: str(value).strip("{}").replace("'", "") for name, value in vars(self).items() if value != 1.0}
+        words = [f"{name} = {value}" for name, value in factors.items()]
         return "; ".join([*words, "others 1" if words else "1 (elastic displacements)"])
 
 
 def read_factors(texts: Mapping[str, Sequence[str]]) -> BehaviourFactors:
-    """Return factors from texts by name, "1.5" for all buildings and "BUILDING=1.5" for one.
+    """Return factors from texts by name: "1.5" for all buildings, or "BUILDING=1.5" for each.
 
     Raises
     ------
@@ -86,16 +83,16 @@ def read_factors(texts: Mapping[str, Sequence[str]]) -> BehaviourFactors:
 
     Examples
     --------
-    >>> read_factors({"q": ["2", "tower=1.5"]}).of("q", "tower")
-    1.5
+    >>> read_factors({"q": ["tower=1.5", "annex=3"], "r": ["5"]})
+    BehaviourFactors(cd=1.0, importance=1.0, q={'tower': 1.5, 'annex': 3.0}, r=5.0)
     """
-    factors: dict[str, dict[str, float]] = {name: {} for name in texts}
-    for name, text in ((name, text) for name, parts in texts.items() for text in parts):
-        building, _, number = text.rpartition("=")
+    factors: dict[str, Any] = {}
+    for name, parts in texts.items():
         try:
-            factors[name][building] = float(number)
+            numbers = {building: float(x) for building, _, x in (text.rpartition("=") for text in parts)}
         except ValueError:
-            raise InputError(f"factor {name} {text!r}: give a number for all buildings, or BUILDING=NUMBER") from None
+            raise InputError(f"factor {name} {parts}: give one number, or BUILDING=NUMBER for each") from None
+        factors[name] = numbers if len(numbers) > 1 else numbers.get("", numbers)
     return BehaviourFactors(**factors)
 
 
@@ -264,8 +261,7 @@ def required_gap(
     result.coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
     if ends.thickness.any():
         result.coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
-    attributes = {f"factor_{name}": str(value) for name, value in vars(factors).items()}
-    return result.assign_attrs(attributes, factors=factors.in_words)
+    return result.assign_attrs(factors=factors.in_words)
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
@@ -294,15 +290,12 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
     result = {"left": left, "right": right, "thickness": meets.copy(data=thickness)}
     names = [item.name for item in scene.buildings]
     modes = ("fundamental_period", "first_damping_ratio")
-    if absent := [name for name in modes if name not in runs.coords]:
+    if not {*modes} <= {*runs.coords}:
         raise InputError(
-            f"separation rules need {' and '.join(absent)} of the buildings, which this cube lacks; give a cube made "
-            "by 'pounding-sweep run', or the row and its records"
+            f"separation rules need {' and '.join(modes)}, which this cube lacks; give a cube of 'pounding-sweep run'"
         )
     properties = {name: runs[name].reset_coords(drop=True) for name in modes}
-    for name, value in vars(factors).items():
-        for building in {*value} - {"", *names} if isinstance(value, Mapping) else ():
-            raise InputError(unknown(f"building of the factor {name!r}", building, names))
+    for name in vars(factors):
         properties[name] = xr.DataArray([factors.of(name, building) for building in names], dims="building")
     row = np.array([names.index(item.name) if isinstance(item, Building) else -1 for item in scene.row])
     sides = [xr.DataArray(row[np.add(scene.pair_of_label, side)], labels, ("pair",)) for side in (0, 1)]
@@ -325,6 +318,8 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
 PROBABILITIES = (0.5, 0.16, 0.1, 0.05, 0.02, 0.01)
 #: Years in which a pair may touch with those probabilities, where a hazard is given.
 YEARS = 50.0
+#: Annual rate of the motion that standards design for: gaps by rules are those under it.
+DESIGN_RATE = -math.log(0.9) / 50.0
 #: Probabilities at which curves are given.
 CURVE = tuple(np.geomspace(1e-3, 0.9, 30).tolist())
 #: By so much the required gaps of a record may miss proportion to its scale: errors of their runs.
@@ -376,6 +371,23 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
     return rows
 
 
+def answers(result: xr.Dataset) -> str:
+    """Say which gap each pair needs for the least probability in the years, and how likely its own touches, if any."""
+    rows, least = gap_rows(result), float(result["probability"].min())
+    row_gaps = {
+        row["pair"]: f"; the {1e3 * row['gap']:g} mm of the file with {100 * row['probability']:.3g} %"
+        for row in rows
+        if row["given"] == "the row's gap" and row["probability"]
+    }
+    lines = [
+        f"{row['pair']}: {1e3 * row['gap']:.0f} mm ({1e3 * row['gap_lower']:.0f} to {1e3 * row['gap_upper']:.0f}) "
+        f"touch with {100 * least:g} % probability {row['given']}{row_gaps.get(row['pair'], '')}"
+        for row in rows
+        if row["given"].startswith("in ") and row["probability"] == least and row["gap"]
+    ]
+    return "; ".join(lines) if len(lines) <= result.sizes.get("pair", 1) else ""
+
+
 @comparison("gap-for-probability")
 def gap_for_probability(
     cube: xr.Dataset,
@@ -383,6 +395,7 @@ def gap_for_probability(
     *,
     intensity: str | xr.DataArray | None = None,
     levels: Sequence[float] | None = None,
+    behaviour: BehaviourFactors | None = None,
     hazard: Hazard | str | os.PathLike[str] | None = None,
     years: float = YEARS,
     confidence: float = 0.95,
@@ -403,6 +416,8 @@ def gap_for_probability(
         Without it, the motions are those of the cube, at each of its scales.
     levels : sequence of float, optional
         Those intensities; by default the suite's median at each scale of the cube, of equal ones their own.
+    behaviour : BehaviourFactors, optional
+        As for `pounding_sweep.analysis.required_gap`.
     hazard : Hazard, str or path, optional
         How often intensities are exceeded at the site: a curve, its CSV file, or "k0=1e-3,kappa=2.5"; the intensity is
         "pga" then where none is given.
@@ -425,9 +440,10 @@ def gap_for_probability(
         ``records`` that count, and ``never``, those under which the pair never touches. With a hazard ``gap_in_years``
         (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so on), how often a year the
         pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate from intensities beyond the
-        hazard's. ``trial_gap`` are the required gaps, ``curve_...`` the same numbers along ``curve``. Scales of both
-        signs are apart along ``direction``. Missing with fewer than two records that count, and, but for what is
-        observed, where a pair never touches under one of them.
+        hazard's; ``rule_gap``, the median of the gaps by each rule at the intensity that is exceeded with 10 %
+        probability in 50 years. ``trial_gap`` are the required gaps, ``curve_...`` the same numbers along ``curve``.
+        Scales of both signs are apart along ``direction``. Missing with fewer than two records that count, and, but for
+        what is observed, where a pair never touches under one of them.
 
     Raises
     ------
@@ -459,7 +475,9 @@ def gap_for_probability(
     numbers_in("(0, 1)", confidence, "confidence")
     numbers_in("(0, inf)", years, "years")
     site = None if hazard is None else hazard_of(hazard)
-    gaps = cube if cube.attrs.get(COMPARISON) == "required-gap" else required_gap(cube, records, folders=folders)
+    gaps = cube
+    if cube.attrs.get(COMPARISON) != "required-gap":
+        gaps = required_gap(cube, records, behaviour=behaviour, folders=folders)
     check_needs(gaps, "a gap for a probability", several=["record"])
     exact, level, units = gaps["exact"], xr.DataArray(1.0), ""
     attributes: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
@@ -500,6 +518,13 @@ def gap_for_probability(
         "records": described(count, "1", "records that count"),
         "never": described(never, "1", "records under which the pair never touches"),
     }
+    if site is not None and "rule_gap" in gaps:
+        design = float(site.factor_at(DESIGN_RATE, np.ones(1)))
+        rules = _per_intensity(gaps["rule_gap"], strength, cube).median("record") * design
+        about = f"exceeded with 10 % probability in 50 years, factors {gaps.attrs['factors']}"
+        variables["rule_gap"] = described(
+            rules, "m", f"strokes: gaps by rules, median at {design:.3g} {units}, {about}"
+        )
     numbers = {"gap": gap * level}
     if site is not None:
         numbers["gap_in_years"] = in_years
@@ -517,7 +542,8 @@ def gap_for_probability(
             variables[name] = array.isel({"probability": slice(n)}, missing_dims="ignore")
     shares = {"probability": probabilities, "curve": curve}
     coords = {dim: labelled(dim, part, "probability that the pair touches", "1") for dim, part in shares.items()}
-    return xr.Dataset(variables, coords, attributes)
+    result = xr.Dataset(variables, coords, attributes)
+    return result.assign_attrs(answer=answers(result))
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:

@@ -671,46 +671,58 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     """Draw the probability that a pair touches, and its annual rate, against the gap.
 
     One column per pair. Lines are the lognormal of the records' required gaps, bands its confidence intervals of the
-    gap, steps the shares of the records; one line for each intensity, else for each scale of the cube, five at most,
-    evenly chosen. Below, with a hazard, is the annual rate, and a cross at the row's own gap.
+    gap, dots the shares of the records; one line for each intensity, else for each scale of the cube, five at most,
+    evenly chosen. Bars are intervals for the least probability. Below, with a hazard: in years, and gaps by rules.
     """
     result = with_dims(result_of(cube, "gap-for-probability"), "pair")
     axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "suite")
-    result, selection = select_default(result, ("record", "probability", "curve", axis), ["median", "trial_gap"])
-    rows = ["probability of touching (-)", *["annual rate of touching (1/year)"] * ("gap_in_years" in result)]
-    figure, axes = subplots(len(rows), result.sizes["pair"], (1.6, 3.0, 0.9, 2.7))
-    result = select_lines(with_dims(result, axis, absent=""), axis)
+    keep = {"record", "curve", "rule", "probability", axis}
+    result, selection = select_default(result, keep, ["median", "trial_gap"])
+    words, years = result.attrs.get("answer", ""), float(result.attrs.get("years", 0.0))
+    rows = ["probability of touching (-)", *[f"probability in {years:g} years (-)"] * bool(years)]
+    figure, axes = subplots(len(rows), result.sizes["pair"], (2.2, 3.4, 1.2, 2.7))
+    result = select_lines(with_dims(result, axis, absent=""), axis).sel(probability=result["probability"].min())
     for ax, pair in panels(axes[0], result, "pair"):
         for number, style in zip(range(result.sizes[axis]), DASHED, strict=False):
             part = pair.isel({axis: number})
             label = "lognormal" if axis == "suite" else coord_text(part, axis)
-            _draw_gaps(ax, part, "curve_gap", part["curve"].values, style, label)
+            _draw_gaps(ax, part, "gap", style, label)
             gaps = 1e3 * np.sort(part["trial_gap"].dropna("record").values)
             shares = 1.0 - np.arange(gaps.size) / max(gaps.size, 1)
             ax.plot(gaps, shares, color=style["color"], linestyle="none", marker=".", markersize=3)
         ax.set(yscale="log", ylim=(1e-3, 1.0))
-    for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if len(rows) > 1 else ():
-        rate = -np.log1p(-pair["curve"].values) / float(pair.attrs["years"])
-        _draw_gaps(ax, pair, "curve_gap_in_years", rate, {"color": COLOURS[0]}, "lognormal")
-        observed = 1e3 * pair["curve_gap_in_years_observed"]
-        ax.plot(observed, rate, color=COLOURS[2], linestyle=":", label="the records")
+    for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if years else ():
+        _draw_gaps(ax, pair, "gap_in_years", {"color": COLOURS[0]}, "lognormal")
         if "rate" in pair:
-            ax.plot(1e3 * pair["row_gap"], pair["rate"], "kX", label="the row's gap")
-        ax.set(yscale="log", title="")
+            own, share = 1e3 * pair["row_gap"].item(), -np.expm1(-years * pair["rate"])
+            ax.plot(own, share, "kX", clip_on=False, label=f"the row's gap: {own:.3g} mm")
+        for name, number in _group_rules(pair).items() if "rule_gap" in pair else ():
+            gap = 1e3 * pair["rule_gap"].values[number]
+            ax.axvline(gap, 0.0, 0.2, color=COLOURS[1 + number], linewidth=2.0, label=f"{name}: {gap:.3g} mm")
+        ax.set(yscale="log", ylim=(1e-3, 1.0), title="")
+        rates, right = 10.0 ** np.arange(-6, 0), ax.secondary_yaxis("right")
+        right.set_yticks(-np.expm1(-years * rates), [f"{rate:g}" for rate in rates])
+        right.minorticks_off()
+        right.set_ylabel("annual rate (1/year)")
         ax.legend(loc="upper right", fontsize=8)
-    axes[0, 0].set_xlim(left=0.0)
+    drawn = [name for name in ("trial_gap", "curve_gap", "curve_gap_in_years", "row_gap", "rule_gap") if name in result]
+    axes[0, 0].set_xlim(0.0, 1.05e3 * result.reset_coords()[drawn].to_dataarray().max().item())
+    rules = spell_units(result["rule_gap"].attrs["long_name"]) if "rule_gap" in result else ""
     intervals = f"lognormal with {result.attrs['confidence']:.0%} intervals"
-    finish(figure, axes, "gap (mm)", rows, intervals, f"dots: shares of the {result.attrs['suite']} records", selection)
+    dots = f"dots: shares of the {result.attrs['suite']} records"
+    finish(figure, axes, "gap (mm)", rows, words, intervals, dots, rules, selection)
     figure.legends[0].set_title(spell_units(result.attrs.get("intensity", "")), {"size": 9})
     return figure
 
 
-def _draw_gaps(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, style: dict[str, Any], label: str) -> None:
-    """Draw a lognormal with the band of its gaps."""
-    low, high = (part[f"{name}_{end}"].values * 1e3 for end in ("lower", "upper"))
-    finite = np.isfinite(low) & np.isfinite(high)
+def _draw_gaps(ax: Any, part: xr.Dataset, name: str, style: dict[str, Any], label: str) -> None:
+    """Draw a lognormal with the band of its gaps, and the gap for its probability, with the interval."""
+    low, high = (part[f"curve_{name}_{end}"].values * 1e3 for end in ("lower", "upper"))
+    finite, y = np.isfinite(low) & np.isfinite(high), part["curve"].values
     ax.fill_betweenx(y, low, high, where=finite, color=style["color"], alpha=0.15, linewidth=0)
-    ax.plot(part[name].values * 1e3, y, label=label, **style)
+    ax.plot(part[f"curve_{name}"].values * 1e3, y, label=label, **style)
+    gaps = [1e3 * part[f"{name}{end}"] for end in ("_lower", "", "_upper")]
+    ax.plot(gaps, np.full(3, part["probability"]), "|-", color=style["color"], markersize=9)
 
 
 @figure_of("required-gap", "cube", "pair, record|case|exact")
@@ -726,18 +738,18 @@ def required_gap(cube: xr.Dataset) -> Figure:
     result, selection = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
     figure, axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
     x = np.arange(result.sizes[trials])
-    offsets = np.linspace(-0.22, 0.22, len(x)) if len(x) > 1 else np.zeros(1)
+    offsets = 0.44 * (x + 0.5) / len(x) - 0.22
     few = len(x) <= _NAMED
     tilted: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
     for (gaps, pair), ratios in zip(panels(axes[0], result, "pair"), axes[1], strict=True):
         part = pair.sortby("exact")
         gaps.plot(x, part["exact"].values * 1e3, "k.-", label="exact", linewidth=1.8)
         ratios.axhline(1.0, color="0.4", linewidth=0.9, zorder=0)
-        groups = _group_rules(pair, result)
+        groups = _group_rules(pair)
         for place, (name, number) in enumerate(groups.items()):
-            mark: Any = {"color": COLOURS[1 + number], "marker": MARKERS[number], "linestyle": "none"}
-            mark |= {"markerfacecolor": "none", "markersize": 6 if few else 3.5}
-            rule = part.isel(rule=number % part.sizes["rule"])
+            mark: Any = {"color": COLOURS[1 + number], "marker": MARKERS[number], "markersize": 6 if few else 3.5}
+            mark |= {"linestyle": "none", "markerfacecolor": "none"}
+            rule = part.isel(rule=number)
             gaps.plot(x, 1e3 * rule["rule_gap"], label=name, **mark)
             ratios.plot(place + offsets, rule["ratio"], **mark)
             ratios.hlines(rule["ratio"].median(), place - 0.35, place + 0.35, color="black", linewidth=1.6, zorder=2)
@@ -745,28 +757,22 @@ def required_gap(cube: xr.Dataset) -> Figure:
             gaps.set_xticks(x, [fill(record_name(key), 22) for key in part["record"].values.tolist()], **tilted)
         else:
             gaps.set(xticks=[], xlabel=f"{len(x)} {trials}s, by rising required gap")
-        ratios.set_xticks(range(len(groups)), [fill(name, 20) for name in groups], **tilted)
-        ratios.set_xlim(-0.6, len(groups) - 0.4)
-        gaps.set_xlim(-0.5, len(x) - 0.5)
+        ratios.set_xticks(range(len(groups)), groups, **tilted)
         gaps.margins(y=0.1)
-        gaps.grid(visible=False, axis="x")
-        ratios.grid(visible=False, axis="x")
     axes[0, 0].set(ylim=(0.0, None), ylabel="required gap (mm)")
     axes[1, 0].set_ylabel("rule over exact (-)\nbelow 1: too small")
     legend_below(figure, axes[0], most=4)
     return put_title(figure, selection, f"factors {result.attrs['factors']}")
 
 
-def _group_rules(pair: xr.Dataset, result: xr.Dataset) -> dict[str, int]:
-    """Return the first of those separation rules that agree for all pairs, or of all for this one, by their names."""
-    for part in (pair, result):
-        gaps, groups = part["rule_gap"].transpose("rule", ...).values, dict[int, list[str]]()
-        for number, name in enumerate(part["rule_name"].values.tolist()):
-            same = (i for i in groups if np.allclose(gaps[i], gaps[number], equal_nan=True))
-            groups.setdefault(next(same, number), []).append(name)
-        if len(groups) == 1:
-            return {"all rules": len(gaps)}
-    return {", ".join(names): number for number, names in groups.items()}
+def _group_rules(pair: xr.Dataset) -> dict[str, int]:
+    """Return the first of those separation rules that agree, by their names."""
+    groups: dict[bytes, list[int]] = {}
+    for number, gaps in enumerate(pair["rule_gap"].transpose("rule", ...).round(9)):
+        groups.setdefault(gaps.values.tobytes(), []).append(number)
+    if len(groups) == 1:
+        return {"all rules": -1}
+    return {fill(", ".join(pair["rule_name"].values[numbers]), 20): numbers[0] for numbers in groups.values()}
 
 
 #: What tells groups of scenarios apart.
