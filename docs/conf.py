@@ -26,6 +26,7 @@ _RUN = (
     "own_law.md",
     "kernels.md",
     "howto_figures.md",
+    "howto_gap.md",
     "howto_what_matters.md",
     "howto_tables.md",
 )
