@@ -27,6 +27,7 @@ _RUN = (
     "kernels.md",
     "howto_figures.md",
     "howto_gap.md",
+    "howto_ida_fragility.md",
     "howto_what_matters.md",
     "howto_tables.md",
 )
