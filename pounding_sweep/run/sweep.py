@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
+from pounding_sweep.base.files import failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.records import find_record
@@ -161,18 +162,21 @@ class Sweep:
         from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.spec.toml import load_spec, to_toml
 
-        target, records = check_output(path, overwrite, netcdf=False), list[Any]()
+        target, records, texts = check_output(path, overwrite, netcdf=False), list[Any](), dict[Path, str]()
         for number, record in enumerate(self.spec.records, 1):
             records.append({"record": record.name, "scale": record.scale})
             with suppress(RecordError):
                 if find_record(record.name).scaled(record.scale) == record:
                     continue
             file = check_output(target.with_name(f"{target.stem}_record_{number}.csv"), overwrite, netcdf=False)
-            file.write_text(
-                "\n".join(["acceleration (m/s2)", *map(repr, record.acceleration.tolist())]), encoding="utf-8"
-            )
+            texts[file] = "\n".join(["acceleration (m/s2)", *map(repr, record.acceleration.tolist())])
             records[-1] = {"path": file.name, "name": record.name, "dt": record.dt}
-        target.write_text(to_toml(self.spec, records), encoding="utf-8")
+        for file, text in (texts | {target: to_toml(self.spec, records)}).items():
+            try:
+                with replacing(file) as temporary:
+                    temporary.write_text(text, encoding="utf-8")
+            except OSError as error:
+                raise WriteError(failure(f"writing {str(file)!r}", error)) from error
         if load_spec(target) != replace(self.spec, records_left_out=()):
             raise SweepError(f"{str(target)!r} lists the cases of a design, which is not written; give it by hand")
         return target
