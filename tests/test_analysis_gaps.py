@@ -140,7 +140,7 @@ def test_columns_that_a_sweep_left_out_are_looked_at(stub_engine):
 @pytest.mark.parametrize(
     ("factors", "said"),
     [
-        ({"q": {"a": 2.0}}, r"building .b. is nan; give every building a positive"),
+        ({"q": {"a": 2.0}}, r"factor 'q' of building 'b' is missing beside 'a'; give it"),
         ({"r": 0.0}, r"factor 'r' of building 'a' is 0\.0"),
     ],
 )

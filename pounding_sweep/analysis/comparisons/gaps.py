@@ -58,7 +58,10 @@ class BehaviourFactors:
         """Return a factor of a building, a positive number."""
         value = getattr(self, factor)
         if isinstance(value, Mapping):
-            value = value.get(building, math.nan)
+            if building not in value:
+                known = ", ".join(map(repr, value))
+                raise InputError(f"factor {factor!r} of building {building!r} is missing beside {known}; give it, too")
+            value = value[building]
         if not 0.0 < value < math.inf:
             raise InputError(
                 f"factor {factor!r} of building {building!r} is {value!r}; give every building a positive number"
