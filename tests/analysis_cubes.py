@@ -37,7 +37,7 @@ def hand_cube(axes, fill, *, scene=None, status=None, coords=None, attributes=No
     arrays["status"] = np.zeros(outer, np.int8) if status is None else np.asarray(status, np.int8)
     arrays["steps_per_contact"] = np.full(outer, np.nan)
     extra = dict(coords or {})
-    modes = ([b.periods[0] for b in scene.buildings], [b.first_damping for b in scene.buildings])
+    modes = ([b.periods[0] for b in scene.buildings], [np.ravel(b.damping_ratio)[0] for b in scene.buildings])
     extra |= {n: (("building",), np.array(m), {}) for n, m in zip(MODES, modes, strict=True) if n not in extra}
     if {"law", "restitution"} <= {*axes}:
         realised = [realised_restitution(get_law(law), np.array(axes["restitution"])) for law in axes["law"]]

@@ -68,7 +68,7 @@ def cube(seed=0, *, right_wall=False, **sizes):
         "record_pga": (("record",), np.linspace(1.0, 3.0, n["record"]), {"units": "m s-2"}),
         "restitution_realised": (("law", "restitution"), realised, {"units": "1"}),
         "fundamental_period": (("building",), np.array([b.periods[0] for b in row.buildings]), {"units": "s"}),
-        "first_damping_ratio": (("building",), np.array([b.first_damping for b in row.buildings]), {"units": "1"}),
+        "first_damping_ratio": (("building",), np.array([b.damping_ratio for b in row.buildings]), {"units": "1"}),
     }
     records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.02, name=name) for name in axes[4].values]
     spec = build_spec(scene=row, records=records, laws=axes[0].values, gaps=axes[1].values, scales=axes[5].values)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -162,12 +162,6 @@ class Foundation:
     rocking_stiffness: Positive
     sway_damping: NotNegative = 0.0
     rocking_damping: NotNegative = 0.0
-
-    def scaled(self, mass: float, period: float) -> Foundation:
-        """Return one of so many times the mass, and of so many times the periods."""
-        powers = {"stiffness": 2, "damping": 1}
-        factors = {field.name: mass / period ** powers.get(field.name.split("_")[-1], 0) for field in fields(self)}
-        return Foundation(**{name: factor * getattr(self, name) for name, factor in factors.items()})
 
     #: Of sway and of rocking.
     masses = property(lambda self: np.array([self.mass, self.inertia]))
@@ -346,9 +340,18 @@ class Building:
         return np.diff(self.deformations, axis=0, prepend=0.0)
 
     @cached_property
+    def damping_matrices(self) -> np.ndarray:
+        """What Rayleigh's a and b multiply (t, kN/m), and C of dashpots (kN s/m), shape (3, n, n)."""
+        moved, drifts = self.deformations, self.drifts
+        dashpots = (drifts.T * (self.dashpots or (0.0,) * self.n_storeys)) @ drifts
+        if self.foundation is not None:
+            dashpots[[-2, -1], [-2, -1]] += self.foundation.dashpots
+        return np.stack([(moved.T * self.masses) @ moved, (drifts.T * self.lateral_stiffnesses) @ drifts, dashpots])
+
+    @cached_property
     def stiffness_matrix(self) -> np.ndarray:
         """K (kN/m), of the lateral stiffnesses, with a foundation by the base's displacement and rotation too."""
-        stiff = (self.drifts.T * self.lateral_stiffnesses) @ self.drifts
+        stiff = self.damping_matrices[1].copy()
         if self.foundation is not None:
             stiff[[-2, -1], [-2, -1]] += self.foundation.stiffnesses
         return stiff
@@ -384,24 +387,11 @@ class Building:
             self.on_fixed_base.frequencies, ratios if isinstance(ratios, tuple) else (ratios, ratios)
         )
 
-    @property
-    def first_damping(self) -> float:
-        """Damping ratio of the first mode: as given, with a foundation that of both together, by its shape."""
-        if self.foundation is None:
-            return float(np.ravel(self.damping_ratio)[0])
-        (a, b), (mass, stiff, dashed) = self.rayleigh, self.damping_shares[:, 0]
-        return float(a * mass + b * stiff + dashed)
-
     @cached_property
     def damping_shares(self) -> np.ndarray:
         """What Rayleigh's a and b each take of damping ratios (s, 1/s), and dashpots give, of modes, shape (3, n)."""
         w, shapes = self.modes
-        moved, drift = self.deformations @ shapes, self.drifts @ shapes
-        other = np.asarray(self.dashpots or (0.0,) * self.n_storeys) @ np.square(drift)
-        if self.foundation is not None:
-            other += self.foundation.dashpots @ np.square(shapes[-2:])
-        powers = np.asarray(self.masses) @ np.square(moved), self.lateral_stiffnesses @ np.square(drift), other
-        return np.array(powers) / (2.0 * w)
+        return np.einsum("im,pij,jm->pm", shapes, self.damping_matrices, shapes) / (2.0 * w)
 
 
 def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.scene import Building, Scene, column_softness, effective_mass, rayleigh_factors
+from pounding_sweep.model.scene import Building, Foundation, Scene, column_softness, effective_mass, rayleigh_factors
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096
@@ -35,28 +35,22 @@ FORMATS = {
 }
 
 
-def _of_floors(
+def _scaled(
     read: Callable[[Building], Sequence[float]], mass: int = 0, period: int = 0, strength: int = 0
 ) -> cached_property[np.ndarray]:
-    """Make a property of all floors, shape (n, floors): numbers of buildings times powers of the factors on them."""
+    """Make a property of all buildings side by side, shape (n, ...): their numbers times powers of the factors."""
 
     def values(row: Variants) -> np.ndarray:
-        factor = row.mass_factor**mass / row.period_factor**period * row.strength_factor**strength
-        floors = np.concatenate([read(building) for building in row.scene.buildings])
-        return np.asarray(floors[:, None] * factor.T[row._owner]).T  # each floor's side by side
+        factors = (row.mass_factor**mass / row.period_factor**period * row.strength_factor**strength).T
+        parts = [np.outer(read(item), factor) for item, factor in zip(row.scene.buildings, factors, strict=True)]
+        return np.concatenate(parts).T  # those of each number side by side in memory
 
     return cached_property(values)
 
 
-def _of_bases(name: str, mass: int = 0, period: int = 0) -> cached_property[np.ndarray]:
+def _of_base(name: str, **powers: int) -> cached_property[np.ndarray]:
     """Make a property of all foundations, sway and rocking of each, shape (n, 2 foundations)."""
-
-    def values(row: Variants) -> np.ndarray:
-        factor, founded = row.mass_factor**mass / row.period_factor**period, row.scene.foundations
-        parts = [factor[:, b, None] * getattr(row.scene.buildings[b].foundation, name) for b in founded]
-        return np.concatenate([np.empty((len(row), 0)), *parts], axis=1)
-
-    return cached_property(values)
+    return _scaled(lambda building: getattr(building.foundation, name, ()), **powers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +95,10 @@ class Variants:
         for b, item in enumerate(self.scene.buildings):
             floors, names = slice(*self.scene.offsets[b : b + 2]), {n for n in tables if getattr(item, n) is not None}
             changed: dict[str, Any] = {name: tables[name][row, floors].tolist() for name in names}
-            if item.foundation is not None:
-                factors = float(self.mass_factor[row, b]), float(self.period_factor[row, b])
-                changed["foundation"] = item.foundation.scaled(*factors)
+            if b in self.scene.foundations:
+                i = 2 * self.scene.foundations.index(b)
+                bases = self.base_masses, self.base_stiffnesses, self.base_dashpots
+                changed["foundation"] = Foundation(*np.concatenate([table[row, i : i + 2] for table in bases]))
             varied = {"damping_ratio": self.damping_ratio[row], "hardening": self.hardening[row, b]}
             changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
             scaled.append(replace(item, **changed))
@@ -126,17 +121,17 @@ class Variants:
         return np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
 
     #: Floor masses (t), lateral storey stiffnesses (kN/m), with P-Delta less P / h, and P / h (kN/m).
-    masses = _of_floors(lambda building: building.masses, mass=1)
-    stiffnesses = _of_floors(lambda building: building.lateral_stiffnesses, mass=1, period=2)
-    geometric_stiffnesses = _of_floors(lambda building: building.geometric_stiffnesses, mass=1)
+    masses = _scaled(lambda building: building.masses, mass=1)
+    stiffnesses = _scaled(lambda building: building.lateral_stiffnesses, mass=1, period=2)
+    geometric_stiffnesses = _scaled(lambda building: building.geometric_stiffnesses, mass=1)
     #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
-    yield_strengths = _of_floors(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
-    dashpots = _of_floors(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)
+    yield_strengths = _scaled(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
+    dashpots = _scaled(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)
     #: Masses (t) and moments of inertia (t m2) of foundations, their stiffnesses (kN/m, kN m/rad) and dashpots.
-    base_masses = _of_bases("masses", mass=1)
-    base_stiffnesses = _of_bases("stiffnesses", mass=1, period=2)
-    base_dashpots = _of_bases("dashpots", mass=1, period=1)
-    _column_stiffnesses = _of_floors(lambda b: b.column_stiffnesses or b.stiffnesses, mass=1, period=2)
+    base_masses = _of_base("masses", mass=1)
+    base_stiffnesses = _of_base("stiffnesses", mass=1, period=2)
+    base_dashpots = _of_base("dashpots", mass=1, period=1)
+    _column_stiffnesses = _scaled(lambda b: b.column_stiffnesses or b.stiffnesses, mass=1, period=2)
 
     @cached_property
     def storey_heights(self) -> np.ndarray:
@@ -221,15 +216,12 @@ class Variants:
         light, heavy = shapes / root[:, :, None], np.swapaxes(shapes, 1, 2) * root[:, None, :]
         return light, heavy, np.sqrt(np.maximum(values, 0.0)), np.swapaxes(light, 1, 2) @ damped @ light
 
-    def modal_damping(self, building: int, mode: int) -> np.ndarray:
-        """Damping ratio of a mode of a building, dashpots left out unless it stands on a foundation, shape (n,)."""
-        item, (a, b) = self.scene.buildings[building], self.rayleigh(building)
-        if item.foundation is None:
-            w = self.frequencies[building][:, mode]
-            return np.asarray((a / w + b * w) / 2.0)
-        mass, stiff, dashed = item.damping_shares[:, mode]
-        period = self.period_factor[:, building]
-        return np.asarray(a * mass * period + b * stiff / period + dashed)
+    def modal_damping(self, building: int) -> np.ndarray:
+        """Damping ratios of a building's modes, of its dashpots only if it has a foundation, shape (n, modes)."""
+        item, period = self.scene.buildings[building], self.period_factor[:, building, None]
+        (a, b), (mass, stiff, dashed) = self.rayleigh(building), item.damping_shares
+        dashpots = dashed if item.foundation else 0.0
+        return np.asarray(a[:, None] * mass * period + b[:, None] * stiff / period + dashpots)
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""

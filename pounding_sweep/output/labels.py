@@ -86,19 +86,16 @@ def building_coordinates(variants: Variants, along: Mapping[str, tuple[str, int]
         "floor_mass": (scatter_dof(variants.masses, scene), floors, factors[:1], "t", "mass of the floor"),
         "storey_stiffness": (scatter_dof(stiffnesses, scene), floors, factors, "kN m-1", "stiffness of the storey"),
     }
-    # of the first two modes; a building of one storey has no second
-    modes = [np.column_stack([w, np.full(len(w), np.nan)])[:, :2] for w in variants.frequencies]
-    for mode, (name, text) in enumerate((("fundamental", "fundamental"), ("second", "second natural"))):
-        periods = 2.0 * np.pi / np.stack([w[:, mode] for w in modes], axis=1)
-        table[f"{name}_period"] = (periods, floors[:1], factors[1:], "s", f"{text} period")
-    for mode, name in enumerate(("first", "second")):
-        ratios = []
-        for b, (building, w) in enumerate(zip(scene.buildings, modes, strict=True)):
-            (alpha, beta), omega = variants.rayleigh(b), w[:, mode]
-            classical = building.foundation is None
-            ratios.append(0.5 * (alpha / omega + beta * omega) if classical else variants.modal_damping(b, mode))
+    # of the first two modes, shape (2, n, buildings); a building of one storey has no second
+    frequencies, ratios = (
+        np.stack([np.column_stack([values, np.full(len(variants), np.nan)])[:, :2].T for values in of_modes], axis=2)
+        for of_modes in (variants.frequencies, map(variants.modal_damping, range(len(scene.buildings))))
+    )
+    for w, name, text in zip(frequencies, ("fundamental", "second"), ("fundamental", "second natural"), strict=True):
+        table[f"{name}_period"] = (2.0 * np.pi / w, floors[:1], factors[1:], "s", f"{text} period")
+    for ratio, name in zip(ratios, ("first", "second"), strict=True):
         text = f"damping ratio of the {name} mode"
-        table[f"{name}_damping_ratio"] = (np.stack(ratios, axis=1), floors[:1], ("damping_ratio",), "1", text)
+        table[f"{name}_damping_ratio"] = (ratio, floors[:1], ("damping_ratio",), "1", text)
     if any(building.p_delta for building in scene.buildings):
         theta = scatter_dof(variants.geometric_stiffnesses / stiffnesses, scene)
         text = "stability coefficient P / (k h) of the storey"

@@ -65,7 +65,7 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     h, ground = record.dt, record.acceleration
     moving = [isinstance(item, Building) for item in scene.row]
     frequency = np.stack([variants.frequencies[b][:, 0] for b in range(len(scene.buildings))])
-    damping = np.stack([variants.modal_damping(b, 0) for b in range(len(scene.buildings))])
+    damping = np.stack([variants.modal_damping(b)[:, 0] for b in range(len(scene.buildings))])
     damping = np.where(damping < 1.0, damping, _MOST_DAMPED)
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
     root = frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))

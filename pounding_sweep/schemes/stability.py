@@ -83,14 +83,8 @@ def largest_step(
 def _largest_rate(variants: Variants, index: int) -> np.ndarray:
     """Bound of M^-1 C of a building on its foundation (1/s), by the largest eigenvalues of its parts, shape (n,)."""
     building, (a, b), period = variants.scene.buildings[index], variants.rayleigh(index), variants.period_factor
-    assert building.foundation is not None
     root = 1.0 / np.sqrt(building.inertias)
-    drifts, moved = building.drifts * root, building.deformations * root
-    dashpots = np.asarray(building.dashpots or (0.0,) * building.n_storeys)
-    base = np.square(root[-2:]) * building.foundation.dashpots
-    other = (drifts.T * dashpots) @ drifts + np.diag([*[0.0] * building.n_storeys, *base])
-    parts = (moved.T * building.masses) @ moved, (drifts.T * building.lateral_stiffnesses) @ drifts, other
-    mass, stiff, dashed = (float(np.linalg.eigvalsh(part)[-1]) for part in parts)
+    mass, stiff, dashed = np.linalg.eigvalsh(building.damping_matrices * np.outer(root, root))[:, -1].tolist()
     return np.asarray(a * mass + b * stiff / np.square(period[:, index]) + dashed / period[:, index])
 
 
