@@ -14,8 +14,8 @@ from kinds import BOTH
 from naive import run
 from scenes import pair
 from scipy.integrate import solve_ivp
-from scipy.linalg import block_diag, eig, eigh, expm
-from test_links import radius
+from scipy.linalg import block_diag, eig, eigh
+from test_links import exact, radius
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
@@ -42,6 +42,15 @@ def classical(building):
         block_diag(c, base.sway_damping, base.rocking_damping),
         block_diag(k, base.sway_stiffness, base.rocking_stiffness),
     )
+
+
+#: What the ground's acceleration pushes: the base.
+OF_THE_BASE = (0.0, 0.0, 1.0, 0.0)
+
+
+def of_floors(states):
+    """Displacements of the two floors of A, shape (times, 2), by the states of `classical`."""
+    return states[:2].T + states[2, :, None] + np.outer(states[3], A.elevations)
 
 
 def periods(building):
@@ -110,17 +119,7 @@ def test_stiff_springs_fix_the_base():
 
 def test_the_twin_is_exact_without_pounding():
     """The twin against the exponential of the state in other coordinates, in which masses are coupled."""
-    record, n = motion(51, 1.5), 4
-    mass, damping, stiff = classical(A)
-    a = np.zeros((2 * n + 2, 2 * n + 2))
-    a[:n, n : 2 * n] = np.eye(n)
-    a[n : 2 * n, : 2 * n] = -np.linalg.solve(mass, np.hstack([stiff, damping]))
-    a[n : 2 * n, 2 * n] = [0.0, 0.0, -1.0, 0.0]  # the ground moves the base
-    a[2 * n, 2 * n + 1] = 1.0
-    step, x, want = expm(a * record.dt), np.zeros(2 * n), [np.zeros(2)]
-    for g0, g1 in zip(record.acceleration[:-1], record.acceleration[1:], strict=True):
-        x = (step @ np.concatenate([x, [g0, (g1 - g0) / record.dt]]))[: 2 * n]
-        want.append(x[:2] + x[2] + x[3] * A.elevations)
+    want = of_floors(exact(*classical(A), motion(51, 1.5), OF_THE_BASE).T)
     found = truth(FOUNDED, "none", 51, 1.5)["displacement"][0]
     assert np.abs(found - want).max() < 1e-9 * np.abs(want).max()
 
@@ -152,10 +151,10 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     found = solve_ivp(
         rates, (0.0, record.duration), np.zeros(10), "DOP853", t_eval=record.time, rtol=1e-9, atol=1e-12, max_step=1e-3
     ).y
-    want = found[:2] + found[2] + np.outer(smooth.elevations, found[3])
+    want = of_floors(found)
     got = one.displacement.values[:: round(record.dt / 2e-4), 0]
     assert float(one.ductility_max.max()) > 1.5
-    np.testing.assert_allclose(got, want.T, atol=1e-5 * np.abs(want).max())
+    np.testing.assert_allclose(got, want, atol=1e-5 * np.abs(want).max())
     assert float(one.energy_residual) < 1e-7
 
 
@@ -171,15 +170,8 @@ def test_a_base_that_hardly_holds_is_no_diverged_run(strength):
     for scene in (soft, replace(soft, row=[soft.buildings[0].on_fixed_base, B])):
         energy = energy_limit(scene, motion(151, 3.0), np.ones(1))
         limits.append(displacement_limit(scene, energy)[0])
-    record = motion(151, 3.0)
-    mass, damping, stiff = classical(replace(soft.buildings[0], yield_strengths=None))
-    rates = np.block([[np.zeros((4, 4)), np.eye(4)], [-np.linalg.solve(mass, np.hstack([stiff, damping]))]])
-    load = np.array([0.0, 0, 0, 0, 0, 0, -1.0, 0])
-    found = solve_ivp(
-        lambda t, x: rates @ x + load * np.interp(t, record.time, record.acceleration), (0.0, record.duration),
-        np.zeros(8), rtol=1e-8, atol=1e-10, max_step=record.dt,
-    ).y  # fmt: skip
-    moved = np.abs(found[:2] + found[2] + np.outer(A.elevations, found[3])).max(axis=1)
+    elastic = classical(replace(soft.buildings[0], yield_strengths=None))
+    moved = np.abs(of_floors(exact(*elastic, motion(151, 3.0), OF_THE_BASE).T)).max(axis=0)
     assert (moved < limits[0][:2]).all()
     assert moved[0] > limits[1][0]
     np.testing.assert_array_equal(limits[0][2:] >= limits[1][2:], True)  # of more energy in the row

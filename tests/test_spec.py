@@ -212,17 +212,6 @@ def test_json_is_canonical_and_complete():
     assert digest(spec) == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_json_of_walls_cases_and_pairs_of_ratios():
-    b = Building("b", [1, 2], [3, 4], damping_ratio=(0.05, 0.06))
-    scene = Scene([Wall(), b], [0.1], ContactProperties(linear_stiffness=2))
-    spec = build(**cases(Case("linear", gap=[0.1]), Case("none"), scene=scene))
-    data = json.loads(to_json(spec))
-    assert data["scene"]["row"][0] == {"wall": True, "name": "wall"}
-    assert data["scene"]["row"][1]["damping_ratio"] == [0.05, 0.06]
-    assert data["cases"][0]["gap"] == [0.1]
-    assert '"linear_stiffness":2.0' in to_json(spec)
-
-
 def test_digest_is_the_same_however_the_sweep_was_written():
     one = build(gaps=[0.01, 0.02], outputs=["drift_max", "impulse"], scales=1, records=[PULSE])
     two = build(
@@ -327,18 +316,6 @@ def test_preset_with_changes(write):
     assert spec.scene.contact.restitution == 0.5
     assert spec.scene.contact.hertz_stiffness == pytest.approx(1.8803e7 * math.sqrt(1.2) / 1.0, rel=0.2)
     assert [r.name for r in spec.records] == ["x", "el_centro"]
-
-
-def test_cases_in_a_file(write):
-    path = write(
-        '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\n'
-        '[[sweep.cases]]\nlaw = "hertz"\ngap = [0.01, 0.02]\n[[sweep.cases]]\nlaw = "gonthier"\n'
-        "stiffness = 1e7\nscale = 2\n"
-    )
-    assert load_spec(path).cases == (
-        Case("hertz", (0.01, 0.02), None, 1.0, None, "el_centro", 1.0),
-        Case("gonthier", None, 1e7, None, 0.6, "el_centro", 2.0),
-    )
 
 
 SHIPPED = [("quickstart", 1008), ("two_buildings_and_wall", 4), ("yielding", 224), ("columns", 6), ("p_delta", 108)]
