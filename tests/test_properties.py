@@ -394,7 +394,6 @@ def test_names_of_buildings_become_names_of_netcdf():
     names = ["tower_1", "tower_1_no2", "S_d"]
     assert [axis.dimension for axis in spec.property_axes] == [f"mass_factor_{name}" for name in names]
     assert [axis.building for axis in spec.property_axes] == ["tower 1", "tower-1", "Süd"]  # as in the row
-    assert spec.property_axes[0].key == "building.tower 1.mass_factor"
 
 
 # -- what a user writes ------------------------------------------------------------------------------------------------

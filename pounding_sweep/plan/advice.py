@@ -169,17 +169,6 @@ class Measured:
     about: dict[str, Any]  # where the numbers come from: quantile, version, date, machine
 
 
-@dataclass(frozen=True)
-class Advice:
-    """What was chosen for a sweep."""
-
-    numerics: Numerics  # scheme, number format, and the largest step of the runs without pounding
-    steps: np.ndarray  # steps per record interval of each scenario, shape (scenarios,)
-    uncoupled: np.ndarray  # those of each run without pounding, shape (records, variants)
-    sentence: str  # what was chosen
-    numbers: dict[str, Any]  # what led to it
-
-
 @lru_cache(maxsize=1)
 def load_measured() -> Measured:
     """Read the measured errors and costs of this version of the package."""
@@ -338,10 +327,12 @@ class Demand:
         return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
 
-def advise(demand: Demand) -> Advice:
+def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[str, Any]]:
     """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
 
-    Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
+    Returns the scheme with the largest step of the runs without pounding; steps per record interval, of scenarios and
+    of these runs (records, variants); what was chosen, as a sentence; and the numbers that led to it. Raises
+    `SweepError` if a law was not measured, or no scheme reached the accuracy.
     """
     spec, table, measured = demand.spec, demand.table, load_measured()
     candidates, reached = list[tuple[float, SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray]](), list[str]()
@@ -396,4 +387,4 @@ def advise(demand: Demand) -> Advice:
         f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
         f"scenarios refined{more}"
     )
-    return Advice(Numerics(method, largest, *settings), steps, uncoupled, sentence, numbers)
+    return Numerics(method, largest, *settings), steps, uncoupled, sentence, numbers

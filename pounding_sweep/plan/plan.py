@@ -279,7 +279,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     laws = (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
     unique, variants, inverse = unique_scenarios(spec, laws)
     table, repeats = but_for_gaps(unique)  # no step depends on gaps
-    choice: tuple[Any, ...] = ()
+    choice: list[Any] = []
     if spec.accuracy is None:
         assert spec.method is not None
         assert spec.dt is not None
@@ -291,9 +291,8 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     else:
         from pounding_sweep.plan.advice import Demand, advise
 
-        advice = advise(Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed))
-        numerics, steps, uncoupled = advice.numerics, advice.steps, advice.uncoupled
-        choice = advice.sentence, advice.numbers
+        demand = Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed)
+        numerics, steps, uncoupled, *choice = advise(demand)
     limit = stable_steps(spec, laws, table, variants, numerics.method)
     interval = np.array([record.dt for record in spec.records])
     refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / steps > limit

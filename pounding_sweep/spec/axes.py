@@ -371,11 +371,6 @@ class PropertyAxis:
     values: tuple[float, ...]  # values, as the user gave them
     dimension: str  # name of the dimension in the cube: letters, digits and "_"
 
-    @property
-    def key(self) -> str:
-        """Name of the axis as a sweep file has it."""
-        return "damping_ratios" if self.building is None else f"building.{self.building}.{self.kind}"
-
 
 def _as_tuples(value: Any) -> Any:
     """Return lists of JSON, at any depth, as tuples."""
