@@ -47,9 +47,8 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 @contextmanager
-def reporting(out: Path | None = None) -> Iterator[list[str]]:
-    """Turn errors into one message and an exit code; gives `WARNINGS`."""
-    # `out` is the cube of a run, whose finished chunks outlast an interruption
+def reporting(out: Path | None = None) -> Iterator[None]:
+    """Turn errors into one message and an exit code; `out` is the cube of a run, whose chunks outlast its end."""
     from pounding_sweep.base.errors import ClusterError, PoundingSweepError, RunError, WriteError
 
     WARNINGS.clear()
@@ -57,7 +56,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
     with warnings.catch_warnings(), _ended_by_interrupts():
         warnings.showwarning = _show_warning
         try:
-            yield WARNINGS
+            yield
             sys.stdout.flush()
             return
         except (typer.Exit, BrokenPipeError):
@@ -268,7 +267,7 @@ class ScenarioOptions:
     skip_missing: SkipMissing = False
 
 
-def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def command(name: str, on: typer.Typer = app) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Register a command; a parameter that is a dataclass stands for its fields, an option each."""
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
@@ -287,7 +286,7 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
                 function(**values)
 
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        return app.command(name, **settings)(call)
+        return on.command(name)(call)
 
     return register
 

@@ -14,7 +14,7 @@ from typer import Option
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, option, reporting, say
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, option, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -165,33 +165,32 @@ _NOTES = (
 @command("compare")
 def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
-    with reporting():
-        from pounding_sweep.analysis.scenarios import law_keys, pounding_only
-        from pounding_sweep.output.describe import statuses
-        from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.output.select import select
-        from pounding_sweep.outputs.variables import Status
+    from pounding_sweep.analysis.scenarios import law_keys, pounding_only
+    from pounding_sweep.output.describe import statuses
+    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.output.select import select
+    from pounding_sweep.outputs.variables import Status
 
-        at = axis_values(options.at)
-        keys, arguments = options.checked()
-        with open_cube(options.cube) as cube:
-            laws = law_keys(pounding_only(cube))
-            if options.reference is not None and laws and options.reference not in laws:
-                raise InputError(unknown("reference law", options.reference, laws))
-            selection = select(cube, at)
-            ends = statuses(selection.get("status", []))
-            left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
-            report = {
-                key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys
-            }
-        if as_json:
-            print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
-            return
-        if left_out:
-            listed = ", ".join(f"{count} {label}" for label, count in left_out.items())
-            scenarios = sum(row["count"] for row in ends)
-            print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
-        _print(report, options.cube, summary=not options.what)
+    at = axis_values(options.at)
+    keys, arguments = options.checked()
+    with open_cube(options.cube) as cube:
+        laws = law_keys(pounding_only(cube))
+        if options.reference is not None and laws and options.reference not in laws:
+            raise InputError(unknown("reference law", options.reference, laws))
+        selection = select(cube, at)
+        ends = statuses(selection.get("status", []))
+        left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
+        report = {
+            key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys
+        }
+    if as_json:
+        print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
+        return
+    if left_out:
+        listed = ", ".join(f"{count} {label}" for label, count in left_out.items())
+        scenarios = sum(row["count"] for row in ends)
+        print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {listed}\n")
+    _print(report, options.cube, summary=not options.what)
 
 
 def _compare(
