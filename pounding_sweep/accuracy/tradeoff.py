@@ -22,8 +22,9 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.output.dataset import global_attributes
+from pounding_sweep.output.dataset import global_attributes, unit_attributes
 from pounding_sweep.output.identity import library_versions
+from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
@@ -83,10 +84,6 @@ _ABOUT = {
     "time_step": ("time step: the record's own, divided evenly", "s"),
     "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
     "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
-    "scenario_scale": ("factor on the record", "1"),
-    "scenario_gap": ("gap of the pair", "m"),
-    "scenario_stiffness": ("contact stiffness, in kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5", ""),
-    "scenario_restitution": ("nominal coefficient of restitution", "1"),
 }
 
 Values = dict[str, np.ndarray]
@@ -185,11 +182,11 @@ def measure(
     grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
     limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
     true_steps = np.array([[_step(record, step) for step in axes["step"]] for record in spec.records])
-    beyond = {
-        (name, step): (column[plan.unique.record] > limits[name]) & (not spec.force_unstable)
-        for name, (step, column) in product(limits, zip(axes["step"], true_steps.T, strict=True))
-    }
-    refused = [beyond[one.method, one.dt] | (one.scheme.flies_exactly and not one.locate) for one in grid]
+    refused = [
+        (true_steps[plan.unique.record, axes["step"].index(one.dt)] > limits[one.method]) & (not spec.force_unstable)
+        | (one.scheme.flies_exactly and not one.locate)
+        for one in grid
+    ]
     timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
     kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
@@ -239,23 +236,17 @@ def measure(
         "cost": (CONFIGURATION, (best @ shares).reshape(shape)),
         "cost_median": (CONFIGURATION, (median @ shares).reshape(shape)),
     }
-    laws, records = np.array([law.key for law in plan.laws]), np.array([record.name for record in spec.records])
     coordinates = {
         **{name: list(values) for name, values in axes.items()},
         "located": np.array(axes["located"], np.int8),
         "time_step": (("record", "step"), true_steps),
         "output": list(outputs),
         "status": [s.label for s in STATUS],
-        "law": laws[timed_laws].tolist(),
-        "record": records.tolist(),
+        "law": [plan.laws[law].key for law in timed_laws],
+        "record": [record.name for record in spec.records],
         "pair": list(spec.scene.pair_labels),
         "scenario": np.arange(1, n + 1),
-        "scenario_law": ("scenario", laws[table.law].tolist()),
-        "scenario_record": ("scenario", records[table.record].tolist()),
-        "scenario_scale": ("scenario", table.scale),
-        "scenario_gap": (("scenario", "pair"), table.gaps[:, spec.scene.pair_of_label]),
-        "scenario_stiffness": ("scenario", table.stiffness),
-        "scenario_restitution": ("scenario", table.restitution),
+        **listed_coordinates(plan, sample.rows, "scenario", "scenario_"),
     }
     state = diagnose()
     machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
@@ -316,8 +307,7 @@ def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     finite = np.isfinite(cost) & np.isfinite(error)
     x, y = np.where(finite, cost, np.inf), np.where(finite, error, np.inf)
     as_good = (x[None, :] <= x[:, None]) & (y[None, :] <= y[:, None])
-    better = (x[None, :] < x[:, None]) | (y[None, :] < y[:, None])
-    return finite & ~(as_good & better).any(axis=1)
+    return finite & ~(as_good & ~as_good.T).any(axis=1)
 
 
 def statistics(errors: xr.DataArray, among: xr.DataArray | bool = True) -> xr.DataArray:
@@ -360,10 +350,10 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
-        text, units = _ABOUT.get(str(name).removeprefix("law_"), ("", ""))
-        flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
-        about = {"long_name": text} | (flags if " " in units else {"units": units})
-        variable.attrs = {key: value for key, value in about.items() if key == "flag_values" or value}
+        if about := _ABOUT.get(str(name).removeprefix("law_")):
+            text, units = about
+            flags = {"flag_values": np.arange(len(units.split()), dtype=np.int8), "flag_meanings": units}
+            variable.attrs = {"long_name": text} | (flags if " " in units else unit_attributes(units))
     return trade.assign_attrs(sensitive_scenarios=int(sensitive.sum()))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.dataset import Coordinates, coordinate, law_coordinates
+from pounding_sweep.output.dataset import Coordinates, coordinate, law_coordinates, unit_attributes
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
@@ -64,7 +64,7 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
     return result
 
 
-def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coordinates:
+def row_coordinates(variants: Variants, dimension: str) -> Coordinates:
     """Return how the buildings vary along a dimension of listed scenarios, one of each row of `variants`."""
     result: Coordinates = {}
     for name in ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"):
@@ -72,8 +72,29 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
             values, axis = getattr(variants, name), _AXES[name]
             missing = "; missing where it is the building's own" if name in ("damping_ratio", "hardening") else ""
             dims = (dimension, "building")[: values.ndim]
-            result[prefix + name] = coordinate(dims, values, axis.unit, f"{axis.long_name}{missing}")
+            result[name] = coordinate(dims, values, axis.unit, f"{axis.long_name}{missing}")
     return result
+
+
+def listed_coordinates(plan: Plan, rows: np.ndarray, dimension: str, prefix: str) -> Coordinates:
+    """Return what unique scenarios of a plan are, along a dimension that lists them."""
+    table, spec, dims = plan.unique[rows], plan.spec, (dimension,)
+    laws, records = (np.array(names) for names in ([x.key for x in plan.laws], [x.name for x in spec.records]))
+    restitution = "nominal coefficient of restitution, 1 for laws without"
+    result = {
+        "law": coordinate(dims, laws[table.law], "", _TEXTS["law"]),
+        "record": coordinate(dims, records[table.record], "", _TEXTS["record"]),
+        "scale": coordinate(dims, table.scale, "1", "factor on the record"),
+        "stiffness": coordinate(dims, table.stiffness, "", "contact stiffness (kN/m**exponent of the law)"),
+        "restitution": coordinate(dims, table.restitution, "1", restitution),
+        "gap": coordinate((*dims, "pair"), table.gaps[:, spec.scene.pair_of_label], "m", "gap of the pair"),
+    }
+    if len(plan.variants) > 1:
+        result |= row_coordinates(plan.variants[table.variant], dimension)
+    return {
+        prefix + name: (along, values, {"long_name": about["long_name"], **unit_attributes(about["units"])})
+        for name, (along, values, about) in result.items()
+    }
 
 
 def building_coordinates(variants: Variants, along: Mapping[str, tuple[str, int]]) -> Coordinates:

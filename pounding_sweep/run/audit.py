@@ -18,7 +18,7 @@ from pounding_sweep.base.errors import RunError
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
-from pounding_sweep.output.labels import row_coordinates
+from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, VARIABLES, Status, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined
@@ -203,11 +203,8 @@ def add_to_cube(cube: CubeParts, plan: Plan, result: Audit | None) -> CubeParts:
     """Put an audit, if there is one, into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
     if result is None:
         return cube
-
-    table, rows, both = plan.unique[result.rows], ("audit",), ("audit", "output")
-    dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[result.rows]
-    laws = np.array([law.key for law in plan.laws])[table.law]
-    records = np.array([record.name for record in plan.spec.records])[table.record]
+    rows, both = ("audit",), ("audit", "output")
+    dt = np.array([record.dt for record in plan.spec.records])[plan.unique.record[result.rows]]
     sensitive = f"whether that is more than {result.tolerance:g}, or changes a number of impacts"
     arrays = {
         "audit_error": (both, result.error, "relative error, by the difference to half the time step", "1"),
@@ -215,23 +212,15 @@ def add_to_cube(cube: CubeParts, plan: Plan, result: Audit | None) -> CubeParts:
         "audit_sensitive": (rows, result.sensitive.astype(np.int8), sensitive, "1"),
         "audit_undecided": (rows, result.undecided.astype(np.int8), "whether no step settles it", "1"),
         "audit_status": (rows, result.status.astype(np.int8), "status of the scenario in the sweep", "1"),
-        "audit": (rows, np.arange(1, len(laws) + 1, dtype=np.int32), "scenario run again", "1"),
+        "audit": (rows, np.arange(1, len(dt) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(result.outputs), "output whose error it is", ""),
-        "audit_law": (rows, laws, "contact law", ""),
-        "audit_record": (rows, records, "ground-motion record", ""),
-        "audit_scale": (rows, table.scale, "factor on the record", "1"),
-        "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
-        "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),
-        "audit_gap": ((*rows, "pair"), table.gaps[:, plan.spec.scene.pair_of_label], "gap of the pair", "m"),
-        "audit_time_step": (rows, dt, "time step in the sweep", "s"),
+        "audit_time_step": (rows, dt / plan.steps[result.rows], "time step in the sweep", "s"),
     }
-    if len(plan.variants) > 1:
-        for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
-            arrays[name] = (dims, values, about["long_name"], about["units"])
     described: Coordinates = {
         name: (dims, values, {"long_name": text, **unit_attributes(units)})
         for name, (dims, values, text, units) in arrays.items()
     }
+    described |= listed_coordinates(plan, result.rows, "audit", "audit_")
     status, flags = cube.data_vars["status"][2], {"flag_values": np.array([0, 1], np.int8)}
     described["audit_sensitive"][2].update(flags, flag_meanings="steady sensitive")
     described["audit_undecided"][2].update(flags, flag_meanings="decided undecided")
