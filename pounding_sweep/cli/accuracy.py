@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Exit, Option
+from typer import Exit
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, SweepFile, Workers, command, option, say
+from pounding_sweep.cli.app import (
+    AsJson,
+    Folders,
+    Overwrite,
+    Quiet,
+    SweepFile,
+    Workers,
+    command,
+    flag,
+    option,
+    output,
+    say,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,13 +32,11 @@ if TYPE_CHECKING:
 @command("tradeoff")
 def tradeoff_command(
     sweep: SweepFile,
-    out: Annotated[Path | None, option("TRADE.nc", "netCDF file for the result.", "-o", "--output")] = None,
-    steps: Annotated[
-        str | None, option("LIST", "Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
-    ] = None,
-    scenarios: Annotated[int, option("N", "About how many scenarios to measure on.")] = 96,
-    seed: Annotated[int, option("S", "Seed of the random sample.")] = 0,
-    figure: Annotated[Path | None, option("FILE", f"Work-precision figure: {app.FIGURE_FILE}", "--plot")] = None,
+    out: Path | None = output("TRADE.nc", "netCDF file for the result."),
+    steps: str | None = option("LIST", "Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default."),
+    scenarios: int = option("N", "About how many scenarios to measure on.", default=96),
+    seed: int = option("S", "Seed of the random sample.", default=0),
+    figure: Path | None = option("FILE", f"Work-precision figure: {app.FIGURE_FILE}", "--plot"),
     folders: Folders = None,
     workers: Workers = None,
     overwrite: Overwrite = False,
@@ -43,7 +53,7 @@ def tradeoff_command(
         check_output(out, overwrite)
     if figure is not None:
         check_output(figure, overwrite=True, netcdf=False)
-    loaded = load_sweep(sweep, folders=folders or None)
+    loaded = load_sweep(sweep, folders=folders)
     chosen = DEFAULT_STEPS if steps is None else app.numbers_of(steps, "--steps")
     with app.progress_display(quiet) as progress:
         trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
@@ -95,17 +105,13 @@ SHOWN = 20
 
 @command("extremes")
 def extremes_command(
-    scenes: Annotated[int, option("N", "Random scenes.")] = 320,
-    seed: Annotated[int, option("S", "Seed of the random scenes.")] = 1,
-    law: Annotated[list[str] | None, option("LAW", "Contact law; repeat for several; all by default.")] = None,
-    family: Annotated[
-        list[str] | None, option("NAME", "Family of scenarios; repeat for several; all by default.")
-    ] = None,
-    precision: Annotated[str, option("FORMAT", "float64 or float32.")] = "float64",
-    map_file: Annotated[
-        Path | None, option("MAP.nc", "Also map error and status over stiffness and step.", "--map")
-    ] = None,
-    plot_file: Annotated[Path | None, option("FILE", f"Draw that map: {app.FIGURE_FILE}", "--plot")] = None,
+    scenes: int = option("N", "Random scenes.", default=320),
+    seed: int = option("S", "Seed of the random scenes.", default=1),
+    law: list[str] | None = option("LAW", "Contact law; repeat for several; all by default."),
+    family: list[str] | None = option("NAME", "Family of scenarios; repeat for several; all by default."),
+    precision: str = option("FORMAT", "float64 or float32.", default="float64"),
+    map_file: Path | None = option("MAP.nc", "Also map error and status over stiffness and step.", "--map"),
+    plot_file: Path | None = option("FILE", f"Draw that map: {app.FIGURE_FILE}", "--plot"),
     workers: Workers = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -193,15 +199,9 @@ _LAW_COLUMNS = (
 
 @command("laws")
 def laws_command(
-    restitution: Annotated[
-        bool, Option("--restitution", help="Measure what restitution each law really gives, by the kernels.")
-    ] = False,
-    nominal: Annotated[
-        str | None, option("LIST", "With --restitution or --check: nominal values, as 0.2,0.6.", "--e")
-    ] = None,
-    check: Annotated[
-        str | None, option("LAW", "Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin.")
-    ] = None,
+    restitution: bool = flag("--restitution", "Measure what restitution each law really gives, by the kernels."),
+    nominal: str | None = option("LIST", "With --restitution or --check: nominal values, as 0.2,0.6.", "--e"),
+    check: str | None = option("LAW", "Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin."),
     as_json: AsJson = False,
 ) -> None:
     """List the contact laws, say what restitution they really give, or check one, such as one of your own."""
@@ -307,7 +307,7 @@ def _rows(table: xr.Dataset) -> list[dict[str, Any]]:
 
 @command("doctor")
 def doctor_command(
-    no_check: Annotated[bool, Option("--no-check", help="Only look; run no scenarios.")] = False,
+    no_check: bool = flag("--no-check", "Only look; run no scenarios."),
     as_json: AsJson = False,
 ) -> None:
     """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""

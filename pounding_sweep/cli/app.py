@@ -174,27 +174,39 @@ app = typer.Typer(
 )
 
 
-def option(metavar: str, text: str, *names: str) -> Any:
-    """Return an option that takes a value: what stands for the value, and the help."""
-    return Option(*names, metavar=metavar, help=text)
+def option(metavar: str, text: str, *names: str, default: Any = None) -> Any:
+    """Return an option that takes a value: what stands for it, the help; without it `default`, `...` for an error."""
+    return Option(default, *names, metavar=metavar, help=text)
 
 
-def argument(metavar: str, text: str) -> Any:
-    """Return an argument: what stands for it, and the help."""
-    return Argument(metavar=metavar, help=text)
+def output(metavar: str, text: str, *, default: Any = None) -> Any:
+    """Return the option that names what is written; see `option`."""
+    return option(metavar, text, "-o", "--output", default=default)
 
 
-SweepFile = Annotated[Path, argument("SWEEP.toml", "Sweep file.")]
-CubeFile = Annotated[Path, argument("CUBE.nc", "Cube made by 'run'.")]
+def flag(name: str, text: str) -> Any:
+    """Return an option that is given or not, and its help."""
+    return Option(False, name, help=text)
+
+
+def argument(metavar: str, text: str, *, default: Any = None) -> Any:
+    """Return an argument; see `option`."""
+    return Argument(default, metavar=metavar, help=text)
+
+
+SweepFile = Annotated[Path, argument("SWEEP.toml", "Sweep file.", default=...)]
+CubeFile = Annotated[Path, argument("CUBE.nc", "Cube made by 'run'.", default=...)]
 At = Annotated[
-    list[str] | None, option("AXIS=VALUE", "Only this value of an axis; repeat for more axes, or values.", "--at")
+    list[str] | None,
+    option("AXIS=VALUE", "Only this value of an axis; repeat for more axes, or values.", "--at", default=...),
 ]
 Quiet = Annotated[bool, Option("--quiet", help="Show no progress.")]
 AsJson = Annotated[bool, Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
-    list[Path] | None, option("FOLDER", "Folder of record files, instead of POUNDING_SWEEP_RECORDS.", "--records")
+    list[Path] | None,
+    option("FOLDER", "Folder of record files, instead of POUNDING_SWEEP_RECORDS.", "--records", default=...),
 ]
-Workers = Annotated[int | None, option("N", "Threads or processes; one per core by default.")]
+Workers = Annotated[int | None, option("N", "Threads or processes; one per core by default.", default=...)]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace the output file if it exists.")]
 SkipMissing = Annotated[bool, Option("--skip-missing-records", help="Skip records that cannot be found.")]
 #: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
@@ -207,13 +219,10 @@ class SweepOptions:
 
     sweep: SweepFile
     workers: Workers = None
-    laws: Annotated[
-        list[str] | None,
-        option("LAW", "Contact law in place of the file's, or FILE.py:NAME; may be repeated.", "--law"),
-    ] = None
-    accuracy: Annotated[float | None, option("ERROR", "Relative error, 1e-2 to 1e-6, in place of the file's step.")] = (
-        None
+    laws: list[str] | None = option(
+        "LAW", "Contact law in place of the file's, or FILE.py:NAME; may be repeated.", "--law"
     )
+    accuracy: float | None = option("ERROR", "Relative error, 1e-2 to 1e-6, in place of the file's step.")
     folders: Folders = None
     skip_missing: SkipMissing = False
 
@@ -224,9 +233,7 @@ class SweepOptions:
         from pounding_sweep.spec.spec import with_accuracy
 
         laws = [name if name in LAW_GROUPS else find_law(name) for name in self.laws or ()]
-        loaded = load_sweep(
-            self.sweep, skip_missing_records=self.skip_missing, folders=self.folders or None, laws=laws or None
-        )
+        loaded = load_sweep(self.sweep, skip_missing_records=self.skip_missing, folders=self.folders, laws=laws or None)
         say_laws(loaded.spec.own_laws)
         return loaded if self.accuracy is None else loaded.from_spec(with_accuracy(loaded.spec, self.accuracy))
 
@@ -236,33 +243,25 @@ class ScenarioOptions:
     """Options that choose one scenario of a sweep."""
 
     sweep: SweepFile
-    law: Annotated[str | None, option("LAW", "Contact law, or FILE.py:NAME.")] = None
-    gap: Annotated[float | None, option("M", "Gap of every pair (m).")] = None
-    stiffness: Annotated[
-        float | None, option("K", "Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5).")
-    ] = None
-    stiffness_factor: Annotated[
-        float | None, option("X", "Factor on the scene's reference contact stiffness, instead.")
-    ] = None
-    restitution: Annotated[float | None, option("E", "Coefficient of restitution.")] = None
-    record: Annotated[str | None, option("NAME", "One of the sweep's records.")] = None
-    scale: Annotated[float | None, option("X", "Factor on the record.")] = None
-    case: Annotated[int | None, option("N", "Listed case, from 1.")] = None
-    at: Annotated[
-        list[str] | None,
-        option(
-            "AXIS=VALUE",
-            "This value of any axis, such as period_factor_left, damping_ratio or pga; gap once per pair, or once.",
-        ),
-    ] = None
-    output_step: Annotated[
-        float | None,
-        option(
-            "S",
-            "Largest time (s) between instants of the histories; by default the sweep's step, or as short as it "
-            "takes to show every peak that is reported.",
-        ),
-    ] = None
+    law: str | None = option("LAW", "Contact law, or FILE.py:NAME.")
+    gap: float | None = option("M", "Gap of every pair (m).")
+    stiffness: float | None = option(
+        "K", "Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5)."
+    )
+    stiffness_factor: float | None = option("X", "Factor on the scene's reference contact stiffness, instead.")
+    restitution: float | None = option("E", "Coefficient of restitution.")
+    record: str | None = option("NAME", "One of the sweep's records.")
+    scale: float | None = option("X", "Factor on the record.")
+    case: int | None = option("N", "Listed case, from 1.")
+    at: list[str] | None = option(
+        "AXIS=VALUE",
+        "This value of any axis, such as period_factor_left, damping_ratio or pga; gap once per pair, or once.",
+    )
+    output_step: float | None = option(
+        "S",
+        "Largest time (s) between instants of the histories; by default the sweep's step, or as short as it "
+        "takes to show every peak that is reported.",
+    )
     folders: Folders = None
     skip_missing: SkipMissing = False
 

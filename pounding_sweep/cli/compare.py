@@ -7,14 +7,12 @@ import itertools
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, option, say
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,63 +35,39 @@ class CompareOptions:
     """What is compared, and how."""
 
     cube: CubeFile
-    what: Annotated[
-        list[str] | None,
-        option(
-            "COMPARISON",
-            f"One of: {', '.join(COMPARISONS)}; repeat for several. By default a summary of all that the cube allows.",
-        ),
-    ] = None
-    out: Annotated[
-        Path | None, option("FOLDER", "Write tables (CSV), results (netCDF), figures.", "-o", "--output")
-    ] = None
-    overwrite: Annotated[
-        bool, Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
-    ] = False
-    reference: Annotated[str | None, option("LAW", "Law that the others are compared with.")] = None
-    event: Annotated[str | None, option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")] = None
-    level: Annotated[float | None, option("X", "What the event must exceed, in its own unit.")] = None
-    one_dispersion: Annotated[
-        list[str] | None,
-        option(
-            "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
-        ),
-    ] = None
+    what: list[str] | None = option(
+        "COMPARISON",
+        f"One of: {', '.join(COMPARISONS)}; repeat for several. By default a summary of all that the cube allows.",
+    )
+    out: Path | None = output("FOLDER", "Write tables (CSV), results (netCDF), figures.")
+    overwrite: bool = flag("--overwrite", "Replace tables and results that exist in FOLDER; figures always are.")
+    reference: str | None = option("LAW", "Law that the others are compared with.")
+    event: str | None = option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")
+    level: float | None = option("X", "What the event must exceed, in its own unit.")
+    one_dispersion: list[str] | None = option(
+        "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
+    )
     at: At = None
-    over: Annotated[list[str] | None, option("AXIS", "Take all values of record, scale or pga together in tables.")] = (
-        None
+    over: list[str] | None = option("AXIS", "Take all values of record, scale or pga together in tables.")
+    quantiles: list[float] | None = option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
+    probabilities: list[str] | None = option(
+        "P", "Probability of touching: 0.01 or 1%; repeat for several.", "--probability"
     )
-    quantiles: Annotated[
-        list[float] | None, option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
-    ] = None
-    probabilities: Annotated[
-        list[str] | None, option("P", "Probability of touching: 0.01 or 1%; repeat for several.", "--probability")
-    ] = None
-    intensity: Annotated[
-        str | None,
-        option(
-            "MEASURE",
-            "Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
-            "what the records are scaled to by default.",
-        ),
-    ] = None
-    levels: Annotated[
-        list[float] | None, option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given")
-    ] = None
-    hazard: Annotated[
-        str | None,
-        option(
-            "CURVE", "CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa."
-        ),
-    ] = None
-    hazard_units: Annotated[str | None, option("UNIT", "Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")] = (
-        None
+    intensity: str | None = option(
+        "MEASURE",
+        "Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
+        "what the records are scaled to by default.",
     )
-    years: Annotated[float | None, option("N", "Years of the probability with --hazard; 50 by default.")] = None
-    cd: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: deflection amplification Cd; 1 by default.")] = None
-    importance: Annotated[list[str] | None, option("[BUILDING=]X", "ASCE 7: factor Ie; 1 by default.", "--ie")] = None
-    q: Annotated[list[str] | None, option("[BUILDING=]X", "Eurocode 8: behaviour factor q; 1 by default.")] = None
-    r: Annotated[list[str] | None, option("[BUILDING=]X", "IS 1893: response reduction R; 1 by default.")] = None
+    levels: list[float] | None = option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given")
+    hazard: str | None = option(
+        "CURVE", "CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa."
+    )
+    hazard_units: str | None = option("UNIT", "Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")
+    years: float | None = option("N", "Years of the probability with --hazard; 50 by default.")
+    cd: list[str] | None = option("[BUILDING=]X", "ASCE 7: deflection amplification Cd; 1 by default.")
+    importance: list[str] | None = option("[BUILDING=]X", "ASCE 7: factor Ie; 1 by default.", "--ie")
+    q: list[str] | None = option("[BUILDING=]X", "Eurocode 8: behaviour factor q; 1 by default.")
+    r: list[str] | None = option("[BUILDING=]X", "IS 1893: response reduction R; 1 by default.")
     folders: Folders = None
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
@@ -111,7 +85,7 @@ class CompareOptions:
         for name in self.over or ():
             if name not in MOTION_DIMS:
                 raise InputError(unknown("axis to take together", name, MOTION_DIMS))
-        options = {name: value for name, value in vars(self).items() if value not in (None, [])}
+        options = {name: value for name, value in vars(self).items() if value is not None}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
         if factors := {name: options[name] for name in _FACTORS if name in options}:
             arguments["behaviour"] = read_factors(factors)
@@ -180,9 +154,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
         selection = select(cube, at)
         ends = statuses(selection.get("status", []))
         left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
-        report = {
-            key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys
-        }
+        report = {key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys}
     if as_json:
         print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
         return
@@ -218,10 +190,10 @@ def _compare(
         if what:
             raise
         return part | {"possible": False, "why_not": str(error)}
-    quantiles = None if "quantiles" in comparison.arguments else options.quantiles or None
+    quantiles = None if "quantiles" in comparison.arguments else options.quantiles
     strength = None
     if options.intensity is not None and "intensity" not in comparison.arguments and not comparison.rows:
-        strength = intensity_of(cube, options.intensity, folders=options.folders or None)
+        strength = intensity_of(cube, options.intensity, folders=options.folders)
         strength = strength.squeeze(drop=True).rename(f"{options.intensity} {strength.attrs['units']}")
     part["attributes"] = {str(name): finite(plain(value)) for name, value in result.attrs.items()}
     part["rows"] = table_rows(result, comparison, over=over, quantiles=quantiles, intensity=strength)

@@ -5,14 +5,24 @@ from __future__ import annotations
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.text import print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Overwrite, argument, command, option, say
+from pounding_sweep.cli.app import (
+    AsJson,
+    At,
+    CubeFile,
+    Folders,
+    Overwrite,
+    argument,
+    command,
+    flag,
+    option,
+    output,
+    say,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,16 +32,13 @@ if TYPE_CHECKING:
 
 @command("info")
 def info_command(
-    cube: Annotated[
-        Path,
-        argument(
-            "CUBE.nc", "Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do."
-        ),
-    ],
+    cube: Path = argument(
+        "CUBE.nc",
+        "Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do.",
+        default=...,
+    ),
     as_json: AsJson = False,
-    status: Annotated[
-        bool, Option("--status", help="Only the scenarios that are not ok, counted by value of each axis.")
-    ] = False,
+    status: bool = flag("--status", "Only the scenarios that are not ok, counted by value of each axis."),
 ) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
     from pounding_sweep.output.describe import about, describe
@@ -101,22 +108,22 @@ def _print_unfinished(survey: Survey) -> None:
 
 @command("plot")
 def plot_command(
-    cube: Annotated[Path | None, argument("CUBE.nc", "Cube made by 'run', or another file made here.")] = None,
-    kind: Annotated[str | None, argument("FIGURE", "Figure; without it, figures are listed.")] = None,
-    out: Annotated[Path | None, option("FILE", app.FIGURE_FILE, "-o", "--output")] = None,
+    cube: Path | None = argument("CUBE.nc", "Cube made by 'run', or another file made here."),
+    kind: str | None = argument("FIGURE", "Figure; without it, figures are listed."),
+    out: Path | None = output("FILE", app.FIGURE_FILE),
     at: At = None,
-    x: Annotated[str | None, option("AXIS", "Axis of numbers to draw along, such as period_ratio.")] = None,
-    y: Annotated[str | None, option("AXIS", "Of a map, the other axis.")] = None,
-    value: Annotated[str | None, option("NAME", "What to draw: a variable, or its amplification NAME_ratio.")] = None,
-    event: Annotated[str | None, option("EVENT", "Of a fragility, such as drift; touch by default.")] = None,
-    level: Annotated[float | None, option("X", "What the event must exceed, in its own unit.")] = None,
-    start: Annotated[float | None, option("S", "Of histories, the first instant drawn (s).")] = None,
-    end: Annotated[float | None, option("S", "Of histories, the last instant (s).")] = None,
-    contours: Annotated[bool, Option("--contours", help="Of a map, lines of equal value as well.")] = False,
-    turn: Annotated[bool, Option("--turn", help="Of incremental, the intensity across.")] = False,
-    names: Annotated[bool, Option("--names", help="Of incremental, name the records.")] = False,
-    dpi: Annotated[float, option("N", "Dots per inch of a PNG.")] = 150.0,
-    only_list: Annotated[bool, Option("--list", help="List the figures, and what of them CUBE.nc allows.")] = False,
+    x: str | None = option("AXIS", "Axis of numbers to draw along, such as period_ratio."),
+    y: str | None = option("AXIS", "Of a map, the other axis."),
+    value: str | None = option("NAME", "What to draw: a variable, or its amplification NAME_ratio."),
+    event: str | None = option("EVENT", "Of a fragility, such as drift; touch by default."),
+    level: float | None = option("X", "What the event must exceed, in its own unit."),
+    start: float | None = option("S", "Of histories, the first instant drawn (s)."),
+    end: float | None = option("S", "Of histories, the last instant (s)."),
+    contours: bool = flag("--contours", "Of a map, lines of equal value as well."),
+    turn: bool = flag("--turn", "Of incremental, the intensity across."),
+    names: bool = flag("--names", "Of incremental, name the records."),
+    dpi: float = option("N", "Dots per inch of a PNG.", default=150.0),
+    only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
     from pounding_sweep.figures import FIGURES, SOURCES, plot
@@ -171,44 +178,30 @@ def _print_figures(dataset: xr.Dataset) -> None:
 @command("export")
 def export_command(
     cube: CubeFile,
-    out: Annotated[Path, option("FILE", "What to write: .csv, .parquet or .zarr.", "-o", "--output")],
-    names: Annotated[list[str] | None, option("NAME", "Only this variable; repeat for several.", "--var")] = None,
+    out: Path = output("FILE", "What to write: .csv, .parquet or .zarr.", default=...),
+    names: list[str] | None = option("NAME", "Only this variable; repeat for several.", "--var"),
     at: At = None,
-    table: Annotated[
-        bool,
-        Option(
-            "--table", help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors."
-        ),
-    ] = False,
-    status: Annotated[
-        list[str] | None,
-        option("STATUS", "Of a table, only scenarios that ended so, such as diverged, or not-ok; repeat for several."),
-    ] = None,
-    constants: Annotated[
-        bool, Option("--constants", help="Masses, stiffnesses, periods and elevations of the row as columns, too.")
-    ] = False,
-    units: Annotated[bool, Option("--units", help="Second line of a CSV file: the unit of each column.")] = False,
-    limit_states: Annotated[
-        list[str] | None,
-        option(
-            "NAME=EVENT[:LEVEL]",
-            "Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
-            "--limit-state",
-        ),
-    ] = None,
-    intensities: Annotated[
-        list[str] | None,
-        option(
-            "MEASURE",
-            "Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
-            "sa(BUILDING) at its first period, or sa at those of all.",
-            "--intensity",
-        ),
-    ] = None,
+    table: bool = flag(
+        "--table", "One row per scenario: inputs, measures of its record, all outputs, status, audited errors."
+    ),
+    status: list[str] | None = option(
+        "STATUS", "Of a table, only scenarios that ended so, such as diverged, or not-ok; repeat for several."
+    ),
+    constants: bool = flag("--constants", "Masses, stiffnesses, periods and elevations of the row as columns, too."),
+    units: bool = flag("--units", "Second line of a CSV file: the unit of each column."),
+    limit_states: list[str] | None = option(
+        "NAME=EVENT[:LEVEL]",
+        "Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
+        "--limit-state",
+    ),
+    intensities: list[str] | None = option(
+        "MEASURE",
+        "Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
+        "sa(BUILDING) at its first period, or sa at those of all.",
+        "--intensity",
+    ),
     folders: Folders = None,
-    pelicun: Annotated[
-        str | None, option("BUILDING", "Demands of this building, as Pelicun (FEMA P-58) reads CSV.")
-    ] = None,
+    pelicun: str | None = option("BUILDING", "Demands of this building, as Pelicun (FEMA P-58) reads CSV."),
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
@@ -221,17 +214,17 @@ def export_command(
     fragility = out.suffix.lower() == ".xml"
     of_cube = not fragility and pelicun is None
     layout = {"table": table, "status": status or (), "constants": constants, "units": units}
-    for flag, value, fits, output in (
+    for name, value, fits, what in (
         ("limit-state", limit_states, fragility, "a fragility; give -o FILE.xml"),
         ("intensity", intensities, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
         ("records", folders, fragility or table, "a fragility or --table; give -o FILE.xml or --table"),
         *(
-            (flag, value, of_cube, "tables of the cube itself; give -o FILE.csv")
-            for flag, value in {"var": names, **layout}.items()
+            (name, value, of_cube, "tables of the cube itself; give -o FILE.csv")
+            for name, value in {"var": names, **layout}.items()
         ),
     ):
         if value and not fits:
-            raise InputError(f"--{flag} is for {output}, or leave it out")
+            raise InputError(f"--{name} is for {what}, or leave it out")
     measures = intensities or []
     if fragility and len(measures) > 1:
         raise InputError(f"--intensity is given {len(measures)} times, and a fragility is of one")
@@ -244,11 +237,11 @@ def export_command(
         elif fragility:
             states = dict(map(_limit_state, limit_states or ["touch=touch"]))
             measure = next(iter(measures), None)
-            skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders or None)
+            skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders)
             for name, why in skipped.items():
                 say(f"warning: {name} is left out: {why}")
         else:
-            part = with_intensities(part, measures, folders=folders or None)
+            part = with_intensities(part, measures, folders=folders)
             paths = export_tables(part, out, names or (), overwrite=overwrite, **layout)
         print(*paths, sep="\n")
 
@@ -267,24 +260,18 @@ def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
 
 @command("merge")
 def merge_command(
-    cubes: Annotated[list[Path], argument("A.nc B.nc ...", "Cubes of one study.")],
-    out: Annotated[Path, option("ALL.nc", "netCDF file for the whole cube.", "-o", "--output")],
-    tolerance: Annotated[
-        float | None,
-        option(
-            "RATIO",
-            "Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
-            "conflict; 1e-6 by default.",
-        ),
-    ] = None,
-    mix_sources: Annotated[
-        bool,
-        Option(
-            "--mix-sources",
-            help="Allow cubes made by several states of one version's source, or with several versions of numba, "
-            "llvmlite or numpy; each is named in the cube.",
-        ),
-    ] = False,
+    cubes: list[Path] = argument("A.nc B.nc ...", "Cubes of one study.", default=...),
+    out: Path = output("ALL.nc", "netCDF file for the whole cube.", default=...),
+    tolerance: float | None = option(
+        "RATIO",
+        "Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
+        "conflict; 1e-6 by default.",
+    ),
+    mix_sources: bool = flag(
+        "--mix-sources",
+        "Allow cubes made by several states of one version's source, or with several versions of numba, "
+        "llvmlite or numpy; each is named in the cube.",
+    ),
     overwrite: Overwrite = False,
 ) -> None:
     """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""

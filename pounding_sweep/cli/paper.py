@@ -5,22 +5,18 @@ from __future__ import annotations
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
 from pounding_sweep.base.text import print_json, print_table
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, argument, command, option
+from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, argument, command, output
 
 
 @command("paper")
 def paper_command(
-    out: Annotated[Path, option("FOLDER", "Folder of the report and its figures.", "-o", "--output")],
-    cubes: Annotated[
-        list[Path] | None,
-        argument(
-            "[CUBE.nc]...", "Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run."
-        ),
-    ] = None,
+    out: Path = output("FOLDER", "Folder of the report and its figures.", default=...),
+    cubes: list[Path] | None = argument(
+        "[CUBE.nc]...", "Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run."
+    ),
     folders: Folders = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -39,7 +35,7 @@ def paper_command(
     with ExitStack() as stack:
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
         progress = stack.enter_context(app.progress_display(quiet))
-        computed = study(opened, folders=folders or None, progress=progress)
+        computed = study(opened, folders=folders, progress=progress)
         for text in computed.missing.values():
             app.say(f"left out: {text}")
         pictures = save_figures(computed, out, progress)

@@ -11,7 +11,18 @@ import typer
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Overwrite, app, argument, option, reporting, say
+from pounding_sweep.cli.app import (
+    FIGURE_FILE,
+    AsJson,
+    Folders,
+    Overwrite,
+    app,
+    argument,
+    option,
+    output,
+    reporting,
+    say,
+)
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record
@@ -32,7 +43,10 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 #: Records of a sweep that are listed, one line each.
 _LISTED = 20
 
-Column = Annotated[str | None, option("COLUMN", "Heading or number of the component, for files that have several.")]
+Column = Annotated[
+    str | None,
+    option("COLUMN", "Heading or number of the component, for files that have several.", default=...),
+]
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
@@ -51,7 +65,7 @@ def records_command(
         from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
         from pounding_sweep.records.catalogue import PEER, data_folder
 
-        listed = dict(list_records(folders or None, column))
+        listed = dict(list_records(folders, column))
         records = {name: item for name, item in listed.items() if isinstance(item, Record)}
         errors = {name: item for name, item in listed.items() if not isinstance(item, Record)}
         installed = data_folder() is not None
@@ -129,11 +143,11 @@ def _print(report: dict[str, Any]) -> None:
 @records_app.command("plot")
 def plot_command(
     context: typer.Context,
-    out: Annotated[Path, option("FILE", FIGURE_FILE, "-o", "--output")],
-    names: Annotated[list[str] | None, argument("NAME", "Records, files or sets; by default all at hand.")] = None,
-    data: Annotated[Path | None, option("MOTIONS.nc", "netCDF file for what is drawn.")] = None,
+    out: Path = output("FILE", FIGURE_FILE, default=...),
+    names: list[str] | None = argument("NAME", "Records, files or sets; by default all at hand."),
+    data: Path | None = option("MOTIONS.nc", "netCDF file for what is drawn."),
     overwrite: Overwrite = False,
-    damping: Annotated[float, option("RATIO", "Damping ratio of the spectra.")] = 0.05,
+    damping: float = option("RATIO", "Damping ratio of the spectra.", default=0.05),
     folders: Folders = None,
     column: Column = None,
 ) -> None:
@@ -146,7 +160,7 @@ def plot_command(
 
         if data is not None:
             check_output(data, overwrite)
-        where, column = folders or context.obj[0] or None, column or context.obj[1]
+        where, column = folders or context.obj[0], column or context.obj[1]
         records = resolve_records(names or (), where, column=column)
         for _, item in () if names else list_records(where, column):
             if isinstance(item, Record):

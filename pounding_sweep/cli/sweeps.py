@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Exit, Option
+from typer import Exit
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
@@ -18,7 +18,9 @@ from pounding_sweep.cli.app import (
     SweepOptions,
     argument,
     command,
+    flag,
     option,
+    output,
     say,
 )
 from pounding_sweep.cli.records import print_read, read_as
@@ -31,11 +33,11 @@ if TYPE_CHECKING:
 
 @command("init")
 def init_command(
-    out: Annotated[Path | None, argument("[SWEEP.toml]", "File to write; by default the example's name.")] = None,
-    example: Annotated[
-        str | None, option("EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from")
-    ] = None,
-    only_list: Annotated[bool, Option("--list", help="List the examples.")] = False,
+    out: Path | None = argument("[SWEEP.toml]", "File to write; by default the example's name."),
+    example: str | None = option(
+        "EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from"
+    ),
+    only_list: bool = flag("--list", "List the examples."),
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -71,16 +73,12 @@ def init_command(
 @command("run")
 def run_command(
     options: SweepOptions,
-    out: Annotated[
-        Path | None, option("OUT.nc", "netCDF file for the cube; SWEEP.nc here by default.", "-o", "--output")
-    ] = None,
-    scheduler: Annotated[
-        str, option("WHICH", "threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
-    ] = "threads",
+    out: Path | None = output("OUT.nc", "netCDF file for the cube; SWEEP.nc here by default."),
+    scheduler: str = option(
+        "WHICH", "threads, processes, synchronous, or a dask address: tcp://HOST:PORT.", default="threads"
+    ),
     overwrite: Overwrite = False,
-    extend: Annotated[
-        Path | None, option("OLD.nc", "Reuse the results in this cube and run only the missing scenarios.")
-    ] = None,
+    extend: Path | None = option("OLD.nc", "Reuse the results in this cube and run only the missing scenarios."),
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -223,8 +221,8 @@ def _print_run(report: dict[str, Any]) -> None:
 
 @command("simulate")
 def simulate_command(
-    out: Annotated[Path, option("ONE.nc", "netCDF file.", "-o", "--output")],
     options: ScenarioOptions,
+    out: Path = output("ONE.nc", "netCDF file.", default=...),
     overwrite: Overwrite = False,
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
@@ -237,22 +235,18 @@ def simulate_command(
 
 @command("animate")
 def animate_command(
-    out: Annotated[Path, option("FILE", "GIF, or MP4 with ffmpeg; replaced if it exists.", "-o", "--output")],
     options: ScenarioOptions,
-    start: Annotated[
-        float | None,
-        option(
-            "S",
-            "First instant of the record shown (s); by default four periods of the motion before --end, or, "
-            "without --end, one period before the strongest impact.",
-        ),
-    ] = None,
-    end: Annotated[float | None, option("S", "Last instant (s); by default four periods after the first one.")] = None,
-    frames: Annotated[int, option("N", "Number of pictures.")] = 40,
-    speed: Annotated[
-        float | None,
-        option("X", "Seconds of the record per second of the animation; by default such that it takes 6 s."),
-    ] = None,
+    out: Path = output("FILE", "GIF, or MP4 with ffmpeg; replaced if it exists.", default=...),
+    start: float | None = option(
+        "S",
+        "First instant of the record shown (s); by default four periods of the motion before --end, or, "
+        "without --end, one period before the strongest impact.",
+    ),
+    end: float | None = option("S", "Last instant (s); by default four periods after the first one."),
+    frames: int = option("N", "Number of pictures.", default=40),
+    speed: float | None = option(
+        "X", "Seconds of the record per second of the animation; by default such that it takes 6 s."
+    ),
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
     from pounding_sweep.figures.gallery.scenario import animate, check_movie
@@ -279,7 +273,7 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
         if choice.get(name) is not None:
             raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)
-    spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders or None).spec
+    spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders).spec
     app.say_laws(spec.own_laws)
     histories = simulate_shown(spec, options.output_step, **choice)
     say(scenario_title(histories))
