@@ -132,11 +132,12 @@ class ChunkStore:
     """
 
     def __init__(self, folder: Path, details: Mapping[str, str] | None = None, *, at_once: bool = False) -> None:
-        self.folder, self.details, self._at_once = folder, dict(details or {}), at_once
+        self.folder, self.details = folder, dict(details or {})
         self._entries: dict[str, dict[str, Any]] = {}
         self._buffered: dict[str, np.ndarray] = {}
         self._checked: set[str] = set()
-        self._bytes, self._due, self._is_open = 0, time.monotonic() + BUFFER_SECONDS, False
+        self._bytes, self._is_open = 0, False
+        self._due = 0.0 if at_once else time.monotonic() + BUFFER_SECONDS
         self._waiting: list[Callable[[], None]] = []
 
     @contextmanager
@@ -146,8 +147,8 @@ class ChunkStore:
             begun = self._has_begun()
             # all but what is finished goes: what a killed run was writing
             self._remove([MANIFEST, *(self.path(key).name for key in self.completed())] if begun else [])
-            if begun or self._at_once:
-                self.flush()
+            if begun:
+                self._due = 0.0
             try:
                 yield self
             except BaseException as error:

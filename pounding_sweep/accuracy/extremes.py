@@ -457,7 +457,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     batch, values, status = run.batch, run.values, run.values["status"]
     ok, has_values, has_reference = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
     checked = [
-        array[:, _exists(batch, name, array)]
+        array[:, _exists(batch.scene, name, array.shape[1:])]
         for name, array in values.items()
         if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force)
     ]
@@ -495,16 +495,16 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     return pd.DataFrame({**columns, "status": labels, "faults": faults}).assign(**about)
 
 
-def _exists(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
+def _exists(scene: Scene, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Whether there is what a value is of, not so at walls, missing storeys and floors that meet nothing."""
-    dims, scene = get_variable(name).dims, batch.scene
-    exists = np.zeros((1, *values.shape[1:]))
-    if dims == ("building", "storey"):
+    per = get_variable(name).per
+    if per == "floor":
         column = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
-        exists = variables.scatter_dof(column[None], scene)
-    elif dims == ("pair", "storey"):
-        exists = variables.scatter_contact(np.zeros((1, len(scene.contacts))), scene)
-    return np.isfinite(exists[0])
+    elif per == "contact":
+        column = np.zeros(len(scene.contacts))
+    else:
+        return np.ones(shape, bool)
+    return np.isfinite(variables.scatter(column, scene, per))
 
 
 def run_judged(batch: Batch, precision: str, methods: Sequence[str]) -> list[pd.DataFrame]:
@@ -626,20 +626,16 @@ def stability_map(
     batch = make_batch(
         "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=stiffnesses, restitution=RESTITUTION, steps=steps
     )
-    runs = [[batch.run(method, dt, precision) for dt in steps] for method, precision in SHOWN]
-    status = np.array([[run["status"] for run in line] for line in runs], np.int8)
-    contacts = [
-        run["steps_per_contact"] * batch.step(method, dt)
-        for (method, _), line in zip(SHOWN, runs, strict=True)
-        for dt, run in zip(steps, line, strict=True)
-    ]
+    runs = {(*form, dt): batch.run(form[0], dt, form[1]) for form, dt in product(SHOWN, steps)}
+    status = np.array([run["status"] for run in runs.values()], np.int8).reshape(len(SHOWN), -1, len(batch))
+    contacts = [run["steps_per_contact"] * batch.step(method, dt) for (method, _, dt), run in runs.items()]
     shortest = np.fmin.reduce([np.full(len(batch), np.inf), *contacts])
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
     references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
     name = "impact_force_max"
     expected = np.concatenate([reference.values[name] for reference in references])
     has_reference = np.isfinite(np.concatenate([reference.step for reference in references]))
-    errors = np.array([[relative_error(name, run[name], expected) for run in line] for line in runs])
+    errors = np.array([relative_error(name, run[name], expected) for run in runs.values()]).reshape(status.shape)
     drawn = has_reference & np.isin(status, _WITH_VALUES)
     dims, codes = ("scheme", "dt", "stiffness"), np.arange(len(STATUS), dtype=np.int8)
     about = {"units": "1", "long_name": "relative error of the peak contact force"}

@@ -42,8 +42,8 @@ from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, to_
 DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
 CLOSING_STEP = 1.0e-3
-#: Lane groups of one timed call.
-TIMED_GROUPS = 2
+#: Scenarios of one timed call.
+TIMED = 2 * LANES
 #: The converged solution's step is the finest compared over this, and at most that share of the stability limit.
 REFINEMENT, REFERENCE_SHARE = 8, 0.125
 #: Errors below this many times the converged solution's own error are not resolved.
@@ -146,8 +146,8 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
         free = np.flatnonzero(touching & (table.law == law))
         rows = free[table.record[free] == table.record[rng.choice(free)]]
         order = np.concatenate([chunk.rows for chunk in plan.chunks(rows)])
-        first = int(rng.integers(max(1, len(order) - TIMED_GROUPS * LANES + 1)))
-        timed.append(np.resize(order[first : first + TIMED_GROUPS * LANES], TIMED_GROUPS * LANES))
+        first = int(rng.integers(max(1, len(order) - TIMED + 1)))
+        timed.append(np.resize(order[first : first + TIMED], TIMED))
         for _ in range(n_groups // len(laws) + (i < n_groups % len(laws))):
             if len(free):
                 rows = free[table.record[free] == table.record[rng.choice(free)]]

@@ -150,7 +150,7 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
     ranks = {"variant": variants, **requested.ranks}
     # the column with most values innermost; sorted() is stable, so that gaps are innermost among equals
     inner = sorted((np.where(matters.get(name, True), rank, 0) for name, rank in ranks.items()), key=np.max)
-    codes = np.broadcast_to(_codes([requested.record, law, *inner]), requested.shape).reshape(-1)
+    codes = np.broadcast_to(row_codes([requested.record, law, *inner]), requested.shape).reshape(-1)
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     del codes
 
@@ -205,7 +205,7 @@ def stable_steps(spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variant
 
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
     """Return the distinct runs without pounding of a table of scenarios."""
-    codes = _codes([table.record, table.variant, table.scale])
+    codes = row_codes([table.record, table.variant, table.scale])
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     runs, n = table[first], len(first)
     ignored = {"stiffness": np.zeros(n), "restitution": np.ones(n), "gaps": np.full(runs.gaps.shape, np.inf)}
@@ -213,7 +213,7 @@ def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np
     return runs, np.broadcast_to(np.int32(0), len(table)) if n == 1 else inverse.astype(np.int32)
 
 
-def _codes(columns: Sequence[np.ndarray]) -> np.ndarray:
+def row_codes(columns: Sequence[np.ndarray]) -> np.ndarray:
     """Make one code of columns that broadcast, rising with their values, the last varying fastest."""
     codes, size = np.zeros(1, np.int64), 1
     for column in columns:
@@ -306,7 +306,7 @@ def cut(
     seconds: Callable[[int, int], float],
 ) -> list[Chunk]:
     """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
-    codes = _codes([column[rows] for column in (table.record, table.law, steps, flights)])
+    codes = row_codes([column[rows] for column in (table.record, table.law, steps, flights)])
     order = np.argsort(codes, kind="stable")
     parts = []
     for part in np.split(rows[order], np.flatnonzero(np.diff(codes[order])) + 1) if len(rows) else ():

@@ -21,7 +21,7 @@ from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attribute
 from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.outputs.variables import CHANGE, STATUS, VARIABLES, Status, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
-from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined, row_codes
 from pounding_sweep.run.execute import Dispatcher
 from pounding_sweep.run.refinement import Values, ended, halved
 
@@ -94,9 +94,7 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
     # lane groups of scenarios of one record, law and number of steps
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     rows = random.permutation(rows)
-    kinds = np.zeros(len(rows), np.int64)
-    for column in (table.record, table.law, plan.steps):
-        kinds = kinds * (int(column[rows].max()) + 1) + column[rows]
+    kinds = row_codes([column[rows] for column in (table.record, table.law, plan.steps)])
     order = np.argsort(kinds, kind="stable")
     rows, kinds = rows[order], kinds[order]
     begins = np.searchsorted(kinds, kinds)  # where the kind of a scenario begins

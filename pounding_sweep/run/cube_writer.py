@@ -12,6 +12,7 @@ from pounding_sweep.output.dataset import CubeParts, as_read, label, unfilled
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.netcdf import Slab
 from pounding_sweep.outputs.variables import inner_shape, mask_invalid
+from pounding_sweep.resume import parts_folder
 from pounding_sweep.run.audit import Audit, add_to_cube
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ def write_cube_of(
     path: Path | None = None,
     *,
     overwrite: bool = False,
-    folder: Path | None = None,
 ) -> CubeParts:
     """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes.
 
@@ -56,5 +56,5 @@ def write_cube_of(
             cube.data_vars[name] = (dims, as_read(name, values[name]), attributes)
     add_to_cube(cube, plan, audit)
     if path is not None:
-        write_in_slabs(cube, path, values_of, overwrite=overwrite, folder=folder)
+        write_in_slabs(cube, path, values_of, overwrite=overwrite, folder=parts_folder(path))
     return cube

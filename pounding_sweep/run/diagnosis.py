@@ -111,13 +111,10 @@ def _required() -> dict[str, str]:
     lines: list[str] = []
     with suppress(PackageNotFoundError):
         lines = sorted(requires(NAME) or [])
-    extra_of: dict[str, str] = {}
-    for extra in ("", *EXTRAS):
-        for line in lines:
-            parts = re.match(r"([\w.-]+)(?:.*extra == ['\"](\w+))?", line)
-            if parts and (parts[2] or "") == extra:
-                extra_of.setdefault(parts[1], extra)
-    return extra_of
+    pattern = r"([\w.-]+)(?:.*extra == ['\"](\w+))?"
+    found = [match.groups("") for line in lines if (match := re.match(pattern, line))]
+    # the last one counts, which is that without an extra
+    return {name: extra for extra in (*EXTRAS, "") for name, by in found if by == extra}
 
 
 @cache

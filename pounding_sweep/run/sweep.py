@@ -306,17 +306,7 @@ class Sweep:
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
-                folder = None if store is None else store.folder
-                cube = write_cube_of(
-                    plan,
-                    outcome,
-                    self.last_audit,
-                    progress,
-                    attributes,
-                    path=target,
-                    overwrite=overwrite,
-                    folder=folder,
-                )
+                cube = write_cube_of(plan, outcome, self.last_audit, progress, attributes, target, overwrite=overwrite)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
