@@ -28,6 +28,7 @@ from filelock import Timeout
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError, WriteError
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.identity import libraries, package_digest
 from pounding_sweep.spec.spec import to_json
@@ -55,7 +56,7 @@ class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught b
     """A chunk on disk is not what was written."""
 
 
-def parts_folder(out: str | os.PathLike[str]) -> Path:
+def parts_folder(out: FilePath) -> Path:
     """Return the folder of a run's chunks: beside the cube `out`, links followed."""
     return Path(f"{files.absolute(out)}.parts")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +19,7 @@ from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods
 from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variables, scenario_dims, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, unknown
-from pounding_sweep.base.files import failure, replacing
+from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.output.netcdf import check_output
 
 #: Namespace of NRML.
@@ -35,7 +34,7 @@ _DEMANDS = {"PID": "drift_max", "PFA": "acceleration_max"}
 
 def export_nrml(
     cube: xr.Dataset,
-    path: str | os.PathLike[str],
+    path: FilePath,
     limit_states: Mapping[str, tuple[str, float | None]],
     *,
     intensity: str | None = None,
@@ -142,7 +141,7 @@ def export_nrml(
     return left_out
 
 
-def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str, *, overwrite: bool = False) -> int:
+def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite: bool = False) -> int:
     """Write the demands of a building as Pelicun and other tools of FEMA P-58 read them.
 
     Parameters
@@ -207,7 +206,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     return len(table)
 
 
-def _write(path: str | os.PathLike[str], target: Path, data: bytes) -> None:
+def _write(path: FilePath, target: Path, data: bytes) -> None:
     """Write a whole file, or nothing."""
     try:
         with replacing(target) as temporary:

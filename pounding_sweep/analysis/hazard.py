@@ -18,7 +18,7 @@ import numpy as np
 
 from pounding_sweep.analysis.scenarios import numbers_in
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.files import expanded
+from pounding_sweep.base.files import FilePath, expanded
 from pounding_sweep.records import UNITS
 from pounding_sweep.records.reader import match_unit
 
@@ -184,7 +184,7 @@ def _check_points(points: Iterable[tuple[str, float, float]]) -> None:
         before = x, y
 
 
-def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazard:
+def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
     """Read a hazard curve from a CSV file of two columns: intensity and annual rate of exceedance.
 
     Parameters
@@ -245,7 +245,7 @@ def read_hazard(path: str | os.PathLike[str], units: str | None = None) -> Hazar
     return Hazard(tuple(factor * x for x in intensity), rate, target.name, metric, measure=measure)
 
 
-def hazard_of(curve: str | os.PathLike[str] | Hazard, units: str | None = None) -> Hazard:
+def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:
     """Return a hazard from a file, or from a text "k0=1e-3,kappa=2.5"; `units` are those of its intensities."""
     if isinstance(curve, Hazard):
         return curve

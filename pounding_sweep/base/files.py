@@ -19,6 +19,8 @@ from filelock import BaseFileLock, FileLock, SoftFileLock
 
 from pounding_sweep.base.errors import InputError, repr_short
 
+#: A path as users give it.
+FilePath = str | os.PathLike[str]
 #: Said where a text of a sweep file has a backslash by accident.
 ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
 #: The lock file of a folder, and that of a drive that grants no locks (some NFS mounts).
@@ -33,7 +35,7 @@ def read_data(name: str) -> dict[str, Any]:
     return tomllib.loads(files("pounding_sweep").joinpath("data", name).read_text(encoding="utf-8"))
 
 
-def expanded(raw: str | os.PathLike[str]) -> Path:
+def expanded(raw: FilePath) -> Path:
     """Return a path with the home folder in the place of ``~`` or ``~user``."""
     try:
         return Path(raw).expanduser()
@@ -43,7 +45,7 @@ def expanded(raw: str | os.PathLike[str]) -> Path:
         ) from None
 
 
-def absolute(path: str | os.PathLike[str]) -> Path:
+def absolute(path: FilePath) -> Path:
     """Return an absolute path, ``~`` expanded and links followed, whether or not it exists."""
     return Path(os.path.realpath(expanded(path)))
 

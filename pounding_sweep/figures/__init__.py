@@ -6,7 +6,6 @@ package, by the paper's figures, and nowhere else.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, OutputError, unknown
-from pounding_sweep.base.files import expanded
+from pounding_sweep.base.files import FilePath, expanded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -185,7 +184,7 @@ def require(dataset: xr.Dataset, key: str) -> None:
 def plot(
     dataset: xr.Dataset,
     kind: str,
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     dpi: float = 150.0,
     report: Callable[[str], None] | None = None,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import repr_short
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
@@ -297,7 +297,7 @@ def _audit_row(row: Mapping[str, Any]) -> tuple[str, ...]:
     return row["output"], f"median {median}", f"up to {largest}", undecided
 
 
-def summarize(path: str | os.PathLike[str]) -> dict[str, Any]:
+def summarize(path: FilePath) -> dict[str, Any]:
     """Return what `run` reports of the cube that it wrote, read without xarray, which takes longer to load."""
     import netCDF4
 

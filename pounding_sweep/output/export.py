@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -21,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
-from pounding_sweep.base.files import expanded, failure, replacing
+from pounding_sweep.base.files import FilePath, expanded, failure, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import encoding_of
@@ -269,7 +268,7 @@ def _audited_errors(part: xr.Dataset, cube: xr.Dataset) -> xr.Variable:
 
 def export_cube(
     cube: xr.Dataset,
-    path: str | os.PathLike[str],
+    path: FilePath,
     names: str | Iterable[str] = (),
     *,
     overwrite: bool = False,
@@ -373,7 +372,7 @@ def export_cube(
 
 def export_tables(
     cube: xr.Dataset,
-    path: str | os.PathLike[str],
+    path: FilePath,
     names: Sequence[str] = (),
     **options: Any,
 ) -> list[Path]:
@@ -392,7 +391,7 @@ def export_tables(
 
 def _table(
     cube: xr.Dataset,
-    path: str | os.PathLike[str],
+    path: FilePath,
     names: Sequence[str],
     by_scenario: bool,
     constants: bool,

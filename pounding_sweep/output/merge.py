@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.output import identity
 from pounding_sweep.output.audited import AUDIT_DIMS, add_audit, has_audit
 from pounding_sweep.output.dataset import (
@@ -78,8 +79,8 @@ class Merged:
 
 
 def merge_cubes(
-    paths: Sequence[str | os.PathLike[str]],
-    out: str | os.PathLike[str],
+    paths: Sequence[FilePath],
+    out: FilePath,
     *,
     overwrite: bool = False,
     tolerance: float = TOLERANCE,

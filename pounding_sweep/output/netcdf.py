@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
-from pounding_sweep.base.files import absolute, failure, remove_leftovers, replacing
+from pounding_sweep.base.files import FilePath, absolute, failure, remove_leftovers, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, CubeParts, encoding_of
 
@@ -101,7 +101,7 @@ def slabs(sizes: Sequence[int], most: int, block: Sequence[int] | None = None) -
     )
 
 
-def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+def _target(path: FilePath) -> tuple[Path, int | None]:
     """Return the file that `path` stands for, links followed, so that a link stays one, and its mode if it exists."""
     try:
         target = absolute(path)
@@ -113,7 +113,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
         raise OutputError(f"path {os.fspath(path)!r} is not usable ({reason}); give another path") from None
 
 
-def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
+def check_output(path: FilePath, overwrite: bool = False, *, netcdf: bool = True) -> Path:
     """Check, before a long run, that a cube can be written to `path`; leftovers of killed writers are removed."""
     if netcdf and Path(path).suffix.lower() in _OTHER_ENDINGS:
         raise OutputError(
@@ -171,7 +171,7 @@ def _access_fault(path: Path, remedy: str = "copy the cube to another drive") ->
     return ""
 
 
-def unreadable(what: str, path: str | os.PathLike[str], error: Exception) -> OutputError:
+def unreadable(what: str, path: FilePath, error: Exception) -> OutputError:
     """Return the error that a cube, or `what` of it, can't be read: it is damaged only if the file is accessible."""
     fault, name = _access_fault(Path(path)), os.fspath(path)
     if not fault and isinstance(error, OSError) and (error.errno or 0) > 0:
@@ -200,7 +200,7 @@ def _encoded(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
     }
 
 
-def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+def write_cube(dataset: xr.Dataset, path: FilePath, overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
     loaded = dataset.compute(scheduler="synchronous")  # other threads of dask would wait for the lock
     parts = CubeParts({}, {}, dataset.attrs)
@@ -213,7 +213,7 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
 
 def write_in_slabs(
     cube: CubeParts,
-    path: str | os.PathLike[str],
+    path: FilePath,
     values_of: Callable[[Slab], Mapping[str, np.ndarray]] | None = None,
     *,
     overwrite: bool = False,
@@ -322,7 +322,7 @@ def with_texts(cube: xr.Dataset) -> xr.Dataset:
     return cube.assign(texts)
 
 
-def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
+def open_cube(path: FilePath) -> xr.Dataset:
     """Open a cube; its values are read where they are used.
 
     Parameters

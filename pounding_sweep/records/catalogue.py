@@ -16,14 +16,14 @@ import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import MissingRecordError, RecordError, repr_short, unknown
-from pounding_sweep.base.files import expanded, near_file, read_data
+from pounding_sweep.base.files import FilePath, expanded, near_file, read_data
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
 
 RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
 """Environment variable with the folder or folders (separated as in PATH) of record files."""
 
-Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
+Folders = FilePath | Sequence[FilePath] | None
 
 
 _TABLES = read_data("records.toml")
@@ -292,9 +292,9 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
 
 
 def resolve_records(
-    items: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+    items: Record | FilePath | Iterable[Record | FilePath],
     folders: Folders = None,
-    base: str | os.PathLike[str] | None = None,
+    base: FilePath | None = None,
     column: str | int | None = None,
 ) -> list[Record]:
     """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
@@ -314,7 +314,7 @@ def resolve_records(
 def resolve_record(
     item: object,
     folders: Folders = None,
-    base: str | os.PathLike[str] | None = None,
+    base: FilePath | None = None,
     column: str | int | None = None,
 ) -> Record:
     """Turn a record, a path or a name into one record; a record set is refused.

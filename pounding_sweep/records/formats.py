@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 from bisect import bisect_left
@@ -13,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
-from pounding_sweep.base.files import expanded, read_data
+from pounding_sweep.base.files import FilePath, expanded, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.reader import (
     MOST_HEADER,
@@ -402,7 +401,7 @@ RECORD_SUFFIXES = tuple(dict.fromkeys(re.findall(r"\.\w+", " ".join(reader.suffi
 
 
 def read_record(
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     name: str | None = None,
     dt: float | None = None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import (
@@ -47,7 +48,7 @@ KEY_BLOCK = 2**18
 class EarlierCube:
     """Results of an earlier cube, by what the scenarios are."""
 
-    def __init__(self, path: str | os.PathLike[str], plan: Plan) -> None:
+    def __init__(self, path: FilePath, plan: Plan) -> None:
         self.path, self._plan = os.fspath(path), plan
         with open_cube(path) as cube:
             if not {"sweep", SOURCE_ATTRIBUTE} <= cube.attrs.keys() or "status" not in cube.data_vars:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
-from pounding_sweep.base.files import failure, replacing
+from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.output.identity import package_digest
 from pounding_sweep.records import find_record
@@ -71,7 +70,7 @@ class Sweep:
     def __init__(
         self,
         scene: Scene | str,
-        records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+        records: Record | FilePath | Iterable[Record | FilePath],
         laws: Any = None,
         **arguments: Any,
     ) -> None:
@@ -128,7 +127,7 @@ class Sweep:
         check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
-    def to_toml(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    def to_toml(self, path: FilePath, *, overwrite: bool = False) -> Path:
         """Write the sweep as a sweep file, from which `load_sweep` reads an equal one.
 
         Parameters
@@ -183,13 +182,13 @@ class Sweep:
 
     def run(
         self,
-        out: str | os.PathLike[str] | None = None,
+        out: FilePath | None = None,
         *,
         scheduler: str | Client = "threads",
         workers: int | None = None,
         overwrite: bool = False,
         progress: Progress | None = None,
-        extend: str | os.PathLike[str] | None = None,
+        extend: FilePath | None = None,
     ) -> xr.Dataset:
         """Run the sweep.
 
@@ -249,12 +248,12 @@ class Sweep:
 
     def make_cube(
         self,
-        out: str | os.PathLike[str] | None,
+        out: FilePath | None,
         scheduler: str | Client,
         workers: int | None,
         overwrite: bool,
         progress: Progress | None,
-        extend: str | os.PathLike[str] | None,
+        extend: FilePath | None,
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
@@ -333,7 +332,7 @@ class Sweep:
 
 
 def load_sweep(
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     skip_missing_records: bool = False,
     folders: Folders = None,

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import Place, SweepError, repr_short, unknown
-from pounding_sweep.base.files import ESCAPE_HINT, expanded, near_file
+from pounding_sweep.base.files import ESCAPE_HINT, FilePath, expanded, near_file
 from pounding_sweep.model.faults import Faults, spell
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import ContactProperties, Scene
@@ -160,7 +160,7 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
 
 
 def load_spec(
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     skip_missing_records: bool = False,
     folders: Folders = None,

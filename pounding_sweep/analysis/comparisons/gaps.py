@@ -8,7 +8,6 @@ of each building alone. Adding a rule is adding one `SeparationRule` to `SEPARAT
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -30,6 +29,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import DIMENSIONS
@@ -193,10 +193,10 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
 @comparison("required-gap")
 def required_gap(
     source: Scene | str | xr.Dataset,
-    records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]] | None = None,
+    records: Record | FilePath | Iterable[Record | FilePath] | None = None,
     *,
     behaviour: BehaviourFactors | None = None,
-    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    folders: FilePath | Sequence[FilePath] | None = None,
 ) -> xr.Dataset:
     """Find the gap at which each pair just does not touch, and what separation rules ask for.
 
@@ -399,7 +399,7 @@ def gap_for_probability(
     intensity: str | xr.DataArray | None = None,
     levels: Sequence[float] | None = None,
     behaviour: BehaviourFactors | None = None,
-    hazard: Hazard | str | os.PathLike[str] | None = None,
+    hazard: Hazard | FilePath | None = None,
     years: float = YEARS,
     confidence: float = 0.95,
     curve: Sequence[float] = CURVE,

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.figures import figure_of, require
 from pounding_sweep.figures.select import panels, scenario_title, time_slice
 from pounding_sweep.figures.style import (
@@ -301,7 +302,7 @@ _FADING = 0.6
 
 def animate(
     one: xr.Dataset,
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     start: float | None = None,
     end: float | None = None,
@@ -399,7 +400,7 @@ def fading_marks(forces: np.ndarray, instants: np.ndarray) -> np.ndarray:
     return marks
 
 
-def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) -> None:
+def check_movie(path: FilePath, frames: int, speed: float | None) -> None:
     """Raise `InputError` or `OutputError` where an animation can't be made, before anything is run for it."""
     suffix = Path(path).suffix.lower()
     if suffix not in (".gif", ".mp4"):
