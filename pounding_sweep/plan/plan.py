@@ -310,14 +310,9 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     """Rows of the unique table in which no pair can ever touch."""
     scene, table = plan.spec.scene, plan.unique
-    needed: dict[tuple[int, float | None], np.ndarray] = {}  # by the pair, and the thickness of a bumper
-    for contact, bumper, displacement in zip(scene.contacts, scene.bumper_of, closing.T, strict=True):
-        place = contact.pair, None if bumper is None else bumper.thickness
-        needed[place] = np.maximum(needed.get(place, 0.0), displacement)
-    finite = np.isfinite(closing).all(axis=1)
     laws = np.array([law.thickness for law in plan.laws])[table.law]
-    result = finite[plan.uncoupled_of]
-    for (pair, thick), most in needed.items():
-        clear = table.gaps[:, pair] - (laws if thick is None else thick)
+    result = np.isfinite(closing).all(axis=1)[plan.uncoupled_of]
+    for contact, bumper, most in zip(scene.contacts, scene.bumper_of, np.maximum(closing.T, 0.0), strict=True):
+        clear = table.gaps[:, contact.pair] - (laws if bumper is None else bumper.thickness)
         result &= clear >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
     return result | plan.no_contact
