@@ -189,23 +189,20 @@ class Variants:
     def matrices(self, group: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Masses (t), K (kN/m) and C (kN s/m) of what moves as one, shapes (n, floors and bases, ...)."""
         scene, dofs = self.scene, self.scene.dofs_of(group)
-        floors, bases = dofs[dofs < scene.n_dof], dofs[dofs >= scene.n_dof] - scene.n_dof
-        drifts, deformations = (matrix[np.ix_(floors, dofs)] for matrix in (scene.drifts, scene.deformations))
-        alpha, beta = (factor[:, self._owner[floors]] for factor in self.rayleigh_factors)
-        masses, stiffnesses = self.masses[:, floors], self.stiffnesses[:, floors]
-        stiff = (drifts.T * stiffnesses[:, None]) @ drifts
-        damped = (drifts.T * (beta * stiffnesses + self.dashpots[:, floors])[:, None]) @ drifts
-        damped += (deformations.T * (alpha * masses)[:, None]) @ deformations
+        masses = np.zeros((len(self), len(dofs)))
+        stiff, damped = np.zeros((2, *masses.shape, len(dofs)))
+        for b in group:
+            item, at = scene.buildings[b], np.flatnonzero(np.isin(dofs, scene.dofs_of([b])))
+            mass, period, (alpha, beta) = self.mass_factor[:, b], self.period_factor[:, b], self.rayleigh(b)
+            masses[:, at] = np.outer(mass, item.inertias)
+            stiff[:, at[:, None], at] = np.multiply.outer(mass / period**2, item.stiffness_matrix)
+            shares = np.stack([alpha * mass, beta * mass / period**2, mass / period])
+            damped[:, at[:, None], at] = np.einsum("pn,pij->nij", shares, item.damping_matrices)
         for link in scene.linked_floors:
-            if link.left in floors:
+            if link.left in dofs:
                 across = 1.0 * (dofs == link.left) - (dofs == link.right)
                 stiff += link.stiffness * np.outer(across, across)
                 damped += link.damping * np.outer(across, across)
-        if len(bases):
-            last = np.arange(len(floors), len(dofs))
-            stiff[:, last, last] += self.base_stiffnesses[:, bases]
-            damped[:, last, last] += self.base_dashpots[:, bases]
-            masses = np.concatenate([masses, self.base_masses[:, bases]], axis=1)
         return masses, stiff, damped
 
     def modal(self, group: tuple[int, ...]) -> tuple[np.ndarray, ...]:
