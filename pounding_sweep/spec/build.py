@@ -489,14 +489,11 @@ class _Reader:
                 if factor != 1.0:
                     factors[argument] = (*factors[argument], (building, factor))
             names = [record.name for record in self.records or ()]
-            if self.records is None:  # whose fault is elsewhere
-                values["record"] = None
-            elif values["record"] is None and len(names) == 1:
+            if values["record"] is None and len(names) == 1:
                 (values["record"],) = names
-            elif values["record"] is None:
-                faults.add(("record",), f"is missing; valid: {', '.join(names)}")
-            elif values["record"] not in names:
-                faults.add(("record",), unknown("record", values["record"], names))
+            if self.records is not None and (name := values["record"]) not in names:
+                valid = f"is missing; valid: {', '.join(names)}"
+                faults.add(("record",), valid if name is None else unknown("record", name, names))
             if law and law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
                 values["stiffness_factor"] = 1.0
             if law and law.takes_restitution and values["restitution"] is None and self.scene is not None:
