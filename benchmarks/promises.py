@@ -25,6 +25,7 @@ from pounding_sweep.accuracy.extremes import PEAKS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import CHANGE, CLASSES, OK_CLAIM, Status, relative_errors
 from pounding_sweep.plan.plan import Plan, make_plan
+from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.execute import run_chunk
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import METHODS, SweepSpec
@@ -45,7 +46,7 @@ def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
         table = plan.unique[chunk.rows]
         record = plan.spec.records[chunk.record]
-        part = run_chunk(kernel, record, table, plan.variants[table.variant], plan.outputs)
+        part = run_chunk(ChunkTask(kernel, record, table, plan.variants[table.variant], plan.outputs))
         if isinstance(part, str):
             raise RuntimeError(part)
         for name in part.dtype.names or ():

@@ -366,7 +366,7 @@ def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path, monkeyp
     real = execute.run_chunk
     args = ("run", folder / "sweep.toml", "-o", tmp_path / "out.nc")
     with monkeypatch.context() as patch:
-        fails = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"  # noqa: E731
+        fails = lambda task: real(task) if task.kernel.law.key == "none" else "on purpose"  # noqa: E731
         patch.setattr(execute, "run_chunk", fails)
         done = cli(*args, code=1)
     assert done.stderr.count("on purpose") == 1

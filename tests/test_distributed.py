@@ -273,13 +273,13 @@ def jobs(kernel):
     return lambda position: ChunkTask(kernel, None, position, Variants(None, none, none, none), ())
 
 
-def poison(kernel, record, table, variants, outputs):
-    if table == 7:
+def poison(task):
+    if task.table == 7:
         os.kill(os.getpid(), signal.SIGKILL)
-    return np.array([table])
+    return np.array([task.table])
 
 
-def settings(kernel, record, table, variants, outputs):
+def settings(task):
     import numba
 
     names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -175,8 +175,8 @@ def test_chunks_are_begun_in_their_order(scheduler, workers, monkeypatch):
         begun.append(position)
         return ChunkTask(None, motions()[0], position, None, ())
 
-    def run(kernel, record, table, *more):
-        return f"{record.name} {table}"
+    def run(task):
+        return f"{task.record.name} {task.table}"
 
     monkeypatch.setattr("pounding_sweep.run.execute.run_chunk", run)
     with Dispatcher(scheduler, workers) as dispatcher:

@@ -503,9 +503,9 @@ def test_a_chunk_that_fails_keeps_what_was_taken_for_it(whole, earlier, tmp_path
     """Else results would be lost where the cube that is extended is replaced."""
     real, new = execute.run_chunk, earlier[0].rename(tmp_path / "new.nc")
 
-    def failing(kernel, *more):
-        audit, without_pounding = kernel.numerics.refinement > 1, "closing_max" in more[-1]
-        return real(kernel, *more) if audit or without_pounding else "MemoryError: no room"
+    def failing(task):
+        audit, without_pounding = task.kernel.numerics.refinement > 1, "closing_max" in task.outputs
+        return real(task) if audit or without_pounding else "MemoryError: no room"
 
     job = sweep()
     with monkeypatch.context() as patch:
@@ -526,8 +526,8 @@ def test_a_chunk_that_fails_keeps_what_was_taken_for_it(whole, earlier, tmp_path
 def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_path, monkeypatch):
     real = execute.run_chunk
 
-    def failing(kernel, *more):
-        return "MemoryError: no room" if kernel.numerics.refinement > 1 else real(kernel, *more)
+    def failing(task):
+        return "MemoryError: no room" if task.kernel.numerics.refinement > 1 else real(task)
 
     out = tmp_path / "new.nc"
     with monkeypatch.context() as patch:

@@ -333,12 +333,12 @@ def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch)
     sweep.run(out).close()
     before = out.read_bytes()
     real = execute.run_chunk
-    monkeypatch.setattr(execute, "run_chunk", lambda kernel, *more: "on purpose")
+    monkeypatch.setattr(execute, "run_chunk", lambda task: "on purpose")
     failed = r"all \d+ chunks failed \(on purpose\): '.*out\.nc' stays as it was; see to"
     with pytest.warns(RuntimeWarning, match="have no result"), pytest.raises(RunError, match=failed):
         sweep.run(out, overwrite=True, scheduler="synchronous")
     assert out.read_bytes() == before
-    some = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"  # noqa: E731
+    some = lambda task: real(task) if task.kernel.law.key == "none" else "on purpose"  # noqa: E731
     monkeypatch.setattr(execute, "run_chunk", some)
     with pytest.warns(RuntimeWarning, match="have no result"):
         sweep.run(out, overwrite=True, scheduler="synchronous").close()

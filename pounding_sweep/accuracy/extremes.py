@@ -39,7 +39,7 @@ from pounding_sweep.outputs.variables import (
     relative_errors,
 )
 from pounding_sweep.plan.advice import measured_schemes
-from pounding_sweep.plan.scenarios import Scenarios, changed
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import Values, run_once
@@ -104,7 +104,7 @@ class Batch:
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             kernel = self.kernel(method, dt, precision, refinement)
-            part = run_once(kernel, self.record, self.table[rows], variants_of(scene), self.outputs)
+            part = run_once(ChunkTask(kernel, self.record, self.table[rows], variants_of(scene), self.outputs))
             for name, column in values.items():
                 column[rows] = part[name]
         return variables.mask_invalid(values)

@@ -28,7 +28,7 @@ from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
-from pounding_sweep.plan.scenarios import Scenarios, changed
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
@@ -104,7 +104,7 @@ def run_rows(
     for law, record in {*zip(table.law[able].tolist(), table.record[able].tolist(), strict=True)}:
         places = np.flatnonzero((table.law == law) & (table.record == record) & able)
         kernel, part = replace(plan.kernel(law, closing), numerics=numerics), table[places]
-        result = run_once(kernel, plan.spec.records[record], part, plan.variants[part.variant], outputs)
+        result = run_once(ChunkTask(kernel, plan.spec.records[record], part, plan.variants[part.variant], outputs))
         for name in values.keys() & result.keys():
             values[name][places] = result[name]
     return values
@@ -215,8 +215,9 @@ def measure(
             if not refused[i][of_laws[j]].any():
                 kernel, part = replace(plan.kernel(timed_laws[j]), numerics=grid[i]), plan.unique[rows]
                 record, variants = spec.records[part.record[0]], plan.variants[part.variant]
+                task = ChunkTask(kernel, record, part, variants, plan.spec.outputs)
                 started = time.thread_time()
-                run_once(kernel, record, part, variants, plan.spec.outputs)
+                run_once(task)
                 seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
     # of the sweep's mix of laws, by the mean length of their records

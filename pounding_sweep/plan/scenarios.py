@@ -321,10 +321,14 @@ def cut(
 
 
 class ChunkTask(NamedTuple):
-    """One chunk, ready to be run by anybody."""
+    """Scenarios of one kernel and one record, ready to be run by anybody."""
 
     kernel: RowKernel  # what runs
     record: Record  # the motion
     table: Scenarios  # scenarios to run
     variants: Variants  # their building properties
-    outputs: tuple[str, ...]  # variables asked for
+    outputs: Sequence[str]  # variables asked for
+
+    def part(self, rows: np.ndarray) -> ChunkTask:
+        """Return some of the scenarios."""
+        return self._replace(table=self.table[rows], variants=self.variants[rows])

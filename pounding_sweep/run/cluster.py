@@ -135,7 +135,7 @@ class ClusterWorkers:
         """Run a task for each item; see `Dispatcher.run`."""
 
         def submit(item: Any) -> Any:
-            return self.client.submit(self._run, *task_of(item), workers=list(self._threads), pure=False)
+            return self.client.submit(self._run, task_of(item), workers=list(self._threads), pure=False)
 
         failed = []
         for item, result in self._complete(items, submit):

@@ -22,14 +22,11 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import missing_kernels, prepare
-from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
-from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.plan import Plan, untouched
-from pounding_sweep.plan.scenarios import Chunk, ChunkTask, Scenarios
-from pounding_sweep.records import Record
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask
 from pounding_sweep.resume import ChunkCorrupt, ChunkStore
 from pounding_sweep.run.refinement import run_scenarios
 
@@ -60,12 +57,10 @@ class Progress:
         """End the display."""
 
 
-def run_chunk(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
-) -> np.ndarray | str:
+def run_chunk(task: ChunkTask) -> np.ndarray | str:
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
     try:
-        return to_table(run_scenarios(kernel, record, table, variants, outputs), kernel.scene)
+        return to_table(run_scenarios(task), task.kernel.scene)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"
 
@@ -128,12 +123,12 @@ class Dispatcher(ExitStack):
             yield from self.cluster.run(items, task_of)
         elif self.scheduler == "synchronous":
             for item in items:
-                yield item, run_chunk(*task_of(item))
+                yield item, run_chunk(task_of(item))
         else:
             following, in_flight = iter(items), dict[Future[Any], Any]()
             while True:
                 for item in islice(following, AHEAD * self.workers - len(in_flight)):
-                    in_flight[self._threads.submit(run_chunk, *task_of(item))] = item
+                    in_flight[self._threads.submit(run_chunk, task_of(item))] = item
                 if not in_flight:
                     break
                 for future in wait(in_flight, return_when=FIRST_COMPLETED).done:

@@ -18,10 +18,9 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import CHANGE, SETTLED, Status, comparable, get_variable, relative_errors
 from pounding_sweep.plan.advice import ORDERLY, rounding
-from pounding_sweep.plan.scenarios import Scenarios, changed
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
 
@@ -76,16 +75,17 @@ def apart(kernel: RowKernel, table: Scenarios, result: Values) -> Scenarios:
     return replace(moved, gaps=moved.gaps + APART * np.where(np.isfinite(far), far, 0.0)[:, None])
 
 
-def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
+def run_once(task: ChunkTask) -> Values:
     """Run scenarios at the kernel's step, those together that fly in equally long steps whatever is run beside them.
 
     Returns variables of shape (n, *inner), and where the kernel has a history the `STATES` of the one scenario.
     """
+    kernel, record, table, variants, outputs = task
     if kernel.numerics.scheme.flies_exactly and kernel.varied:
         kinds = kernel.flight_substeps(record, variants)
         parts = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
         if len(parts) > 1:
-            results = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
+            results = [run_once(task.part(rows)) for rows in parts]
             order = np.argsort(np.concatenate(parts), kind="stable")
             return {name: np.concatenate([part[name] for part in results])[order] for name in results[0]}
     states = None
@@ -107,28 +107,27 @@ def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: fl
     return np.where(lost, np.inf, worst)
 
 
-def _run(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
+def _run(task: ChunkTask) -> Values:
     """Run scenarios once, and where it is asked for again with all inputs changed: how much more an output does."""
-    result = run_once(kernel, record, table, variants, outputs)
-    if "amplification" in outputs:
-        moved = run_once(kernel, record, changed(table), variants, outputs)
-        result["amplification"] = differences(comparable(outputs), moved, result) / CHANGE
+    result = run_once(task)
+    if "amplification" in task.outputs:
+        moved = run_once(task._replace(table=changed(task.table)))
+        result["amplification"] = differences(comparable(task.outputs), moved, result) / CHANGE
     return result
 
 
-def _run_refined(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str], accuracy: float
-) -> Values:
+def _run_refined(task: ChunkTask, accuracy: float) -> Values:
     """Run scenarios until half the step changes no output by more than `accuracy`."""
+    kernel, record, table, _, outputs = task
     rows, result, halvings = np.arange(len(table)), Values(), 0
     estimate = np.full(len(table), np.inf)
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
-        begun, kernel, halvings = kernel, halved(kernel, record), halvings + 1
+        kernel, halvings = halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = kernel.in_double
-        fine = _run(kernel, record, table[rows], variants[rows], outputs)
+        fine = _run(task.part(rows)._replace(kernel=kernel))
         if halvings == 1:
-            coarse = run_once(begun, record, apart(begun, table, fine), variants, outputs)
+            coarse = run_once(task._replace(table=apart(task.kernel, table, fine)))
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
         estimate[rows] = differences(comparable(outputs), coarse, fine, leeway(kernel, accuracy, allowed))
@@ -140,20 +139,19 @@ def _run_refined(
                 result[name][rows] = values
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     if not halvings:  # half the step is more of them than can be run
-        result = run_once(kernel, record, table, variants, outputs)
+        result = run_once(task)
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     return {**result, "error_estimate": estimate}
 
 
-def run_scenarios(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
-) -> Values:
+def run_scenarios(task: ChunkTask) -> Values:
     """Run scenarios to the kernel's accuracy, or at its step, and what else their outputs ask for; see `run_once`."""
+    kernel, record, table, _, outputs = task
     if kernel.accuracy is not None:
-        return _run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
-    result = _run(kernel, record, table, variants, outputs)
+        return _run_refined(task, kernel.accuracy)
+    result = _run(task)
     if "error_estimate" in outputs:
-        fine = run_once(halved(kernel, record), record, apart(kernel, table, result), variants, outputs)
+        fine = run_once(task._replace(kernel=halved(kernel, record), table=apart(kernel, table, result)))
         result["error_estimate"] = estimate = differences(comparable(outputs), result, fine)
         result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     return result

@@ -17,7 +17,7 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.dataset import Coordinates, assemble
 from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.plan.scenarios import case_variants
+from pounding_sweep.plan.scenarios import ChunkTask, case_variants
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.run.histories import histories, peaks_shown
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
@@ -147,7 +147,7 @@ def simulate(
             "force_unstable=True"
         )
     kernel = replace(plan.kernel(0, record=0, steps=steps), history=True, initial_velocity=velocities)
-    values = run_scenarios(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step"))
+    values = run_scenarios(ChunkTask(kernel, motion, plan.unique, plan.variants, (*outputs, "time_step")))
     states, step = values.pop(STATES)[0], float(values["time_step"][0])
     kernel = ended(kernel, motion, round(motion.dt / step))
     e, has, takes = spec.restitutions[0], contact.has_contact, contact.takes_restitution
