@@ -1,4 +1,4 @@
-"""What this installation runs on: versions, processor, free memory, kernel cache and record folders."""
+"""What this installation runs on: versions, processor, free memory and kernel cache."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import platform
 import re
 import resource
-import shutil
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -16,7 +15,6 @@ from typing import Any, NamedTuple
 import psutil
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.base.files import expanded
 from pounding_sweep.base.text import bytes_text
 
 #: Name of the distribution.
@@ -36,18 +34,14 @@ def diagnose() -> dict[str, Any]:
     from pounding_sweep.model.laws import LAWS
     from pounding_sweep.model.presets import get_preset
     from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
-    from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
 
-    versions, memory, cpu, folder = installed_versions(), free_memory(), processor(), Path.cwd()
+    versions, memory, cpu = installed_versions(), free_memory(), processor()
     optional = {name: extra for name, extra in _required().items() if extra}
     problems = [
         f"{name} is not installed; install the package: pip install ."
         for name, installed in versions.items()
         if installed is None and name not in optional
     ]
-    writable = os.access(folder, os.W_OK)
-    if not writable:
-        problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
     kernels = cache_folder()
     parent = next((path for path in (kernels, *kernels.parents) if path.exists()), Path())
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
@@ -56,14 +50,6 @@ def diagnose() -> dict[str, Any]:
             f"folder in {CACHE_VARIABLE}"
         )
     files = [path for path in kernels.rglob("pounding_kernel_*") if path.is_file()]
-    record_folders = []
-    for part in filter(str.strip, os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep)):
-        try:
-            records = expanded(part)
-            count = sum(path.suffix.lower() in RECORD_SUFFIXES for path in records.iterdir())
-            record_folders.append({"folder": str(records), "files": count})
-        except OSError as error:
-            problems.append(f"{part!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
     row, law, numerics = get_preset("mate2015"), LAWS["linear"], Numerics("rk4", 1e-3)
     return {
         "versions": versions,
@@ -85,8 +71,6 @@ def diagnose() -> dict[str, Any]:
             name: compiling_seconds([kernel_shape(row, law, numerics, reducers_for(outputs))])
             for name, outputs in (("default", DEFAULT_OUTPUTS), ("all", VARIABLES))
         },
-        "record_folders": record_folders,
-        "output": {"folder": str(folder), "writable": writable, "free_bytes": shutil.disk_usage(folder).free},
         "problems": problems,
     }
 
