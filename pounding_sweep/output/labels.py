@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from datetime import UTC, datetime
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,15 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.dataset import Coordinates, coordinate, law_coordinates, unit_attributes
-from pounding_sweep.output.identity import library_versions
+from pounding_sweep.output.dataset import (
+    SOURCE_ATTRIBUTE,
+    Coordinates,
+    coordinate,
+    law_coordinates,
+    package_version,
+    unit_attributes,
+)
+from pounding_sweep.output.identity import library_versions, package_digest
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
@@ -259,6 +267,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
+        SOURCE_ATTRIBUTE: package_digest(),
         "sa_period": spec.sa_period,
         "records_left_out": spec.records_left_out or None,
         **{f"{name}_version": version for name, version in library_versions().items()},
@@ -270,4 +279,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         result |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice, "accuracy_numbers": numbers}
     if spec.title:
         result["title"] = spec.title
+    if outcome.copied_from is not None:
+        extended = f"extended from another cube by pounding_sweep {package_version()} (see extended_from)"
+        result["history"] = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {extended}"
+        result["extended_from"] = {**outcome.copied_from, "scenarios_taken": outcome.copied}
     return result

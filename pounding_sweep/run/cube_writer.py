@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,12 +25,11 @@ def write_cube_of(
     outcome: Outcome,
     audit: Audit | None,
     progress: Progress,
-    more: Mapping[str, Any],
     path: Path | None = None,
     *,
     overwrite: bool = False,
 ) -> CubeParts:
-    """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes.
+    """Return the cube of a sweep and its audit, if there is one.
 
     With a `path` it is written there, no more than a slab of it is ever in memory, and what is returned has no values.
     """
@@ -41,7 +39,7 @@ def write_cube_of(
     scene, names = plan.spec.scene, outcome.results.names
     row_of = plan.inverse.reshape([len(values) for _, values, _ in axes.values()])
     data = {name: unfilled(name, (*row_of.shape, *inner_shape(name, scene))) for name in names}
-    cube = label(scene, axes, data, {**global_attributes(plan, outcome), **more}, extra)
+    cube = label(scene, axes, data, global_attributes(plan, outcome), extra)
 
     def values_of(slab: Slab) -> dict[str, np.ndarray]:
         """Return values as they are stored; the scenarios count as done."""

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ import numpy as np
 from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
 from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
-from pounding_sweep.output.identity import package_digest
 from pounding_sweep.records import find_record
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
@@ -256,7 +254,6 @@ class Sweep:
         extend: FilePath | None,
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
-        from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, package_version
         from pounding_sweep.output.netcdf import check_output, check_space
         from pounding_sweep.outputs.variables import Status
         from pounding_sweep.plan.sanity import doubts_of
@@ -272,7 +269,6 @@ class Sweep:
         target = None if out is None else check_output(out, overwrite)
         plan, progress, store = self.plan(), progress or Progress(), None
         earlier = None if extend is None else EarlierCube(extend, plan)
-        attributes: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
         with ExitStack() as contexts:
             if target is None:
                 check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
@@ -296,16 +292,10 @@ class Sweep:
                             f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
                             f"{str(target)!r} stays as it was; see to what failed and run again"
                         )
-                    if outcome.copied_from is not None:
-                        attributes["history"] = (
-                            f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} extended from another cube by pounding_sweep "
-                            f"{package_version()} (see extended_from)"
-                        )
-                        attributes["extended_from"] = {**outcome.copied_from, "scenarios_taken": outcome.copied}
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
-                cube = write_cube_of(plan, outcome, self.last_audit, progress, attributes, target, overwrite=overwrite)
+                cube = write_cube_of(plan, outcome, self.last_audit, progress, target, overwrite=overwrite)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
