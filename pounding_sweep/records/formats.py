@@ -154,7 +154,7 @@ def _read_table(
     if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
         raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
     names = heads or [str(index + 1) for index in range(columns)]
-    chosen = source.choose({index + 1: name for index, name in enumerate(names) if index != time}) - 1
+    chosen, column = source.choose({index + 1: name for index, name in enumerate(names) if index != time})
     counts = time == 0 and not timed and first in (0.0, 1.0) and len(passed) > 0 and bool((passed == 1.0).all())
     if counts and source.dt is None and not steps:
         head = f", headed {heads[0]!r}," if heads else ""
@@ -176,8 +176,8 @@ def _read_table(
         before = floats("".join(_cells(last)[:1]))
         if before and np.allclose(before, values[0, time] - step[0], rtol=1e-3, atol=1e-6):
             raise RecordError(f"{last[:24]!r} before line {line} is a row of data with a value that is no number")
-    heading = [(where, heads[chosen])] if heads else []
-    return values[:, chosen], step, heading, names[chosen] if columns - (time >= 0) > 1 else None
+    heading = [(where, heads[chosen - 1])] if heads else []
+    return values[:, chosen - 1], step, heading, column
 
 
 def _rows(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
@@ -258,8 +258,9 @@ def _parse_cosmos(source: RecordText) -> Content:
         raise not_acceleration(above[0][0][2].lower(), f"line {above[0][1]}")
     headings = source.find(r"\bChan(?:nel)?\s*\d+")
     above_block = [bisect_left(headings, line, key=lambda heading: heading[1]) for _, line in blocks]
-    names = {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
-    chosen = source.choose(names)
+    chosen, column = source.choose(
+        {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
+    )
     match, line = blocks[chosen - 1]
     stated = [(line, " ".join(source.lines[line - 1][:MOST_HEADER].split()))]
     steps = stated_steps(source, stated)
@@ -269,7 +270,7 @@ def _parse_cosmos(source: RecordText) -> Content:
             places = (1e-3 * real[61], 62), (real[33], 34)
             steps = [(step, f"real header, number {place}") for step, place in places if step > 0.0][:1]
     values = source.numbers(line + 1, int(match[1]), f"line {line}")
-    title, column = " ".join(source.lines[0].split()), names[chosen] if len(names) > 1 else None
+    title = " ".join(source.lines[0].split())
     return Content(values, choose_step(source, steps), stated_units(stated), title, column=column)
 
 
@@ -285,7 +286,7 @@ def _parse_geonet(source: RecordText) -> Content:
     parts = list(zip(starts, [*starts[1:], len(source.lines) + 1], strict=True))
     components = [source.find(r"^Component (\S+)", *part) for part in parts]
     names = {i: component[0][0][1] if component else "unnamed" for i, component in enumerate(components, 1)}
-    chosen = source.choose(names)
+    chosen, column = source.choose(names)
     start, end = parts[chosen - 1]
     first = next((line for line in range(start, end) if floats(source.lines[line - 1]) is not None), end)
     steps = stated_steps(source, enumerate(source.lines[start - 1 : first - 1], start))
@@ -297,7 +298,7 @@ def _parse_geonet(source: RecordText) -> Content:
     if len(values) != 3 * count:  # velocity and displacement may follow
         check_count(count, len(values), f"line {start}")
     units = [Stated(unit[2] or unit[3], f"{unit[0]!r}, line {line}")]
-    title, column = f"{source.lines[start].strip()}, {names[chosen]}", names[chosen] if len(names) > 1 else None
+    title = f"{source.lines[start].strip()}, {names[chosen]}"
     return Content(values[:count] * float(unit[1] or 1.0), choose_step(source, steps), units, title, column=column)
 
 

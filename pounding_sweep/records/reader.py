@@ -94,8 +94,8 @@ class RecordText:
             check_count(points, values.size, where)
         return values
 
-    def choose(self, headings: Mapping[int, str]) -> int:
-        """Return the number of the component that `column` names, by heading or number."""
+    def choose(self, headings: Mapping[int, str]) -> tuple[int, str | None]:
+        """Return the number of the component that `column` names, by heading or number; its heading among several."""
         listed = ", ".join(f"{heading!r} ({number})" for number, heading in headings.items())
         wanted, numbers = str(self.column).strip().lower(), list(headings)
         if self.column is not None:
@@ -105,7 +105,7 @@ class RecordText:
             raise RecordError(f"has {len(headings)} components: {listed}; give column= a heading or a number")
         if len(numbers) != 1:
             raise RecordError(f"has no column {self.column!r}; it has {listed}")
-        return numbers[0]
+        return numbers[0], headings[numbers[0]] if len(headings) > 1 else None
 
 
 def check_points(points: float) -> None:

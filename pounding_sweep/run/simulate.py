@@ -279,7 +279,7 @@ def simulate_one(
     for argument, axis in AXES.items():
         for name in choice if axis.of_buildings else ():
             if selected[name][0] in (argument, axis.dimension):
-                axis.check(choice[name], (), "")
+                axis.check(choice[name])
     for column in COLUMNS:
         if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
             raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
