@@ -18,7 +18,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, check_known
 from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -555,8 +555,8 @@ def run_extremes(
     progress, start = progress or Progress(), time.perf_counter()
     valid = [*all_families(), RANDOM]
     keys = dict.fromkeys(valid if families is None else families)
-    if wrong := keys.keys() - valid:
-        raise InputError(unknown("family", wrong.pop(), valid))
+    for key in keys:
+        check_known("family", key, valid)
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
     kernels = [

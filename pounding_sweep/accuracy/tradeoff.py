@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
-from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, check_known
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
@@ -429,8 +429,8 @@ def tradeoff(
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, in the order of `valid`."""
     names = set(requested)
-    if wrong := names.difference(valid):
-        raise InputError(unknown(kind, wrong.pop(), valid))
+    for name in names:
+        check_known(kind, name, valid)
     if not names:
         raise InputError(f"no {kind} is given; valid: {', '.join(valid)}")
     return tuple(name for name in valid if name in names)

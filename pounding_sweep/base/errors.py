@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from typing import Any
 
 #: Where something stands in what a user gave, such as ``("masses", 1)``; and a fault, its place and what it is.
 Place = tuple[str | int, ...]
@@ -104,3 +105,9 @@ def unknown(kind: str, value: object, valid: Iterable[str]) -> str:
     hint = f"; did you mean {close[0]!r}? Valid: " if close else "; valid: "
     more = f", and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     return f"unknown {kind} {repr_short(value)}{hint}{', '.join(names[:MAX_NAMES])}{more}"
+
+
+def check_known(kind: str, value: Any, valid: Collection[Any], error: type[InputError] = InputError) -> None:
+    """Raise an error with the text of `unknown` unless `value` is among the `valid` values."""
+    if value not in valid:
+        raise error(unknown(kind, value, map(str, valid)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, StabilityError, unknown
+from pounding_sweep.base.errors import InputError, StabilityError, check_known
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
@@ -273,8 +273,8 @@ def simulate_one(
     """
     scenario, fields = scenario_of(spec, case), dict[str, Any]()
     selected = selectors(spec)
-    for name in choice.keys() - selected.keys():
-        raise InputError(unknown("choice", name, selected))
+    for name in choice:
+        check_known("choice", name, selected)
     choice = {name: value for name, value in choice.items() if value is not None}
     for argument, axis in AXES.items():
         for name in choice if axis.of_buildings else ():
@@ -291,8 +291,7 @@ def simulate_one(
             fields[field] = values[name] if building is None else fields.get(field, {}) | {building: values[name]}
     names = [record.name for record in spec.records]
     chosen = Case(**{"record": names[0], **fields})
-    if chosen.record not in names:
-        raise InputError(unknown("record of this sweep", chosen.record, names))
+    check_known("record of this sweep", chosen.record, names)
     variants, index = case_variants(spec.scene, [chosen])
     scene, gap = variants.scene_of(index[0]), chosen.gap
     if gap is not None:
@@ -310,7 +309,7 @@ def simulate_one(
     settings += SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,
-        spec.record(chosen.record).scaled(spec.case_value(chosen, "scale")),
+        spec.record(str(chosen.record)).scaled(spec.case_value(chosen, "scale")),
         law=law,
         stiffness=None if law.exponent is None else stiffness,
         restitution=chosen.restitution,
