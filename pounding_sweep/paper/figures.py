@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.figures.gallery.spectra import ground_motion
-from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
+from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below, subplots
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.report import Picture
 from pounding_sweep.paper.study import BUILDINGS, PAIRS, READINGS, STOREYS, Study, record_title
@@ -36,91 +35,58 @@ DPI = 110
 _FLOORS = (0, *STOREYS)
 
 
-@dataclass(frozen=True)
-class Models:
-    """Figures of all models, a panel for each reading and record."""
-
-    values: Callable[[Study], Any]  # what is drawn
-    lines: Callable[[Any], Iterable[tuple[Any, Any]]]  # of one model at one reading and record: its lines (x, y)
-    x: str
-    y: str
-    panel: dict[str, Any]  # properties of the panels
-    sharey: Any = "row"
-
-
-_MODELS = {
-    "displacements": Models(
-        lambda study: 1e3 * study.cube[["displacement_max", "displacement_min"]],
-        lambda one: [([0.0, *peaks.values], _FLOORS) for peaks in one.data_vars.values()],
-        *("displacement (mm)", "floor", {"yticks": _FLOORS}),
-    ),
-    "shears": Models(
-        lambda study: 1e-3 * study.cube["storey_shear_max"],
-        lambda one: [(np.repeat(one.values, 2), np.repeat(_FLOORS, 2)[1:-1])],  # constant over a storey
-        *("storey shear (MN)", "floor", {"xlim": (0, None), "yticks": _FLOORS}),
-    ),
-    "energy": Models(  # records differ by an order of magnitude
-        lambda study: study.histories["structural_energy"],
-        lambda one: [(one["time"][one.notnull()], one.dropna("time"))],
-        *("time (s)", "energy (kN m)", {"xmargin": 0.0, "ylim": (0, None)}, False),
-    ),
-    "spectra": Models(
-        lambda study: study.histories["pseudo_acceleration"] / STANDARD_GRAVITY,
-        lambda one: [(one["period"], one)],
-        *("period (s)", "spectral acceleration (g)"),
-        {"xscale": "log", "yscale": "log", "xticks": (ticks := [0.03, 0.1, 0.3, 1, 3]), "xticklabels": ticks},
-    ),
-}
-
-
 @in_style()
-def draw_models(kind: str, building: str, study: Study) -> Figure:
-    """Draw a panel for each reading and record of one building, and in it lines for each model."""
-    models = _MODELS[kind]
-    values = models.values(study).sel(building=building)
+def draw_models(
+    of_study: Callable[[Study], Any],
+    lines_of: Callable[[Any], Iterable[tuple[Any, Any]]],
+    x: str,
+    y: str,
+    properties: dict[str, Any],
+    building: str,
+    study: Study,
+) -> Figure:
+    """Draw a panel for each reading and record of one building, and in it the lines (x, y) of each model."""
+    values = of_study(study).sel(building=building)
     readings, records, laws = (values[dim].values.tolist() for dim in ("reading", "record", "law"))
-    size = (max(5.0, 1.0 + 2.5 * len(records)), 1.3 + 2.5 * len(readings))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(readings), len(records), squeeze=False, sharex="col", sharey=models.sharey)
-    for (row, reading), (column, record) in product(enumerate(readings), enumerate(records)):
-        ax = axes[row, column]
+    size = (max(1.0, 5.0 - 2.5 * len(records)), 2.5, 1.3, 2.5)
+    sharey = False if x == "time (s)" else "row"  # energies differ by an order of magnitude between records
+    figure, axes = subplots(len(readings), len(records), size, sharex="col", sharey=sharey)
+    for ax, (reading, record) in zip(axes.flat, product(readings, records), strict=True):
         for law in laws:
-            for x, y in models.lines(values.sel(reading=reading, record=record, law=law)):
-                ax.plot(x, y, label=_LABELS[law], **_LOOKS[law])
-        if kind == "displacements":
+            for line in lines_of(values.sel(reading=reading, record=record, law=law)):
+                ax.plot(*line, label=_LABELS[law], **_LOOKS[law])
+        if x.startswith("displacement"):
             ax.axvline(0.0, color="0.4", linewidth=0.8)
-        if row == 0:
-            ax.set_title(record_title(record))
     for ax in axes.flat:
-        ax.set(**models.panel)
+        ax.set(**properties)
         ax.minorticks_off()
-    label_edges(axes, models.x, [f"{READINGS[reading].label}\n{models.y}" for reading in readings])
+    for ax, record in zip(axes[0], records, strict=True):
+        ax.set_title(record_title(record))
+    label_edges(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings])
     legend_below(figure, axes[0, :1], most=4)
     return figure
 
 
 @in_style()
-def draw_roofs(dim: str, place: str, study: Study) -> Figure:
+def draw_roofs(history: str, factor: float, label: str, place: str, study: Study) -> Figure:
     """Draw the displacement of a building's roof, on that without pounding, or the force between the roofs of a pair.
 
     A row for each model with contact, a column for each reading; without the quiet end of the record.
     """
-    alone = dim == "building"
-    name, factor, label = ("displacement", 1e3, "displacement (mm)") if alone else ("force", 1e-3, "force (MN)")
-    record = study.records[-1].name
-    values = factor * study.histories[f"roof_{name}"].sel({"record": record, dim: place}).dropna("time", how="all")
+    values = factor * study.histories[history]
+    alone, record = "building" in values.dims, study.records[-1].name
+    values = values.sel({"record": record, "building" if alone else "pair": place}).dropna("time", how="all")
     readings, time = values["reading"].values.tolist(), values["time"].values
     laws = [law for law in values["law"].values.tolist() if law != "none"]
-    loud = abs(values).max([dim for dim in values.dims if dim != "time"])
-    last = float(time[np.flatnonzero(loud >= QUIET * loud.max())[-1]])
-    figure = Figure(figsize=(2.0 + 4.2 * len(readings), 0.8 + 1.25 * len(laws)), layout="constrained")
-    axes = figure.subplots(len(laws), len(readings), squeeze=False, sharex=True, sharey=alone)
-    for (row, law), (column, reading) in product(enumerate(laws), enumerate(readings)):
-        ax, one = axes[row, column], values.sel(reading=reading)
+    loud = abs(values).max(["reading", "law"])
+    last = float(time[loud >= QUIET * loud.max()][-1])
+    figure, axes = subplots(len(laws), len(readings), (2.0, 4.2, 0.8, 1.25), sharey=alone)
+    for ax, (law, reading) in zip(axes.flat, product(laws, readings), strict=True):
+        one = values.sel(reading=reading)
         if alone:
             ax.plot(time, one.sel(law="none"), color="0.6", linewidth=1.6, label="no pounding")
         ax.plot(time, one.sel(law=law), color=COLOURS[1], linewidth=0.9, label="with pounding")
-        above = "" if row else f"{record_title(record)}, {READINGS[reading].label}\n"
+        above = f"{record_title(record)}, {READINGS[reading].label}\n" if law == laws[0] else ""
         ax.set_title(above + _LABELS[law], loc="left", fontsize=8)
         ax.set_xlim(0.0, 1.05 * last)
         if not alone:
@@ -134,12 +100,45 @@ def draw_roofs(dim: str, place: str, study: Study) -> Figure:
 
 #: By the first of the figures in a row: what they show, of which buildings or pairs, and how.
 _ROWS: dict[int, tuple[str, Sequence[str], Callable[[str, Study], Figure]]] = {
-    5: ("Signed peak displacements of the floors", BUILDINGS, partial(draw_models, "displacements")),
-    8: ("Peak storey shears", BUILDINGS, partial(draw_models, "shears")),
-    11: ("Structural energy", BUILDINGS, partial(draw_models, "energy")),
-    14: ("5 % spectra of the roof's total acceleration", BUILDINGS, partial(draw_models, "spectra")),
-    17: ("Roof displacement", BUILDINGS, partial(draw_roofs, "building")),
-    20: ("Impact force between the roofs", PAIRS, partial(draw_roofs, "pair")),
+    5: (
+        *("Signed peak displacements of the floors", BUILDINGS),
+        partial(
+            draw_models,
+            lambda study: 1e3 * study.cube[["displacement_max", "displacement_min"]],
+            lambda one: [([0.0, *peaks.values], _FLOORS) for peaks in one.data_vars.values()],
+            *("displacement (mm)", "floor", {"yticks": _FLOORS}),
+        ),
+    ),
+    8: (
+        *("Peak storey shears", BUILDINGS),
+        partial(
+            draw_models,
+            lambda study: 1e-3 * study.cube["storey_shear_max"],
+            lambda one: [(np.repeat(one.values, 2), np.repeat(_FLOORS, 2)[1:-1])],  # constant over a storey
+            *("storey shear (MN)", "floor", {"xlim": (0, None), "yticks": _FLOORS}),
+        ),
+    ),
+    11: (
+        *("Structural energy", BUILDINGS),
+        partial(
+            draw_models,
+            lambda study: study.histories["structural_energy"],
+            lambda one: [(one["time"][one.notnull()], one.dropna("time"))],
+            *("time (s)", "energy (kN m)", {"xmargin": 0.0, "ylim": (0, None)}),
+        ),
+    ),
+    14: (
+        *("5 % spectra of the roof's total acceleration", BUILDINGS),
+        partial(
+            draw_models,
+            lambda study: study.histories["pseudo_acceleration"] / STANDARD_GRAVITY,
+            lambda one: [(one["period"], one)],
+            *("period (s)", "spectral acceleration (g)"),
+            {"xscale": "log", "yscale": "log", "xticks": (ticks := [0.03, 0.1, 0.3, 1, 3]), "xticklabels": ticks},
+        ),
+    ),
+    17: ("Roof displacement", BUILDINGS, partial(draw_roofs, "roof_displacement", 1e3, "displacement (mm)")),
+    20: ("Impact force between the roofs", PAIRS, partial(draw_roofs, "roof_force", 1e-3, "force (MN)")),
 }
 #: Every figure of results by its number: what it shows, and how it is drawn. The paper's Figures 20 and 21 have one
 #: caption; here each has its pair. Histories are of the paper's record, San Fernando, or of the last one at hand.

@@ -18,7 +18,7 @@ from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.figures import figure_of, require
-from pounding_sweep.figures.select import panels, scenario_title, time_slice
+from pounding_sweep.figures.select import drawn_unit, panels, scenario_title, time_slice
 from pounding_sweep.figures.style import (
     COLOURS,
     DASHED,
@@ -32,6 +32,8 @@ from pounding_sweep.model.scene import Wall
 
 #: Storeys in a panel of loops: those whose drifts are largest.
 _STOREYS = 4
+#: Histories that are drawn against time, and the peaks that are reported of them.
+_PEAKS = {"displacement": ("displacement_max", "displacement_min"), "contact_force": ("impact_force_max",)}
 
 
 @figure_of("histories", "histories", "several time, ground_acceleration, displacement")
@@ -46,22 +48,19 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
-    floors = {building: _top_floor(one, building) for building in one.building.values}
-    lines = [(top, 1e3 * floor.displacement, building, floor) for building, floor in floors.items()]
+    lines = [(top, "displacement", building, _top_floor(one, building)) for building in one.building.values]
     for panel, pair in zip(contacts, pairs, strict=True):
-        for storey in one.storey.values:
-            contact = one.sel(pair=pair, storey=storey)
-            lines.append((panel, contact.contact_force.fillna(0.0), f"storey {storey}", contact))
-    for panel, line, label, response in lines:
-        values = line.sel(time=part.time)
+        places = (one.sel(pair=pair, storey=storey) for storey in one.storey.values)
+        lines += [(panel, "contact_force", f"storey {place.storey:d}", place) for place in places]
+    for panel, name, label, place in lines:
+        line = drawn_unit(one[name].attrs)[1] * place.fillna(0.0)
+        values = line[name].sel(time=part.time)
         moves = bool(values.any())
         (curve,) = panel.plot(part.time, values, label=label * moves, linewidth=1.0, visible=moves)
-        extremes = ("displacement_max", "displacement_min") if panel is top else ("impact_force_max",)
-        for name in extremes if moves else ():
-            at = line.idxmin("time") if name == "displacement_min" else line.idxmax("time")
-            if name in response and part.time[0] <= at <= part.time[-1]:
-                peak = response[name] * (1e3 if panel is top else 1.0)
-                panel.plot(at, peak, "o", color=curve.get_color(), markerfacecolor="none", markersize=6)
+        for peak in _PEAKS[name] if moves else ():
+            at = line[name].idxmin() if peak == "displacement_min" else line[name].idxmax()
+            if peak in place and part.time[0] <= at <= part.time[-1]:
+                panel.plot(at, line[peak], "o", color=curve.get_color(), markerfacecolor="none", markersize=6)
     for panel in contacts[1:]:
         panel.sharey(contacts[0])
     for panel in (top, *contacts):
@@ -95,15 +94,14 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     """
     part = time_slice(one, start, end)
     scene, time = stored_scene(one), part.time.values
-    moved = 1e3 * part.displacement.transpose("time", "building", "storey").values
-    u = np.column_stack([moved[:, b, : building.n_storeys] for b, building in enumerate(scene.buildings)])
+    floors = 1e3 * part.displacement.stack(floor=("building", "storey")).dropna("floor", how="all").values
     figure, axes = subplots(len(scene.gaps), 1, (7.2, 0.0, 1.2, 2.0), ax, styles=DASHED)
     for number, (panel, gap) in enumerate(zip(axes[:, 0], 1e3 * np.array(scene.gaps), strict=True)):
         faces = {gap}
         for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
             if contact.pair != number:
                 continue
-            relative = sum(share * u[:, floor] for floor, share in contact.ends)
+            relative = sum(share * floors[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
             (curve,) = panel.plot(time, relative, label=label, linewidth=1.0)
             face = gap - 1e3 * thickness
@@ -230,29 +228,27 @@ def draw_row(
     Returned are the figure, its axes (`below` flat ones last), how much larger than they are displacements and gaps are
     drawn, and what moves the row to an instant: with areas of the marks of impacts, 0 to 1, per pair and storey.
     """
-    one = one.transpose("time", "building", "pair", "storey", missing_dims="ignore")
-    scene, names = stored_scene(one), one.building.values.tolist()
-    members = [item.name for item in scene.row]
-    inside, is_wall = [members.index(name) for name in names], np.array([isinstance(item, Wall) for item in scene.row])
-    heights = [np.append(0.0, z[np.isfinite(z)]) for z in one.floor_elevation.values]
+    scene = stored_scene(one)
+    is_wall = np.array([isinstance(item, Wall) for item in scene.row])
+    still = xr.zeros_like(one.displacement.isel(storey=0, drop=True).reset_coords(drop=True))
+    motion = {name: one.get(name, still) for name in ("displacement", "foundation_sway", "foundation_rotation")}
+    row = xr.Dataset(motion).reindex(building=[item.name for item in scene.row])  # walls do not move
+    row = row.transpose("time", "building", "storey")
+    heights = [np.append(0.0, z[np.isfinite(z)]) for z in row.floor_elevation.values]
     top = max(z[-1] for z in heights)
-    motion, gaps = one.displacement.fillna(0.0).values, np.array(scene.gaps)
-    limits = {_SWAY: np.abs(motion).max(initial=0.0), _GAP * _WIDTH: gaps.max(initial=0.0)}
+    row, gaps = row.fillna(0.0), np.array(scene.gaps)
+    limits = {_SWAY: float(abs(row.displacement).max()), _GAP * _WIDTH: gaps.max(initial=0.0)}
     largest = min((share * top / value for share, value in limits.items() if value > 0.0), default=1.0)
     power = 10.0 ** math.floor(math.log10(largest))
     factor = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= largest * (1.0 + 1e-12))
     # motion of each member's base and floors, and the turning of bases, as they are drawn
-    moved = np.zeros((len(motion), len(members), motion.shape[2] + 1))
-    turned = np.zeros(moved.shape[:2])
-    moved[:, inside, 1:] = factor * motion
-    for name, part in (("foundation_sway", moved[..., 0]), ("foundation_rotation", turned)):
-        if name in one:
-            part[:, inside] = factor * one[name].fillna(0.0).values
+    moved = factor * np.concatenate([row.foundation_sway.values[..., None], row.displacement.values], axis=2)
+    turned = factor * row.foundation_rotation.values
     width = np.where(is_wall, _WALL, 1.0) * _WIDTH * top
     left = np.append(0.0, np.cumsum(width[:-1] + factor * gaps))  # faces of members at rest
     right = left + width
-    low = min(left[inside[0]] - 1.2 * _SWAY * top, left[0])
-    high = max(right[inside[-1]] + 1.2 * _SWAY * top, right[-1])
+    sway = np.where(is_wall, 0.0, 1.2 * _SWAY * top)
+    low, high = (left - sway).min(), (right + sway).max()
     tall = min(5.0, max(2.4, 7.2 * 0.85 * 1.15 * top / (high - low)))
     flat: Any = {"height_ratios": [tall, *[0.95] * below], "sharex": False}
     figure, axes = subplots(1 + below, 1, (7.2, 0.0, tall - 0.05, 0.95), ax, **flat)
@@ -263,31 +259,36 @@ def draw_row(
     ax.spines["left"].set_bounds(0.0, 1.1 * top)
     ax.set(xticks=[], yticks=[tick for tick in ax.get_yticks() if 0.0 <= tick <= 1.1 * top])
     ax.axhline(0.0, color="black", linewidth=1.2)
-    for edges in zip(left[is_wall], right[is_wall], strict=True):
-        ax.fill_between(edges, 0.0, 1.05 * top, facecolor="0.85", edgecolor="0.4", hatch="///")
-    lines = []
-    for name, item, colour in zip(names, inside, COLOURS * len(names), strict=False):
-        columns = ax.plot([], [], [], [], color=colour, linewidth=1.4)
-        lines.append([*columns, *ax.plot([], [], color=colour, linewidth=2.6, solid_capstyle="butt")])
-        ax.text(0.5 * (left[item] + right[item]), -0.03 * top, name, ha="center", va="top")
+    lines, colours = [], iter(COLOURS * len(width))
+    for number, item in enumerate(scene.row):
+        edges = left[number], right[number]
+        if isinstance(item, Wall):
+            ax.fill_between(edges, 0.0, 1.05 * top, facecolor="0.85", edgecolor="0.4", hatch="///")
+            continue
+        columns = ax.plot([], [], [], [], color=(colour := next(colours)), linewidth=1.4)
+        floors = ax.plot([], [], color=colour, linewidth=2.6, solid_capstyle="butt")
+        lines.append((number, *columns, *floors))
+        ax.text(sum(edges) / 2.0, -0.03 * top, item.name, ha="center", va="top")
     marks = ax.scatter([], [], marker="*", color=COLOURS[2], edgecolor="black", linewidth=0.5, zorder=5)
     contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
+    elevations = one.contact_elevation.transpose("pair", "storey").values if contacts else ()
 
-    def show(number: int, impacts: np.ndarray) -> None:
-        for (left_column, right_column, floors), item, z in zip(lines, inside, heights, strict=True):
-            at, step = moved[number, item, : len(z)], np.diff(z)
-            rocked = turned[number, item] * step  # columns turn with the base, and bend by the rest
-            bent = (np.diff(at) - rocked)[:, None] * _BENT + rocked[:, None] * _ALONG
-            x, y = (at[:-1, None] + bent).ravel(), (z[:-1, None] + step[:, None] * _ALONG).ravel()
-            left_column.set_data(left[item] + x, y)
-            right_column.set_data(right[item] + x, y)
-            ends = np.column_stack([left[item] + at[1:], right[item] + at[1:], np.full(len(step), np.nan)])
+    def show(instant: int, impacts: np.ndarray) -> None:
+        for number, left_column, right_column, floors in lines:
+            z = heights[number]
+            at, step = moved[instant, number, : len(z)], np.diff(z)[:, None]
+            rocked = turned[instant, number] * step  # columns turn with the base, and bend by the rest
+            bent = (np.diff(at)[:, None] - rocked) * _BENT + rocked * _ALONG
+            x, y = (at[:-1, None] + bent).ravel(), (z[:-1, None] + step * _ALONG).ravel()
+            left_column.set_data(left[number] + x, y)
+            right_column.set_data(right[number] + x, y)
+            ends = np.column_stack([left[number] + at[1:], right[number] + at[1:], np.full(len(step), np.nan)])
             floors.set_data(ends.ravel(), np.repeat(z[1:], 3))  # separate lines
         offsets = []
         for pair, storey in np.argwhere(impacts > 0.0).tolist():
             contact = contacts[pair, storey]  # at the floor that strikes columns, else at the left floor or wall
-            face, item = (left, contact.pair + 1) if contact.struck == 0 else (right, contact.pair)
-            offsets.append((face[item] + moved[number, item, storey + 1], one.contact_elevation.values[pair, storey]))
+            face, number = (left, contact.pair + 1) if contact.struck == 0 else (right, contact.pair)
+            offsets.append((face[number] + moved[instant, number, storey + 1], elevations[pair, storey]))
         marks.set_offsets(np.reshape(offsets, (-1, 2)))
         marks.set_sizes(60.0 + 400.0 * impacts[impacts > 0.0])
 
@@ -356,7 +357,7 @@ def animate(
     part = time_slice(one, start, start + length if end is None else end)
     first, last = part.time.values[[0, -1]]
     instants = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
-    forces_in_part = forces[np.isin(time, part.time)]
+    forces_in_part = contact_forces(part)
     writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
     writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
     with in_style():
