@@ -97,6 +97,16 @@ _COMPARED = ("impact_force_max", "penetration_max", "impulse", "approach_speed_m
 _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)])
 
 
+#: Laws at most, of figures that draw the first ones.
+_LAWS = 3
+
+
+def _first_laws(cube: xr.Dataset, *, contact: bool) -> tuple[list[str], str]:
+    """Return the first three laws, or laws with contact; if there are more, the text says so."""
+    laws = [law for law in cube["law"].values.tolist() if law != "none" or not contact]
+    return laws[:_LAWS], f"{_LAWS} of {len(laws)} laws, --at law=... for others" * (len(laws) > _LAWS)
+
+
 def _draw_laws(
     result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, words: str, ax: Any = None
 ) -> tuple[Any, Any, str]:
@@ -106,17 +116,17 @@ def _draw_laws(
     """
     result = result[[*rows]].sortby(axis.name)
     median, words = over_records(result, words, rows, thin=_THIN)
-    figure, axes = subplots(len(rows), result.sizes[per], size, ax, styles=MARKED)
-    at, names = axis.values(result), [law_name(result, law) for law in result["law"].values]
-    for number, name in enumerate(rows):
-        for column, (panel, part) in enumerate(panels(axes[number], median, per)):
-            lines = panel.plot(at, part[name].transpose(axis.dim, "law"), label=names)
-            each = result[name].isel({per: column}).transpose("law", axis.dim, ...)
-            for line, values in zip(lines, each.values if "record" in result.dims else (), strict=False):
-                panel.plot(at, values, color=line.get_color(), **_EACH)
+    figure, axes = subplots(len(rows), result.sizes[per], size, ax)
+    at = axis.values(result)
+    for row, name in zip(axes, rows, strict=True):
+        for column, (panel, part) in enumerate(panels(row, median, per)):
+            for law, style in zip(part["law"].values, MARKED(), strict=False):
+                panel.plot(at, part[name].sel(law=law), label=law_name(result, law), **style)
+                if "record" in result.dims:
+                    each = result[name].sel(law=law).isel({per: column})
+                    panel.plot(at, each.transpose(axis.dim, "record"), **style | _EACH)
             scale_axis(panel.xaxis, at)
-            if number:
-                panel.set_title("")
+            panel.set_title(panel.get_title() if row[0] is axes[0, 0] else "")
     return figure, axes, words
 
 
@@ -201,8 +211,6 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
 
 
-#: Rows of panels at most.
-_LAWS = 3
 #: Values along both axes from which lines of equal value are more than a guess, and lines at most.
 _CONTOURED, _LINES = 3, 7
 #: Cells along each axis up to which the share of records that touch is written into them.
@@ -265,9 +273,9 @@ def response_map(
         cube, selection = over_records(cube, selection, [name], worst=name == "status")
     share = touch.mean(records)
     share = share.where((share < 0.5) & (ratio or per == "pair"))  # else there is a colour
-    laws = [law for law in cube["law"].values.tolist() if per != "pair" or law != "none"]
+    laws, others = _first_laws(cube, contact=per == "pair")
     cube = cube.assign({name: factor * cube[name].where(share.isnull()), "share": share})[[name, "share"]]
-    cube = cube.sel(law=laws[:_LAWS]).sortby([axis.name for axis in (across, upward) if axis.name != "record"])
+    cube = cube.sel(law=laws).sortby([axis.name for axis in (across, upward) if axis.name != "record"])
     if "storey" in drawn:
         cube = cube.sel(storey=labels_with_values(cube, "storey", [name, "share"]))
     cube = cube.transpose("law", per, upward.dim, across.dim)
@@ -275,6 +283,7 @@ def response_map(
     size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
     figure, axes = subplots(rows, columns, size, ax)
     colours, levels, ticks = _choose_colours(cube[name].values, name, ratio)
+    contours = contours and "record" not in drawn
     grid = [axis.values(cube) for axis in (across, upward)]
     edges = [cell_edges(values, even=not is_log(values)) for values in grid]
     for panel, part in panels(axes, cube, "law", per):
@@ -285,13 +294,7 @@ def response_map(
         for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
             panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
         mesh = panel.pcolormesh(*edges, values, **colours)
-        if (
-            contours
-            and "record" not in drawn
-            and len(levels)
-            and min(values.shape) >= _CONTOURED
-            and np.isfinite(values).any()
-        ):
+        if contours and len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
             ends = [np.r_[edge[0], at, edge[-1]] for edge, at in zip(edges, grid, strict=True)]  # of the outer cells
             lines = panel.contour(*ends, np.pad(values, 1, mode="edge"), levels, colors="black", linewidths=0.7)
             panel.clabel(lines, fontsize=7, fmt="%g", inline_spacing=2)
@@ -303,7 +306,7 @@ def response_map(
     axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
     title = {
         selection: True,
-        f"{rows} of {len(laws)} laws, --at law=... for others": rows < len(laws),
+        others: True,
         "largest of the storeys": storeys,
         f"hatched: {'no such storey or ' * ('storey' in drawn)}not ok (info --status says why)": (
             (cube[name].isnull() & cube["share"].isnull()).any()
@@ -412,12 +415,11 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
-    cube, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
-    contact = [law for law in cube["law"].values.tolist() if law != "none"]
-    each = cube[[*row_of]].sel(law=[law for law in cube["law"].values.tolist() if law not in contact[_LAWS:]])
+    each, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
+    laws, others = _first_laws(each, contact=True)
+    each = each[[*row_of]].sel(law=[law for law in each["law"].values if law in (*laws, "none")])
     cube, selection = over_records(each, selection, row_of, thin=_THIN)
-    others = f"{_LAWS} of {len(contact)} laws, --at law=... for others" if len(contact) > _LAWS else ""
-    responses = [row for row in _ROWS if row in ([row_of[value]] if value else row_of.values())]
+    responses = [row for row in _ROWS if row in row_of.values() and value in (None, *row[0])]
     size = (1.4, 2.4, 1.3, 1.9)
     figure, axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
     for row, (both, words, where) in zip(axes, responses, strict=True):
@@ -432,12 +434,11 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
                 ax.plot(x, y, markevery=marked, label=law_name(cube, law), **style)
                 if "record" in each.dims:
                     one = each[name].sel(law=law, building=part["building"]).transpose("storey", "record")
-                    x = _along_height(factor * one.values[floors], heights, where)[0]
-                    ax.plot(x, y, color=ax.lines[-1].get_color(), **_EACH)
+                    x, y, _ = _along_height(factor * one.values[floors], heights, where)
+                    ax.plot(x, y, **style | _EACH)
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
-            if row[0] is not axes[0, 0]:
-                ax.set_title("")
+            ax.set_title(ax.get_title() if row[0] is axes[0, 0] else "")
             ax.set_xlabel(f"{words} ({unit})")
         if where != "floors and base":
             row[0].set_xlim(left=0)
