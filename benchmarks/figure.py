@@ -18,8 +18,7 @@ ENGINE = "engine"
 @in_style()
 def speed(points: Sequence[Point], caption: str) -> Figure:
     """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool."""
-    figure, axes = subplots(1, 1, (6.4, 0.0, 5.2, 0.0))
-    ax = axes[0, 0]
+    ax = subplots(1, 1, (6.4, 0.0, 5.2, 0.0))[0, 0]
     titles = list(dict.fromkeys(p.title for p in points))
     for title, look in zip(titles, MARKED, strict=False):
         own = [p for p in points if p.title == title and p.error > 0.0]
@@ -37,5 +36,6 @@ def speed(points: Sequence[Point], caption: str) -> Figure:
         ylabel="worst relative error of a peak impact force",
     )
     ax.set_title(caption)
+    figure = ax.figure
     figure.legend(loc="outside lower center", ncols=3, fontsize=7)
     return figure

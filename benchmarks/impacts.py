@@ -65,8 +65,7 @@ def measure(work: Work, method: str, law: str, gaps: Sequence[float] = GAPS, rou
 @in_style()
 def draw(found: Sequence[Series]) -> Figure:
     """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
-    figure, axes = subplots(1, 1, (5.2, 0.0, 3.6, 0.0))
-    ax = axes[0, 0]
+    ax = subplots(1, 1, (5.2, 0.0, 3.6, 0.0))[0, 0]
     for each, look in zip(found, MARKED, strict=False):
         style = look | {"linestyle": "", "label": f"{each.method}, {each.law}"}
         ax.plot(each.impacts, each.microseconds, **style)
@@ -75,6 +74,7 @@ def draw(found: Sequence[Series]) -> Figure:
             ends = np.array([0.0, each.impacts.max()])
             ax.plot(ends, start + slope * ends, color=look["color"], linewidth=0.8)
     ax.set(xlabel="impacts of a scenario", ylabel="processor time of a scenario (µs)", xlim=(0, None), ylim=(0, None))
+    figure = ax.figure
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 

@@ -105,15 +105,14 @@ def _figures() -> dict[str, Kind]:
     return dict(sorted(_FIGURES.items()))
 
 
-def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figure]], Callable[..., Figure]]:
     """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
 
     Its docstring begins with "Draw" and what the figure shows. Its arguments after the dataset, by name only, are
-    options of the figure, which the docstring gets a section on. With `ax` among them, it may return the axes it was
-    given.
+    options of the figure, which the docstring gets a section on.
     """
 
-    def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
+    def register(draw: Callable[..., Figure]) -> Callable[..., Figure]:
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
             from pounding_sweep.figures.select import NothingToDrawError, describe
@@ -124,15 +123,13 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Any]
             require(prepared, key)
             with in_style():
                 try:
-                    figure = draw(prepared, **options)
+                    return draw(prepared, **options)
                 except NothingToDrawError:
                     at = describe(prepared)
                     raise InputError(
                         f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(prepared)}; "
                         "choose others with --at"
                     ) from None
-            result: Figure = figure if hasattr(figure, "savefig") else figure.get_figure()  # of axes that were given
-            return result
 
         first, *options = signature(draw).parameters
         text = cleandoc(draw.__doc__ or "")

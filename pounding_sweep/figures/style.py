@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from itertools import chain
@@ -61,19 +61,19 @@ def subplots(
     *,
     styles: Any = None,
     **sharing: Any,
-) -> tuple[Any, Any]:
-    """Return a figure and its axes, a 2-D array, whose lines have those styles in turn.
+) -> Any:
+    """Return the panels of a new figure, a 2-D array, whose lines have those styles in turn.
 
     The size (inches) is a width and what each column adds to it, a height and what each row adds. With `ax`, these axes
-    stand for both.
+    are the only panel, and the rest of their figure is left alone.
     """
     if ax is None:
         width, column, height, row = size
         figure = NotebookFigure(figsize=(width + column * columns, height + row * rows), layout="constrained")
         options: Any = {"sharex": True, "sharey": "row"} | sharing
-        axes: Any = figure.subplots(rows, columns, squeeze=False, **options)
+        axes = figure.subplots(rows, columns, squeeze=False, **options)
     elif rows * columns == 1:
-        figure, axes = ax, np.array([[ax]], dtype=object)
+        axes = np.array([[ax]], dtype=object)
     else:
         raise InputError(
             f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
@@ -81,15 +81,15 @@ def subplots(
         )
     for panel in axes.flat:
         panel.set_prop_cycle(styles)
-    return figure, axes
+    return axes
 
 
-def finish(figure: Any, axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> Any:
+def finish(axes: Any, x: str, rows: Sequence[str], *title: str, legend: int = 3) -> Any:
     """Write labels at the edges of panels, a legend in `legend` columns below them, and the parts of a title."""
     label_edges(axes, x, rows)
     if legend:
-        legend_below(figure, axes[0], legend)
-    return put_title(figure, *title)
+        legend_below(axes[0], legend)
+    return put_title(axes, *title)
 
 
 def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
@@ -100,12 +100,12 @@ def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
         ax.set_ylabel(label)
 
 
-def legend_below(figure: Any, panels: Iterable[Any], most: int = 3) -> None:
+def legend_below(panels: Any, most: int) -> None:
     """Put a legend of some panels below all, each label once, in as many columns as fit the figure, `most` at most."""
     pairs = (zip(*ax.get_legend_handles_labels()[::-1], strict=True) for ax in panels)
-    handles = dict(chain.from_iterable(pairs))
-    if not hasattr(figure, "suptitle"):
-        figure.legend(handles.values(), handles)
+    handles, figure = dict(chain.from_iterable(pairs)), panels[0].figure
+    if not isinstance(figure, NotebookFigure):
+        panels[0].legend(handles.values(), handles)
     elif handles:
         entry = 0.6 + 0.07 * max(map(len, handles))  # width in inches: line, name, space
         columns = max(1, min(most, len(handles), int(figure.get_figwidth() / entry)))
@@ -118,16 +118,17 @@ def legend_beside(ax: Any) -> None:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
-def put_title(figure: Any, *parts: str) -> Any:
-    """Write above a figure, or above axes that stand for it, what it shows; return it."""
-    if hasattr(figure, "suptitle"):
+def put_title(axes: Any, *parts: str) -> Any:
+    """Write what a figure shows above it, or above the one panel in a figure of the user's; return the figure."""
+    panel, figure = axes.flat[0], axes.flat[0].figure
+    if isinstance(figure, NotebookFigure):
         width = int(14 * figure.get_figwidth())
         words = join_nonempty(*parts).split("; ")  # between which lines end, if they fit
         unbroken = "; ".join(part if len(part) > width else part.replace(" ", "\xa0") for part in words)
         lines = fill(unbroken, width, break_long_words=False, break_on_hyphens=False)
         figure.suptitle(lines.replace("\xa0", " "))
     else:
-        figure.set_title("\n".join(filter(None, (figure.get_title(), join_nonempty(*parts)))))
+        panel.set_title("\n".join(filter(None, (panel.get_title(), join_nonempty(*parts)))))
     return figure
 
 

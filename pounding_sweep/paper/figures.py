@@ -50,7 +50,7 @@ def draw_models(
     readings, records, laws = (values[dim].values.tolist() for dim in ("reading", "record", "law"))
     size = (max(1.0, 5.0 - 2.5 * len(records)), 2.5, 1.3, 2.5)
     sharey = False if x == "time (s)" else "row"  # energies differ by an order of magnitude between records
-    figure, axes = subplots(len(readings), len(records), size, sharex="col", sharey=sharey)
+    axes = subplots(len(readings), len(records), size, sharex="col", sharey=sharey)
     for ax, (reading, record) in zip(axes.flat, product(readings, records), strict=True):
         for law in laws:
             for line in lines_of(values.sel(reading=reading, record=record, law=law)):
@@ -63,8 +63,8 @@ def draw_models(
     for ax, record in zip(axes[0], records, strict=True):
         ax.set_title(record_title(record))
     label_edges(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings])
-    legend_below(figure, axes[0, :1], most=4)
-    return figure
+    legend_below(axes[0, :1], most=4)
+    return axes[0, 0].figure
 
 
 @in_style()
@@ -80,7 +80,7 @@ def draw_roofs(history: str, factor: float, label: str, place: str, study: Study
     laws = [law for law in values["law"].values.tolist() if law != "none"]
     loud = abs(values).max(["reading", "law"])
     last = float(time[loud >= QUIET * loud.max()][-1])
-    figure, axes = subplots(len(laws), len(readings), (2.0, 4.2, 0.8, 1.25), sharey=alone)
+    axes = subplots(len(laws), len(readings), (2.0, 4.2, 0.8, 1.25), sharey=alone)
     for ax, (law, reading) in zip(axes.flat, product(laws, readings), strict=True):
         one = values.sel(reading=reading)
         if alone:
@@ -93,7 +93,8 @@ def draw_roofs(history: str, factor: float, label: str, place: str, study: Study
             ax.set_ylim(bottom=0)
     label_edges(axes, "time (s)", [""] * len(laws))
     if alone:
-        legend_below(figure, axes[0, :1], most=2)
+        legend_below(axes[0, :1], most=2)
+    figure = axes[0, 0].figure
     figure.supylabel(label, fontsize=9)
     return figure
 

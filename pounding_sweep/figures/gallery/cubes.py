@@ -109,14 +109,14 @@ def _first_laws(cube: xr.Dataset, *, contact: bool) -> tuple[list[str], str]:
 
 def _draw_laws(
     result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, words: str, ax: Any = None
-) -> tuple[Any, Any, str]:
+) -> tuple[Any, str]:
     """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law.
 
     Lines are medians of the records, those of each record are thin. The text says so before `words`.
     """
     result = result[[*rows]].sortby(axis.name)
     median, words = over_records(result, words, rows, thin=_THIN)
-    figure, axes = subplots(len(rows), result.sizes[per], size, ax)
+    axes = subplots(len(rows), result.sizes[per], size, ax)
     at = axis.values(result)
     for row, name in zip(axes, rows, strict=True):
         for column, (panel, part) in enumerate(panels(row, median, per)):
@@ -127,7 +127,7 @@ def _draw_laws(
                     panel.plot(at, each.transpose(axis.dim, "record"), **style | _EACH)
             scale_axis(panel.xaxis, at)
             panel.set_title(panel.get_title() if row[0] is axes[0, 0] else "")
-    return figure, axes, words
+    return axes, words
 
 
 @figure_of("force-gap", "cube", f"law, gap, pair, impact_force_max, impact_count, {CONTACT}")
@@ -144,13 +144,13 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     cube, selection = select_default(cube, ("law", axis.dim, *several_records(cube)), ["impact_force_max"])
     rows = {name: choose_response(cube, "force-gap", name)[1] for name in _FORCES if value in (None, name)}
     peaks = cube[[*rows]].max("storey")
-    figure, axes, selection = _draw_laws(peaks, rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), selection, ax)
+    axes, selection = _draw_laws(peaks, rows, "pair", axis, (2.0, 3.2, 0.8, 2.2), selection, ax)
     for panel, name in zip(axes[:, 0], rows, strict=True):
         if name == "impact_count" and peaks[name].max() >= _MANY:
             panel.set_yscale("symlog", linthresh=1.0)
             panel.yaxis.set_major_formatter("{x:g}")
         panel.set_ylim(bottom=0.0)
-    return finish(figure, axes, axis.label, [*rows.values()], selection)
+    return finish(axes, axis.label, [*rows.values()], selection)
 
 
 @figure_of("amplification", "cube", f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}")
@@ -174,13 +174,13 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         over = "largest of the storeys" * (result.sizes["storey"] > 1)
         result = result.max("storey")
     size = (1.6, 2.4, 1.3, 1.7) if result.sizes["building"] * len(rows) > 1 else (5.6, 0.0, 4.2, 0.0)
-    figure, axes, selection = _draw_laws(result, rows, "building", axis, size, selection, ax)
+    axes, selection = _draw_laws(result, rows, "building", axis, size, selection, ax)
     for panel in axes.flat:
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         if axis.dim == "storey":
             panel.set_xticks(axis.values(result))
     labels = [fill(choose_response(result, "amplification", name)[1], 24) for name in rows]
-    return finish(figure, axes, axis.label, labels, selection, over)
+    return finish(axes, axis.label, labels, selection, over)
 
 
 @figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
@@ -203,12 +203,12 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         )
     ratio, selection = select_default(ratio, ("law", "basis", axis.dim, *several_records(ratio)), ["ratio"])
     bases = ratio["ratio"].to_dataset("basis")
-    figure, axes, selection = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1), selection)
+    axes, selection = _draw_laws(bases, [*bases], "pair", axis, (1.8, 2.8, 1.4, 2.1), selection)
     for panel, (basis, pair) in zip(axes.flat, product(bases, bases["pair"].values), strict=True):
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
     rows = [f"{get_variable(name).long_name}\nover the reference's (-)"] * len(bases)
-    return finish(figure, axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
+    return finish(axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
 
 
 #: Values along both axes from which lines of equal value are more than a guess, and lines at most.
@@ -281,7 +281,7 @@ def response_map(
     cube = cube.transpose("law", per, upward.dim, across.dim)
     rows, columns = cube.sizes["law"], cube.sizes[per]
     size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
-    figure, axes = subplots(rows, columns, size, ax)
+    axes = subplots(rows, columns, size, ax)
     colours, levels, ticks = _choose_colours(cube[name].values, name, ratio)
     contours = contours and "record" not in drawn
     grid = [axis.values(cube) for axis in (across, upward)]
@@ -315,7 +315,7 @@ def response_map(
         "light grey: the share of records that touch, less than half": (cube["share"] > 0.0).any(),
     }
     words = [text for text, is_true in title.items() if is_true]
-    return finish(figure, axes, across.label, [upward.label] * rows, *words, legend=0)
+    return finish(axes, across.label, [upward.label] * rows, *words, legend=0)
 
 
 def _over_storeys(part: xr.DataArray) -> xr.DataArray:
@@ -376,7 +376,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)
-    figure, axes = subplots(rows, columns, (1.2, 3.4, 1.2, 2.8))
+    axes = subplots(rows, columns, (1.2, 3.4, 1.2, 2.8))
     edges = [cell_edges(cube[name].values) for name in ("dt", "stiffness")]
     for ax, scheme in zip(axes.flat, schemes, strict=False):
         part = cube.sel(scheme=scheme).transpose("stiffness", "dt", ...)
@@ -389,10 +389,10 @@ def stability_map(cube: xr.Dataset) -> Figure:
         ax.grid(visible=False)
     for ax in axes.flat[len(schemes) :]:
         ax.set_visible(False)
-    figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
-    legend_below(figure, axes.flat, most=2)
+    axes[0, 0].figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
+    legend_below(axes.flat, most=2)
     label = f"contact stiffness ({unit_text(cube.stiffness.attrs) or '-'})"
-    return finish(figure, axes, "time step (s)", [label] * rows, str(cube.attrs.get("title", "")), legend=0)
+    return finish(axes, "time step (s)", [label] * rows, str(cube.attrs.get("title", "")), legend=0)
 
 
 #: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
@@ -421,7 +421,7 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     cube, selection = over_records(each, selection, row_of, thin=_THIN)
     responses = [row for row in _ROWS if row in row_of.values() and value in (None, *row[0])]
     size = (1.4, 2.4, 1.3, 1.9)
-    figure, axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
+    axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
     for row, (both, words, where) in zip(axes, responses, strict=True):
         names = [name for name in both if name in cube]
         unit, factor = drawn_unit(cube[names[0]].attrs)
@@ -444,8 +444,8 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
             row[0].set_xlim(left=0)
         row[0].set_ylabel("elevation (m)")
     axes[0, 0].set_ylim(bottom=0)
-    legend_below(figure, axes[0], most=4)
-    return put_title(figure, selection, others)
+    legend_below(axes[0], most=4)
+    return put_title(axes, selection, others)
 
 
 def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, slice]:
@@ -486,7 +486,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     names = [fill(law_name(result, law), 16) for law in result["law"].values]
     longest = max(len(line) for name in names for line in name.split("\n"))
     count = buildings + ("contact_work" in result)
-    figure, axes = subplots(1, count, (1.0, 1.9, 3.6 + 0.09 * longest, 0.0), sharex=False, sharey=False)
+    axes = subplots(1, count, (1.0, 1.9, 3.6 + 0.09 * longest, 0.0), sharex=False, sharey=False)
     for ax in axes[0, 1:buildings]:
         ax.sharey(axes[0, 0])
         ax.tick_params(labelleft=False)
@@ -515,8 +515,8 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
     axes[0, 0].set_ylabel("energy (kN m)")
-    legend_below(figure, axes[0, :1], most=2)
-    return put_title(figure, selection)
+    legend_below(axes[0, :1], most=2)
+    return put_title(axes, selection)
 
 
 #: Dashes of fractiles but the median, and looks of records that are named: none is black.
@@ -571,7 +571,7 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
         result = result.sel(law=result["law"] != "none")
     result, selection = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
-    figure, axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
+    axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
     notes: dict[str, str] = {}
     for ax, end in panels(axes[0], lines, per):
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
@@ -584,10 +584,11 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     cross = "curves cross, as each has its own dispersion" if crossed(lines) else ""
     common = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
     footnotes = *(f"{letter} {note}" for note, letter in notes.items()), result.attrs.get("advice", "")
+    title = words, _name_records(result), selection, cross, common
+    figure = finish(axes, label, [f"probability (-):\n{words}"], *title, legend=0)
     text = "\n".join(fill(note, int(15 * figure.get_figwidth())) for note in footnotes)
     figure.supxlabel(text.strip(), x=0.02, ha="left", fontsize=8)
-    title = words, _name_records(result), selection, cross, common
-    return finish(figure, axes, label, [f"probability (-):\n{words}"], *title, legend=0)
+    return figure
 
 
 def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
@@ -641,7 +642,7 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
     rows = response.sizes["law"]
     below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
-    figure, axes = subplots(rows, response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
+    axes = subplots(rows, response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
     thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
     records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
     for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
@@ -664,7 +665,7 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     why = f"fractiles of {words} need {numbers} curves at one intensity, at most {most} reach" if short else ""
     x, y = (intensity, label) if turn else (label, intensity)
     title = _name_records(result), storeys, selection, others, why
-    return finish(figure, axes, x, [fill(y, 32)] * rows, *title, legend=4)
+    return finish(axes, x, [fill(y, 32)] * rows, *title, legend=4)
 
 
 @figure_of("gap-for-probability", "cube", "pair, several record")
@@ -681,7 +682,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     result, selection = select_default(result, keep, ["median", "trial_gap"])
     words, years = result.attrs.get("answer", ""), float(result.attrs.get("years", 0.0))
     rows = ["probability of touching (-)", *[f"probability in {years:g} years (-)"] * bool(years)]
-    figure, axes = subplots(len(rows), result.sizes["pair"], (2.2, 3.4, 1.2, 2.7))
+    axes = subplots(len(rows), result.sizes["pair"], (2.2, 3.4, 1.2, 2.7))
     result = select_lines(with_dims(result, axis, absent=""), axis).sel(probability=result["probability"].min())
     for ax, pair in panels(axes[0], result, "pair"):
         for number, style in zip(range(result.sizes[axis]), DASHED, strict=False):
@@ -711,7 +712,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     rules = spell_units(result["rule_gap"].attrs["long_name"]) if "rule_gap" in result else ""
     intervals = f"lognormal with {result.attrs['confidence']:.0%} intervals"
     dots = f"dots: shares of the {result.attrs['suite']} records"
-    finish(figure, axes, "gap (mm)", rows, words, intervals, dots, rules, selection)
+    figure = finish(axes, "gap (mm)", rows, words, intervals, dots, rules, selection)
     figure.legends[0].set_title(spell_units(result.attrs.get("intensity", "")), {"size": 9})
     return figure
 
@@ -737,7 +738,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     result = result_of(cube, "required-gap")
     trials = "case" if "case" in result.dims else "record"
     result, selection = select_default(with_dims(result, trials, absent="-"), (trials, "rule"), ["exact"])
-    figure, axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
+    axes = subplots(2, result.sizes["pair"], (2.0, 3.2, 6.2, 0.0), sharex=False)
     x = np.arange(result.sizes[trials])
     offsets = 0.44 * (x + 0.5) / len(x) - 0.22
     few = len(x) <= _NAMED
@@ -762,8 +763,8 @@ def required_gap(cube: xr.Dataset) -> Figure:
         gaps.margins(y=0.1)
     axes[0, 0].set(ylim=(0.0, None), ylabel="required gap (mm)")
     axes[1, 0].set_ylabel("rule over exact (-)\nbelow 1: too small")
-    legend_below(figure, axes[0], most=4)
-    return put_title(figure, selection, f"factors {result.attrs['factors']}")
+    legend_below(axes[0], most=4)
+    return put_title(axes, selection, f"factors {result.attrs['factors']}")
 
 
 def _group_rules(pair: xr.Dataset) -> dict[str, int]:
@@ -816,7 +817,7 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     size = result[key] if means is None else means.diff("bound").sum("bound")
     result = result.sortby(size.mean(["group", per]).fillna(0.0))  # the largest last, at the top
     rows, n = result.sizes["group"], result.sizes["input"]
-    figure, axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
+    axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
     extremes = [0.0, 1.0] if means is None else []
     for (row, column), panel in np.ndenumerate(axes):
         part = result.isel({per: column, "group": row})
@@ -842,12 +843,12 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
         axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if first <= tick <= last])
         words = "bars: means at values of one axis", "right: its share of the variance alone"
         label = f"mean {long_name(means, value)} ({drawn_unit(means.attrs)[0] or '-'})"
-        return finish(figure, axes, label, [""] * rows, result.attrs["over"].partition(":")[0], *words, legend=0)
+        return finish(axes, label, [""] * rows, result.attrs["over"].partition(":")[0], *words, legend=0)
     response = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
     title = [f"Sobol indices of the {response}", f"{result.attrs['confidence']:.0%} intervals"]
     title.append(_describe_group(result.isel(group=0), [name for name in _GROUP if name not in varied]))
     title.append(f"{rows} of {len(groups)} groups of scenarios" if rows < len(groups) else "")
-    return finish(figure, axes, "share of the variance (-)", ["input"] * rows, *title, legend=1)
+    return finish(axes, "share of the variance (-)", ["input"] * rows, *title, legend=1)
 
 
 def _draw_effects(panel: Any, part: xr.Dataset, value: str) -> list[float]:
@@ -886,7 +887,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     if not chosen["error"].notnull().any():
         raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
     outputs = leading_outputs(trade)
-    figure, axes = subplots(1, len(outputs), (1.2, 3.6, 4.6, 0.0))
+    axes = subplots(1, len(outputs), (1.2, 3.6, 4.6, 0.0))
     ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
     for ax, output in zip(axes[0], outputs, strict=True):
         one = chosen.sel(output=output)
@@ -910,4 +911,4 @@ def work_precision(trade: xr.Dataset) -> Figure:
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
     title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
-    return finish(figure, axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)
+    return finish(axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)

@@ -44,7 +44,7 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     """
     part = time_slice(one, start, end)
     pairs = one.pair.values.tolist() if "contact_force" in one else []
-    figure, axes = subplots(2 + len(pairs), 1, (7.2, 0.0, 1.4, 1.5), sharey=False, styles=DASHED)
+    axes = subplots(2 + len(pairs), 1, (7.2, 0.0, 1.4, 1.5), sharey=False, styles=DASHED)
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
@@ -70,7 +70,7 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     if pairs and not (part.contact_force < 0.0).any():
         contacts[0].set_ylim(bottom=0.0)
     labels = ["ground acc. (m/s²)", "top floor (mm)", *(f"{pair}\nforce (kN)" for pair in pairs)]
-    return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
+    return finish(axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
 def _top_floor(one: xr.Dataset, building: str) -> xr.Dataset:
@@ -95,7 +95,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     part = time_slice(one, start, end)
     scene, time = stored_scene(one), part.time.values
     floors = 1e3 * part.displacement.stack(floor=("building", "storey")).dropna("floor", how="all").values
-    figure, axes = subplots(len(scene.gaps), 1, (7.2, 0.0, 1.2, 2.0), ax, styles=DASHED)
+    axes = subplots(len(scene.gaps), 1, (7.2, 0.0, 1.2, 2.0), ax, styles=DASHED)
     for number, (panel, gap) in enumerate(zip(axes[:, 0], 1e3 * np.array(scene.gaps), strict=True)):
         faces = {gap}
         for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
@@ -116,7 +116,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
         legend_beside(panel)
     axes[0, 0].set_xlim(time[0], time[-1])
     labels = [f"{pair}\nrelative displacement (mm)" for pair in scene.pair_names]
-    return finish(figure, axes, "time (s)", labels, scenario_title(one), legend=0)
+    return finish(axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
 @figure_of("phase", "histories", "several time, displacement, velocity")
@@ -127,7 +127,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     """
     part, scene = time_slice(one, start, end), stored_scene(one)
     members = [item.name for item in scene.row]
-    figure, axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
+    axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
     for panel, building in panels(axes[0], part, "building"):
         name = building.building.item()
         top = _top_floor(part, name)
@@ -139,7 +139,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
             bold = {"color": COLOURS[2], "linewidth": 1.8, "label": "in contact"}
             panel.plot(1e3 * top.displacement.where(touches), top.velocity.where(touches), **bold)
     axes[0, 0].legend(loc="upper left", fontsize=8)
-    return finish(figure, axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
+    return finish(axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
 
 
 @figure_of("force-penetration", "histories", "several time, contact_force, penetration")
@@ -152,7 +152,7 @@ def force_penetration(
     histories (``output_step``) draw rounder loops.
     """
     part = time_slice(one, start, end)
-    figure, axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
+    axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
     for panel, pair in panels(axes[0], part, "pair"):
         for storey in pair.storey.values:
             depth, force = 1e3 * pair.penetration.sel(storey=storey), pair.contact_force.sel(storey=storey)
@@ -162,13 +162,13 @@ def force_penetration(
         if panel.get_legend_handles_labels()[1]:
             panel.legend(loc="upper left", fontsize=8)
         _say_no_contact(panel)
-    return finish(figure, axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
+    return finish(axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
 
 
 @figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw storey shear against drift of the storeys that yield, from 'simulate'."""
-    figure, axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
+    axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
         storeys = building.dropna("storey", how="all", subset=["storey_drift"])
         largest = np.argsort(-np.abs(storeys.storey_drift).max("time").values)[:_STOREYS]
@@ -179,7 +179,7 @@ def hysteresis(one: xr.Dataset) -> Figure:
             ax.plot(storey.storey_drift * 1e3, storey.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
         ax.set_title(building.building.item())
         ax.legend(loc="upper left", fontsize=7, reverse=True)
-    return finish(figure, axes, "drift (mm)", ["storey shear (MN)"], scenario_title(one), legend=0)
+    return finish(axes, "drift (mm)", ["storey shear (MN)"], scenario_title(one), legend=0)
 
 
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
@@ -198,12 +198,12 @@ def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     Without impacts it is that of its largest displacement.
     """
     number = find_strongest(one)
-    figure, _, factor, show = draw_row(one, ax=ax)
+    axes, factor, show = draw_row(one, ax=ax)
     forces = contact_forces(one)[number]
     show(number, forces / (forces.max(initial=0.0) or 1.0))
     largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
     when = f"{one.time.values[number]:.3f} s{largest}"
-    return put_title(figure, scenario_title(one), when, f"displacements and gaps drawn {factor:g} times")
+    return put_title(axes, scenario_title(one), when, f"displacements and gaps drawn {factor:g} times")
 
 
 def contact_forces(one: xr.Dataset) -> np.ndarray:
@@ -220,12 +220,10 @@ def find_strongest(one: xr.Dataset) -> int:
     return int(values.reshape(len(values), -1).max(axis=1).argmax())
 
 
-def draw_row(
-    one: xr.Dataset, below: int = 0, ax: Any = None
-) -> tuple[Any, Any, float, Callable[[int, np.ndarray], None]]:
+def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, float, Callable[[int, np.ndarray], None]]:
     """Draw what does not move of a row, and make what does.
 
-    Returned are the figure, its axes (`below` flat ones last), how much larger than they are displacements and gaps are
+    Returned are its panels (`below` flat ones last), how much larger than they are displacements and gaps are
     drawn, and what moves the row to an instant: with areas of the marks of impacts, 0 to 1, per pair and storey.
     """
     scene = stored_scene(one)
@@ -251,7 +249,7 @@ def draw_row(
     low, high = (left - sway).min(), (right + sway).max()
     tall = min(5.0, max(2.4, 7.2 * 0.85 * 1.15 * top / (high - low)))
     flat: Any = {"height_ratios": [tall, *[0.95] * below], "sharex": False}
-    figure, axes = subplots(1 + below, 1, (7.2, 0.0, tall - 0.05, 0.95), ax, **flat)
+    axes = subplots(1 + below, 1, (7.2, 0.0, tall - 0.05, 0.95), ax, **flat)
     ax = axes[0, 0]
     ax.set(xlim=(low, high), ylim=(-0.12 * top, 1.1 * top), aspect="equal", ylabel="elevation (m)")
     ax.grid(visible=False)
@@ -271,7 +269,6 @@ def draw_row(
         ax.text(sum(edges) / 2.0, -0.03 * top, item.name, ha="center", va="top")
     marks = ax.scatter([], [], marker="*", color=COLOURS[2], edgecolor="black", linewidth=0.5, zorder=5)
     contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
-    elevations = one.contact_elevation.transpose("pair", "storey").values if contacts else ()
 
     def show(instant: int, impacts: np.ndarray) -> None:
         for number, left_column, right_column, floors in lines:
@@ -288,11 +285,12 @@ def draw_row(
         for pair, storey in np.argwhere(impacts > 0.0).tolist():
             contact = contacts[pair, storey]  # at the floor that strikes columns, else at the left floor or wall
             face, number = (left, contact.pair + 1) if contact.struck == 0 else (right, contact.pair)
-            offsets.append((face[number] + moved[instant, number, storey + 1], elevations[pair, storey]))
+            height = one.contact_elevation.isel(pair=pair, storey=storey).item()
+            offsets.append((face[number] + moved[instant, number, storey + 1], height))
         marks.set_offsets(np.reshape(offsets, (-1, 2)))
         marks.set_sizes(60.0 + 400.0 * impacts[impacts > 0.0])
 
-    return figure, axes[:, 0], factor, show
+    return axes, factor, show
 
 
 #: Periods of the motion that are shown by default, and how long that takes to watch (s).
@@ -361,7 +359,8 @@ def animate(
     writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
     writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
     with in_style():
-        figure, (_, ground, contacts), factor, show = draw_row(one, below=2)
+        axes, factor, show = draw_row(one, below=2)
+        _, ground, contacts = axes[:, 0]
         ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.8)
         ground.set_ylabel("ground\n(m/s²)")
         ground.tick_params(labelbottom=False)
@@ -373,7 +372,7 @@ def animate(
         cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in (ground, contacts)]
         for strip in (ground, contacts):
             strip.set_xlim(first, last)
-        put_title(figure, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
+        figure = put_title(axes, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
         title = figure.get_suptitle()
         heading = figure.suptitle(f"{title}\n{first:.2f} s")
         figure.draw_without_rendering()

@@ -12,7 +12,7 @@ from pounding_sweep.analysis.spectra import floor_spectra
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import law_name, record_name, scenario_title
-from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, label_edges, legend_below, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, finish, subplots
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)
@@ -82,16 +82,14 @@ def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
     """Draw pseudo-acceleration above displacement, in a column for each building, if there are any."""
     spectra = spectra if "building" in spectra.dims else spectra.expand_dims(building=[""])
     columns = spectra.sizes["building"]
-    figure, axes = subplots(2, columns, (2.6, 3.4, 5.6, 0.0))
+    axes = subplots(2, columns, (2.6, 3.4, 5.6, 0.0))
     for row, (name, (_, factor)) in zip(axes, _ORDINATES.items(), strict=True):
         for ax, building in zip(row, spectra["building"].values, strict=True):
             _draw_spectra(ax, spectra[name].sel(building=building) * factor)
             ax.set_title(building if row[0] is axes[0, 0] else "")
         row[0].set_ylim(bottom=0.0)
-    label_edges(axes, "period (s)", [label for label, _ in _ORDINATES.values()])
-    if len(axes[0, 0].lines) > 1:
-        legend_below(figure, axes[0], most=2 * columns)
-    return put_title(figure, *title)
+    legend = 2 * columns if len(axes[0, 0].lines) > 1 else 0
+    return finish(axes, "period (s)", [label for label, _ in _ORDINATES.values()], *title, legend=legend)
 
 
 def _draw_spectra(ax: Any, values: xr.DataArray) -> None:
