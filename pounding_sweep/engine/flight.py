@@ -198,12 +198,12 @@ def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
 
 def _sets(row: Variants) -> np.ndarray:
     """Displacements at which a row rests whose storeys have drifts without shear, shape (variants, dofs, storeys)."""
-    scene = row.scene
+    scene, drifts = row.scene, row.scene.of_buildings("drifts")
     rest = np.zeros((len(row), scene.n_moving, scene.n_dof))
     for group in scene.linked_buildings:
         dofs = scene.dofs_of(group)
         floors = dofs[dofs < scene.n_dof]
-        pushed = scene.drifts[np.ix_(floors, dofs)].T * row.stiffnesses[:, None, floors]
+        pushed = drifts[np.ix_(floors, dofs)].T * row.stiffnesses[:, None, floors]
         rest[np.ix_(np.arange(len(row)), dofs, floors)] = np.linalg.solve(row.matrices(group)[1], pushed)
     return rest
 

@@ -942,24 +942,8 @@ class Scene:
         bases = [self.n_dof + 2 * self.foundations.index(b) for b in group if b in self.foundations]
         return np.array([*floors, *(i for sway in bases for i in (sway, sway + 1))])
 
-    @cached_property
-    def rocks(self) -> np.ndarray:
-        """Whether what moves is a rotation, which the ground's acceleration does not push, shape (n_moving,)."""
-        base = np.arange(self.n_moving) - self.n_dof
-        return np.asarray((base >= 0) & (base % 2 == 1))
-
-    @cached_property
-    def drifts(self) -> np.ndarray:
-        """Storey drifts by the displacements of floors and bases, shape (n_dof, n_moving)."""
-        return self._of_buildings("drifts")
-
-    @cached_property
-    def deformations(self) -> np.ndarray:
-        """Displacements of floors relative to their bases by the same, shape (n_dof, n_moving)."""
-        return self._of_buildings("deformations")
-
-    def _of_buildings(self, name: str) -> np.ndarray:
-        """Return a matrix that each building has, for the whole row."""
+    def of_buildings(self, name: str) -> np.ndarray:
+        """Return the "drifts" or "deformations" of all buildings by what moves in the row, shape (n_dof, n_moving)."""
         result = np.zeros((self.n_dof, self.n_moving))
         for b, building in enumerate(self.buildings):
             dofs = self.dofs_of([b])

@@ -114,12 +114,6 @@ class Variants:
         _, first, which = np.unique(columns, axis=1, return_index=True, return_inverse=True)
         return np.sort(first), np.argsort(np.argsort(first))[which.reshape(-1)]
 
-    @cached_property
-    def _owner(self) -> np.ndarray:
-        """Building of each floor."""
-        buildings = self.scene.buildings
-        return np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
-
     #: Floor masses (t), lateral storey stiffnesses (kN/m), with P-Delta less P / h, and P / h (kN/m).
     masses = _scaled(lambda building: building.masses, mass=1)
     stiffnesses = _scaled(lambda building: building.lateral_stiffnesses, mass=1, period=2)
@@ -151,7 +145,7 @@ class Variants:
     @cached_property
     def elastic_hardenings(self) -> np.ndarray:
         """Hardening of the storeys themselves, shape (n, floors)."""
-        varied = self.hardening[:, self._owner]
+        varied = np.repeat(self.hardening, [b.n_storeys for b in self.scene.buildings], axis=1)
         of_scene = np.concatenate([b.hardenings for b in self.scene.buildings])
         return np.asarray(np.where(np.isnan(varied), of_scene, varied))
 
@@ -289,7 +283,8 @@ def coupled_modes(row: Variants, precision: str = "float64") -> CoupledModes:
     for group in scene.linked_buildings:
         light, heavy, omega, drag = row.modal(group)
         cols, dofs = slice(at, at := at + (half := omega.shape[1])), scene.dofs_of(group)
-        load = heavy[:, :, ~scene.rocks[dofs]].sum(axis=2)
+        rotations = (dofs >= scene.n_dof) & ((dofs - scene.n_dof) % 2 == 1)  # which the ground does not push
+        load = heavy[:, :, ~rotations].sum(axis=2)
         w[:, cols], c[:, cols], push[:, cols], x, y, worst = _modes_of(omega, drag, load, precision)
         error[:, cols] = worst[:, None]
         pairs = [(k, j) for k in (0, 1) for j in (0, 1)]

@@ -53,7 +53,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     part = {name: states[:, first : first + slots.count[name]] for name, first in slots.first.items()}
     moved, moving = part["u"], part["v"]  # of floors, then of foundations
     u, v = moved[:, :n], moving[:, :n]
-    drifts, deformations = scene.drifts, scene.deformations
+    drifts, deformations = scene.of_buildings("drifts"), scene.of_buildings("deformations")
     owner = np.repeat(np.arange(len(scene.buildings)), [b.n_storeys for b in scene.buildings])
     owned = np.equal.outer([*owner, *np.repeat(scene.foundations, 2)], range(len(scene.buildings))).astype(float)
     masses, base = np.hstack([row.masses, row.base_masses])[0], row.base_stiffnesses[0]
