@@ -41,6 +41,11 @@ def batch_of(scene, record=None, law=LAW, **settings):
     return suite.make_batch("", "", scene, LAWS[law], record, **{"steps": (1e-3,), **settings})
 
 
+def run_of(batch, method, dt):
+    numerics = Numerics(method, dt)
+    return Run(batch, numerics, batch.run(numerics))
+
+
 def reference_of(batch, shortest=1e-2, wanted=True):
     return make_reference(batch, np.full(len(batch), wanted), np.broadcast_to(shortest, len(batch)))
 
@@ -177,14 +182,15 @@ def test_wrong_arguments_are_refused(call, message):
 def honest():
     """A run of a batch and its reference: ok, ok and refused scenarios."""
     batch = batch_of(pair(), stiffness=[1e5, 1e7, 1e12])
-    run = Run(batch, "rk4", 1e-3, batch.run("rk4", 1e-3))
+    run = run_of(batch, "rk4", 1e-3)
     assert run.values["status"].tolist() == [Status.OK, Status.OK, Status.BEYOND_STABILITY_LIMIT]
     return run, make_reference(batch, run.values["status"] == Status.OK, np.full(3, 1e-2))
 
 
 def verdict(honest, method="rk4", seconds=0.0, **lies):
     run, reference = honest
-    return pd.DataFrame(judge(replace(run, method=method, seconds=seconds, values={**run.values, **lies}), reference))
+    numerics = replace(run.numerics, method=method)
+    return judge(replace(run, numerics=numerics, seconds=seconds, values={**run.values, **lies}), reference)
 
 
 def faults_of(*arguments, **settings):
@@ -242,7 +248,7 @@ def test_of_what_is_not_resolved_only_impossible_motion_is_a_fault(honest):
 def test_impossible_motion_of_storeys_that_yield_is_found():
     """Of which a displacement grows like the energy, not like its root."""
     batch = batch_of(suite.yielding_pair(0.1, 0.0))
-    run, nothing = Run(batch, "rk4", 2e-3, batch.run("rk4", 2e-3)), reference_of(batch, wanted=False)
+    run, nothing = run_of(batch, "rk4", 2e-3), reference_of(batch, wanted=False)
     assert {"ductility_max", "residual_drift", "hysteretic_energy"} <= set(run.values)
     limit = displacement_limit(batch.scene, energy_limit(batch.scene, batch.record, batch.table.scale))
     far = scatter_dof(limit, batch.scene)
@@ -269,7 +275,7 @@ def test_slowness_is_found_and_what_has_no_reference_counted(honest):
 @pytest.mark.slow
 def test_grazing_is_sensitive_and_a_plain_impact_is_not(monkeypatch):
     alone = batch_of(beside_wall(), gaps=9.0)
-    reach = float(np.nanmax(alone.run("rk4", 1e-4)["displacement_max"]))
+    reach = float(np.nanmax(run_of(alone, "rk4", 1e-4).values["displacement_max"]))
     batch = batch_of(beside_wall(), gaps=[reach * (1 - 1e-9), reach * (1 + 1e-9), 0.3 * reach])
     reference = reference_of(batch)
     assert np.isfinite(reference.step).all()
@@ -286,7 +292,7 @@ def test_the_energy_limit_is_reached_by_a_steady_push():
     free = ps.Scene([ps.Building("free", [50.0], [1e-6], 0.0), ps.Wall()], [1e3])
     push = ps.Record("push", 0.01, np.full(101, 2.0))
     batch = batch_of(free, push, gaps=1e3, scale=[1.0, 3.0])
-    found = batch.run("rk4", 1e-2)
+    found = run_of(batch, "rk4", 1e-2).values
     held = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
     limit = energy_limit(free, push, batch.table.scale)
     np.testing.assert_allclose(held, limit, rtol=1e-8)
@@ -319,7 +325,7 @@ def test_newmark_stays_bounded_at_any_step(law, dts):
     batch = batch_of(pair(), suite.RECORDS["slow"], law, stiffness=np.logspace(1, 12, 12), gaps=[0.0, 1e-3])
     nothing = reference_of(batch, wanted=False)
     for dt in dts:
-        bounded = verdict((Run(batch, "newmark", dt, batch.run("newmark", dt)), nothing), "newmark")
+        bounded = verdict((run_of(batch, "newmark", dt), nothing), "newmark")
         assert not any(bounded.faults)
         assert 0.0 < bounded.energy.max() < 1.0
 
@@ -341,7 +347,7 @@ def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
     (batch,) = suite.family_batches(["together"], [LAWS["kelvin_voigt"]])
     ok = np.zeros(len(batch), bool)
     for method in measured_schemes():
-        found = batch.run(method, 2e-4)
+        found = run_of(batch, method, 2e-4).values
         ok |= found["status"] == Status.OK
         fine = np.flatnonzero(found["status"] == Status.OK)
         force = found["impact_force_max"][fine]
@@ -355,7 +361,7 @@ def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
 def test_strong_dampers_need_more_steps():
     """At e = 0.05 the published damper stops the floors within a hundredth of the elastic contact."""
     batch = batch_of(pair(), law="modified_kelvin_voigt", restitution=[0.05, 0.9], stiffness=1e5)
-    found = batch.run("newmark", 1e-3)
+    found = run_of(batch, "newmark", 1e-3).values
     assert (found["steps_per_contact"] > 30).all()
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_CONTACT, Status.OK]
     reference = reference_of(batch, np.array([5e-4, 4e-2]))
@@ -404,7 +410,7 @@ def test_a_motion_that_is_not_resolved_is_told():
     scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
     batch = batch_of(scene, gaps=1.0, steps=(1e-2,))
     assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > postprocess.MAX_PHASE_ERROR
-    found = batch.run("newmark", 1e-2)
+    found = run_of(batch, "newmark", 1e-2).values
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
     assert peak_error(found, reference_of(batch, np.inf).values)[0] > OK_CLAIM
 
@@ -420,7 +426,7 @@ def test_ground_that_turns_back_within_steps_is_told():
         ("rk4", 1e-2, Status.UNDER_RESOLVED_MOTION, 0.0026, 0.48),  # which sees the middle of a step
         ("rk4", 2e-3, Status.OK, 5.9e-6, 3.6e-3),
     ):
-        found = batch.run(method, dt)
+        found = run_of(batch, method, dt).values
         assert found["status"].tolist() == [status]
         assert peak_error(found, reference.values)[0] == pytest.approx(error, rel=0.1)
         assert found["energy_residual"][0] == pytest.approx(residual, rel=0.1)
@@ -432,7 +438,7 @@ def test_ground_that_turns_back_within_steps_is_told():
 def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
     """Finite numbers are no proof: a run that ends within bounds may have been anywhere before."""
     batch = honest[0].batch[:2]
-    kernel, columns = batch.kernel("rk4", 1e-3), ("scale", "gaps", "stiffness", "restitution")
+    kernel, columns = batch.kernel(Numerics("rk4", 1e-3)), ("scale", "gaps", "stiffness", "restitution")
     raw = kernel.run(batch.record, **{name: getattr(batch.table, name) for name in columns})
     assert postprocess.variables_of(kernel, raw, suite.OUTPUTS, batch.record)["status"].tolist() == [
         Status.OK,

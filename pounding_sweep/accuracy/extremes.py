@@ -82,29 +82,28 @@ class Batch:
         """Return the schemes that take the row."""
         return [name for name in methods if SCHEMES[name].refuses(self.scene) is None]
 
-    def kernel(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> RowKernel:
+    def kernel(self, numerics: Numerics) -> RowKernel:
         """Return the kernel that runs it."""
-        numerics = Numerics(method, dt, precision=precision, refinement=refinement)
         reducers = variables.reducers_for(self.outputs)
         return RowKernel(self.scene, self.law, numerics, reducers, initial_velocity=self.initial_velocity)
 
-    def step(self, method: str, dt: float) -> float:
+    def step(self, numerics: Numerics) -> float:
         """Return the time step (s) that is taken for a largest one."""
-        return self.record.dt / Numerics(method, dt).steps(self.record)
+        return self.record.dt / numerics.steps(self.record)
 
     def stable_step(self, method: str) -> np.ndarray:
         """Return the largest stable step (s) of each scenario."""
         return largest_step(self.scene, self.law, self.table.stiffness, self.table.restitution, method=method)
 
-    def run(self, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> Values:
-        """Run every scenario at a step; those beyond the stability limit are refused."""
-        rows, scene = np.flatnonzero(self.step(method, dt) <= self.stable_step(method)), self.scene
+    def run(self, numerics: Numerics) -> Values:
+        """Run every scenario; those beyond the stability limit are refused."""
+        rows, scene = np.flatnonzero(self.step(numerics) <= self.stable_step(numerics.method)), self.scene
         shapes = {name: variables.inner_shape(name, scene) for name in variables.cube_variables(self.outputs)}
         values = {name: np.full((len(self), *shape), np.nan) for name, shape in shapes.items()}
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
-            kernel = self.kernel(method, dt, precision, refinement)
-            part = run_once(ChunkTask(kernel, self.record, self.table[rows], variants_of(scene), self.outputs))
+            task = ChunkTask(self.kernel(numerics), self.record, self.table[rows], variants_of(scene), self.outputs)
+            part = run_once(task)
             for name, column in values.items():
                 column[rows] = part[name]
         return variables.mask_invalid(values)
@@ -262,7 +261,7 @@ def make_batch(
 @cache
 def _last_hairs() -> np.ndarray:
     """Gaps (m) a hair from the largest displacement of the building that stands alone, by fine steps."""
-    alone = make_batch("", "", beside_wall(), LAWS["linear"], gaps=1.0e3).run("rk4", 1e-4)
+    alone = make_batch("", "", beside_wall(), LAWS["linear"], gaps=1.0e3).run(Numerics("rk4", 1e-4))
     return float(alone["displacement_max"].max()) * (1.0 - np.array([-1e-9, 1e-12, 1e-9, 1e-6, 1e-3, 1e-2]))
 
 
@@ -370,10 +369,8 @@ class Run:
     """What a batch gave in one scheme at one step."""
 
     batch: Batch
-    method: str
-    dt: float  # largest time step (s)
+    numerics: Numerics
     values: Values
-    precision: str = "float64"
     seconds: float = 0.0  # CPU time
 
 
@@ -392,11 +389,11 @@ def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Re
     step = batch.record.dt
     if len(rows):
         step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
-    coarse = batch[rows].run("rk4", step)
+    coarse = batch[rows].run(Numerics("rk4", step))
     values = {name: np.full((len(batch), *column.shape[1:]), np.nan) for name, column in coarse.items()}
     while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
         step /= 2.0
-        fine = batch[rows].run("rk4", step)
+        fine = batch[rows].run(Numerics("rk4", step))
         done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
         done &= peak_error(coarse, fine) <= CONVERGED
         for name, column in fine.items():
@@ -410,15 +407,16 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
     sensitive = np.zeros(len(rows), bool)
     expected = {name: values[rows] for name, values in reference.values.items()}
+    numerics = Numerics("rk4", float(np.nanmin(reference.step[rows])))
     for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
-        sensitive |= peak_error(moved.run("rk4", float(np.nanmin(reference.step[rows]))), expected) > OK_CLAIM
+        sensitive |= peak_error(moved.run(numerics), expected) > OK_CLAIM
     return sensitive
 
 
 def unsettled_rows(run: Run, rows: np.ndarray) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
-    half = run.batch[rows].run(run.method, run.dt / 2.0, run.precision, refinement=2.0)
+    half = run.batch[rows].run(replace(run.numerics, dt=run.numerics.dt / 2.0, refinement=2.0))
     whole = {name: values[rows] for name, values in run.values.items()}
     return (peak_error(whole, half) > SETTLED) | (half["status"] != Status.OK)
 
@@ -454,7 +452,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     ``unknown``: ok, but without a reference; ``created``: energy by contacts over the largest of the balance;
     ``energy``: over what the ground can have brought in; ``faults``: demands that are not met.
     """
-    batch, values, status = run.batch, run.values, run.values["status"]
+    batch, numerics, values, status = run.batch, run.numerics, run.values, run.values["status"]
     ok, has_values, has_reference = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
     checked = [
         array[:, _exists(batch.scene, name, array.shape[1:])]
@@ -479,20 +477,33 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
         (has_values & ~finite, "has values that are not finite", share),
         (~has_values & ~empty, "has no result by its status, but finite values", share),
         (status == Status.NOT_RUN, "was not run", share),
-        ((status == Status.DIVERGED) & SCHEMES[run.method].implicit, "diverged, though its contact is implicit", share),
+        ((status == Status.DIVERGED) & numerics.scheme.implicit, "diverged, though its contact is implicit", share),
         (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
         (share > np.where(ok, *ENERGY_BOUNDS), "holds {:.4g} times the energy that can have come in", share),
         (missed & ~unsettled & ~sensitive, off, error),
         (first & (run.seconds > TIME_LIMIT), f"took {run.seconds:.0f} s", share),
     )
     faults = [[text.format(number[i]) for rows, text, number in demands if rows[i]] for i in range(len(batch))]
-    about: dict[str, Any] = {"family": batch.family, "case": batch.case, "law": batch.law.key, "method": run.method}
-    about |= {"precision": run.precision, "dt": run.dt, "seconds": run.seconds / len(batch)}
-    columns = {name: getattr(batch.table, name) for name in ("stiffness", "restitution", "scale")}
-    columns |= {"error": error, "missed": missed, "unsettled": unsettled, "sensitive": sensitive, "created": created}
-    columns |= {"unknown": ok & sound & ~has_reference, "energy": share, "gaps": batch.table.gaps.tolist()}
-    labels = [STATUS[code].label for code in status.astype(int)]
-    return pd.DataFrame({**columns, "status": labels, "faults": faults}).assign(**about)
+    return pd.DataFrame(
+        {
+            "family": batch.family,
+            "case": batch.case,
+            "law": batch.law.key,
+            **{name: getattr(numerics, name) for name in ("method", "precision", "dt")},
+            **{name: getattr(batch.table, name) for name in ("stiffness", "restitution", "scale")},
+            "gaps": batch.table.gaps.tolist(),
+            "status": [STATUS[code].label for code in status.astype(int)],
+            "error": error,
+            "missed": missed,
+            "unsettled": unsettled,
+            "sensitive": sensitive,
+            "unknown": ok & sound & ~has_reference,
+            "created": created,
+            "energy": share,
+            "faults": faults,
+            "seconds": run.seconds / len(batch),
+        }
+    )
 
 
 def _exists(scene: Scene, name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -510,14 +521,14 @@ def _exists(scene: Scene, name: str, shape: tuple[int, ...]) -> np.ndarray:
 def run_judged(batch: Batch, precision: str, methods: Sequence[str]) -> list[pd.DataFrame]:
     """Run a batch in each scheme at every step, and judge all runs against one reference."""
     runs, wanted, shortest = [], np.zeros(len(batch), bool), np.full(len(batch), np.inf)
-    for method in batch.schemes(methods):
-        for dt in batch.steps:
-            start = time.process_time()  # machines may be busy with other work
-            values = batch.run(method, dt, precision)
-            runs.append(Run(batch, method, dt, values, precision, time.process_time() - start))
-            ok = values["status"] == Status.OK
-            wanted |= ok
-            shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(method, dt), np.nan))
+    for method, dt in product(batch.schemes(methods), batch.steps):
+        numerics = Numerics(method, dt, precision=precision)
+        start = time.process_time()  # machines may be busy with other work
+        values = batch.run(numerics)
+        runs.append(Run(batch, numerics, values, time.process_time() - start))
+        ok = values["status"] == Status.OK
+        wanted |= ok
+        shortest = np.fmin(shortest, np.where(ok, values["steps_per_contact"] * batch.step(numerics), np.nan))
     reference = make_reference(batch, wanted, shortest)
     return [judge(run, reference) for run in runs]
 
@@ -560,7 +571,7 @@ def run_extremes(
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
     kernels = [
-        batch.kernel(method, batch.steps[0], form)
+        batch.kernel(Numerics(method, batch.steps[0], precision=form))
         for batch in batches
         for method in batch.schemes(schemes)
         for form in ("float64", precision)
@@ -626,9 +637,10 @@ def stability_map(
     batch = make_batch(
         "map", "", pair(), chosen, earthquake(dt=0.02), stiffness=stiffnesses, restitution=RESTITUTION, steps=steps
     )
-    runs = {(*form, dt): batch.run(form[0], dt, form[1]) for form, dt in product(SHOWN, steps)}
+    grid = [Numerics(method, dt, precision=form) for (method, form), dt in product(SHOWN, steps)]
+    runs = {numerics: batch.run(numerics) for numerics in grid}
     status = np.array([run["status"] for run in runs.values()], np.int8).reshape(len(SHOWN), -1, len(batch))
-    contacts = [run["steps_per_contact"] * batch.step(method, dt) for (method, _, dt), run in runs.items()]
+    contacts = [run["steps_per_contact"] * batch.step(numerics) for numerics, run in runs.items()]
     shortest = np.fmin.reduce([np.full(len(batch), np.inf), *contacts])
     # one stiffness at a time: a stiff contact needs a fine reference, a soft one does not
     references = [make_reference(batch[[i]], np.ones(1, bool), shortest[[i]]) for i in range(len(batch))]
