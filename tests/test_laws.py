@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -79,21 +80,17 @@ def test_damping_numbers(law):
         assert np.isfinite(damping_number(law, 0.0)).all()
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.key)
-def test_damping_coefficient(law):
+def test_damping_coefficients_of_many_contacts():
     k, m = np.array([1e6, 2e6]), np.array([[50.0], [60.0], [70.0]])
-    c = law.damping_coefficient(0.6, k, m)
-    assert c.shape == (3, 2)
-    if law.damping == "viscous":
-        np.testing.assert_allclose(c, 2 * damping_number(law, 0.6) * np.sqrt(k * m))
-    elif law.damping == "elastic":
-        np.testing.assert_allclose(c, damping_number(law, 0.6) * k * np.ones_like(m))
-    elif law.impulsive:
-        assert (c == 0.6).all()
-    elif law.yields:
-        assert (c == 0.64).all()
-    else:
-        assert not c.any()
+    for law in LAWS.values():
+        c = law.damping_coefficient(0.6, k, m)
+        want = [[float(law.damping_coefficient(0.6, *one)) for one in itertools.product(k, row)] for row in m]
+        np.testing.assert_array_equal(c, want, err_msg=law.key)
+        assert c.any() == law.takes_restitution
+    coefficients = {
+        key: float(LAWS[key].damping_coefficient(0.6, 1e6, 50.0)) for key in ("stereomechanical", "hysteretic")
+    }
+    assert coefficients == {"stereomechanical": 0.6, "hysteretic": 0.64}
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.key)

@@ -318,23 +318,18 @@ def test_preset_with_changes(write):
     assert [r.name for r in spec.records] == ["x", "el_centro"]
 
 
-SHIPPED = [("quickstart", 1008), ("two_buildings_and_wall", 4), ("yielding", 224), ("columns", 6), ("p_delta", 108)]
-
-
-@pytest.mark.parametrize(("name", "scenarios"), SHIPPED)
-def test_shipped_sweeps(name, scenarios):
-    spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
-    assert spec.n_scenarios == scenarios
-    if name == "quickstart":
-        assert spec == build_spec(
-            title=spec.title,
-            scene="mate2015",
-            records="el_centro",
-            laws="mate2015",
-            gaps=[round(0.002 * i, 3) for i in range(1, 13)],
-            stiffness_factors=[0.5, 1.0, 2.0],
-            restitutions=[0.4, 0.5, 0.6, 0.8],
-        )
+def test_the_quickstart_sweep():
+    spec = load_spec(ROOT / "sweeps" / "quickstart.toml")
+    assert spec.n_scenarios == 1008
+    assert spec == build_spec(
+        title=spec.title,
+        scene="mate2015",
+        records="el_centro",
+        laws="mate2015",
+        gaps=[round(0.002 * i, 3) for i in range(1, 13)],
+        stiffness_factors=[0.5, 1.0, 2.0],
+        restitutions=[0.4, 0.5, 0.6, 0.8],
+    )
 
 
 def test_record_paths_start_from_the_file(write, tmp_path, monkeypatch):

@@ -161,7 +161,8 @@ class _Reader:
         self.faults = Faults()
         self.arguments = valid_part(Arguments, arguments, self.faults)
         self.wrong = {place[0] for place, _ in self.faults.entries}  # arguments that stand at their defaults
-        self.files: dict[str, Law] = {}  # laws of the user's own files, which are run once
+        find = functools.partial(find_law, base=self.arguments["base"])
+        self.find_by_name: Callable[[str], Law] = functools.cache(find)  # files of the user's own are run once
         self.laws: dict[str, Law] = {}  # those that are valid count in further checks
         self.scene: Scene | None = None
         self.records: list[Record] | None = None  # None where one of them is at fault
@@ -290,11 +291,7 @@ class _Reader:
 
     def _law(self, value: Any) -> Law:
         """Return a law that the scene allows."""
-        if isinstance(value, str) and value in self.files:
-            law = self.files[value]
-        else:
-            law = find_law(value, self.arguments["base"])
-            self.files |= {value: law} if isinstance(value, str) else {}
+        law = self.find_by_name(value) if isinstance(value, str) else find_law(value)
         if self.scene and law.impulsive and self.scene.bumpers:
             raise InputError(f"law {law.key!r} has no force, as bumpers have; give another law, or no bumpers")
         struck = self.scene is not None and any(contact.struck >= 0 for contact in self.scene.contacts)
