@@ -225,21 +225,6 @@ def test_simulate_allows_for_the_speed_at_the_start():
     assert steps[1] > 2 * steps[0]  # 1000 ** 0.2 = 4 times as short a contact
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"locate": False}, "locate: accuracy needs located contacts"),
-        ({"method": "newmark", "beta": 0.3}, "beta: accuracy was measured with beta = 0.25"),
-        ({"gamma": 0.6}, "gamma: accuracy was measured with gamma = 0.5"),
-        ({"dt": 1e-3}, "dt: accuracy chooses the step"),
-    ],
-)
-def test_what_was_not_measured_is_refused(change, message):
-    with pytest.raises(SweepError) as caught:
-        make(accuracy=1e-3, **change)
-    assert str(caught.value).startswith(message)
-
-
 def measured(**curves):
     """Made-up measurements: the same curve for all but the given (method, law) pairs."""
     usual = Curve((1.0, 10.0, 1000.0), (1e-1, 1e-3, 1e-7))

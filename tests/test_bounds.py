@@ -78,8 +78,6 @@ SLOW = {"records": Record("slow", 1e9, [0.0, 1.0])}
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dt": 1e-13}, r"dt: 1e-13 s is too small: record 'el_centro' would take 3\.12e\+14 steps; at most"),
-        ({"dt": 5e-324}, "would take inf steps; at most 2147483647 are possible; take a larger dt"),
         (SLOW, "record 'slow' would take 1e.12 steps.*or cut the record"),
         (SLOW | {"accuracy": 1e-3}, "accuracy 0.001: record 'slow' .*smaller dt"),
     ],

@@ -299,16 +299,6 @@ laws = ["linear"]
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 
-def test_what_does_not_go_with_bumpers_is_refused():
+def test_a_damping_number_is_no_function():
     with pytest.raises(LawError, match=r"number: .* must be a valid string"):
         ps.Law(key="mine", exponent=1.0, damper="c", damping="viscous", number=lambda e: 1.0 - e)
-    with pytest.raises(SweepError, match="law 'stereomechanical' has no force, as bumpers have"):
-        row_sweep(laws="stereomechanical", restitutions=0.5)
-    with pytest.raises(SweepError, match=r"cases\[0\].law: law 'stereomechanical' has no force"):
-        row_sweep(laws=None, gaps=None, cases=[{"law": "stereomechanical", "restitution": 0.5}])
-    memory = replace(BUMPED, bumpers=[ps.Bumper("a-b", "hysteretic", 1e6, 0.5)])
-    with pytest.raises(SweepError, match="law 'hysteretic' needs located contacts"):
-        row_sweep(scene=memory, locate=False)
-    deep = replace(memory.bumpers[0], restitution=0.1)
-    with pytest.raises(SweepError, match=r"scene.bumpers\[0\]: restitution 0.1 can't be realised"):
-        row_sweep(scene=replace(memory, bumpers=[deep]), restitution_basis="realised")

@@ -9,7 +9,7 @@ import pytest
 from against_twin import motion, truth, twins
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels_used import FOUNDED, LEANING, SMOOTH
+from kernels_used import FOUNDED, SMOOTH
 from kinds import BOTH
 from naive import run
 from scenes import pair
@@ -18,7 +18,6 @@ from scipy.linalg import block_diag, eig, eigh
 from test_links import exact, radius
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SceneError
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants, variants_of
@@ -232,14 +231,6 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
         assert float(found.sel(building="a")) == pytest.approx(damped.modal_damping(0)[0, 0])
         assert float(found.sel(building="b")) == pytest.approx(ratio)
     assert uncoupled_runs(FOUNDED, motion(51), None)[1].attrs["method"] == "exact"
-
-
-# -- refusals ----------------------------------------------------------------------------------------------------------
-
-
-def test_what_does_not_go_with_a_foundation_is_refused():
-    with pytest.raises(SceneError, match="p_delta and a foundation do not go together"):
-        replace(LEANING.buildings[0], foundation=SOFT)
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------
