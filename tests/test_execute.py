@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import json
 import math
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -21,9 +22,11 @@ from scenes import AXES, OUTPUTS, make, motions, row, same
 from pounding_sweep import resume
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.output import identity
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, cut
+from pounding_sweep.records import Record
 from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run.execute import Dispatcher, Progress
 from pounding_sweep.spec.spec import to_json
@@ -82,44 +85,6 @@ def test_sweeps_in_threads_keep_to_themselves():
             together = pool.map(lambda sweep: sweep.run(workers=1), [make(scales=s) for s in (0.5, 1.0, 1.5, 2.0)])
             for cube, expected in zip(together, alone, strict=True):
                 same(cube, expected)
-
-
-READ_MEANWHILE = """
-import sys
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-
-import numpy as np
-from scenes import make
-
-from pounding_sweep.output.netcdf import open_cube
-
-folder = Path(sys.argv[1])
-whole = make().run(out=folder / "whole.nc").load()
-same = lambda cube: all(np.array_equal(cube[name], whole[name], equal_nan=True) for name in whole.data_vars)
-
-def write(name):
-    return all(same(make().run(out=folder / name, overwrite=True, workers=1)) for _ in range(20))
-
-def read(_):
-    found = []
-    while not all(writer.done() for writer in writers):
-        with open_cube(folder / "whole.nc") as cube:
-            found.append(same(cube))
-    return len(found) > 5 and all(found)
-
-with ThreadPoolExecutor(4) as pool:
-    writers = [pool.submit(write, name) for name in ("a.nc", "b.nc")]
-    assert all(pool.map(read, range(2)))
-    assert all(writer.result() for writer in writers)
-"""
-
-
-@pytest.mark.slow
-def test_cubes_are_read_while_others_are_written(tmp_path):
-    """The library crashes where two threads call it at once."""
-    program = [sys.executable, "-c", READ_MEANWHILE, tmp_path]
-    subprocess.run(program, cwd=Path(__file__).parent, check=True, timeout=600)
 
 
 @pytest.mark.parametrize(
@@ -315,16 +280,37 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
     out = tmp_path / "out.nc"
     parts = interrupted(out, 2)
     before = sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir())
-    for changes in ({"dt": 0.0025}, {"gaps": [0.0005, 0.5]}, {"records": motions()[:1]}):
-        with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
+    one, two = motions()
+    other = Record("one", one.dt, one.acceleration * (1.0 + 1e-12))
+    for changes, named in (
+        ({"dt": 0.0025}, r"dt \(0.005 there, 0.0025 here\), sweep"),
+        ({"gaps": [0.0005, 0.6, 0.002, 0.01, 0.02]}, r"gaps \(\[0.0005, 0.5, .* here\), sweep"),
+        ({"records": one}, "records .*, record two"),
+        ({"records": [other, two]}, "record one"),
+    ):
+        with pytest.raises(OutputError, match=rf"belong to another sweep: they differ in {named}"):
             make(**changes).run(out)
-    with monkeypatch.context() as patch:
-        patch.setattr("pounding_sweep.resume.package_digest", lambda: "another version")
-        with pytest.raises(OutputError, match="differ in source"):
-            make().run(out)
+    for name, key in (("package_version", "package"), ("package_digest", "source"), ("libraries", "libraries")):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"pounding_sweep.resume.{name}", lambda: "another")
+            with pytest.raises(OutputError, match=rf"they differ in {key} \(.* there, another here\);"):
+                make().run(out)
     assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before
     assert not out.exists()
     same(make().run(out), reference)
+
+
+def test_every_source_of_the_package_counts(tmp_path, monkeypatch):
+    """Kernels and laws among them: chunks and cubes of another state of them are not reused."""
+    package = Path(identity.__file__).parents[1]
+    shutil.copytree(package, tmp_path / "copy", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(identity, "__file__", str(tmp_path / "copy" / "output" / "identity.py"))
+    digest = identity.package_digest.__wrapped__
+    assert digest() == identity.package_digest()
+    for edited in ("kernel/spec.py", "data/laws.toml", "data/measured.json"):
+        with (tmp_path / "copy" / edited).open("a") as file:
+            file.write(" ")
+        assert digest() != identity.package_digest(), edited
 
 
 # -- failures ----------------------------------------------------------------------------------------------------------

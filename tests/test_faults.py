@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import random
 import re
-import shutil
 import signal
 import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
-from test_cli import LONG, ROOT, TINY, cli, environment, wait_until, write
+from test_cli import LONG, cli, environment, wait_until, write
 
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume import HOLDER, MANIFEST
@@ -28,12 +26,6 @@ OUT, PARTS = "out.nc", "out.nc.parts"
 def values(path):
     with open_cube(path) as cube:
         return {name: cube[name].values.tobytes() for name in cube.variables}
-
-
-def own_package(folder):
-    """Copy the package, to be changed, or not to be; returns the environment in which it is found first."""
-    shutil.copytree(ROOT / "pounding_sweep", folder / "pounding_sweep", ignore=shutil.ignore_patterns("__pycache__"))
-    return {"PYTHONPATH": str(folder)}
 
 
 #: Some twenty chunks of a tenth of a second, which are written at once.
@@ -89,102 +81,3 @@ def test_a_run_that_is_killed_and_damaged_again_and_again(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [OUT, f"{OUT}.log", "sweep.toml"]
     cube = load_sweep(tmp_path / "sweep.toml").run(workers=2)
     assert values(tmp_path / OUT) == {name: cube[name].values.tobytes() for name in cube.variables}
-
-
-# -- changes -----------------------------------------------------------------------------------------------------------
-
-#: Has all chunks finished, and stops before the cube.
-STOPPED = """
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-
-def stop(*arguments, **more):
-    raise KeyboardInterrupt
-
-filling.write_cube_of = stop
-cli.main()
-"""
-PULSE = 'records = [{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }]'
-CHANGED = ["run", "sweep.toml", "-o", OUT]
-
-
-@pytest.fixture(scope="module")
-def stopped(tmp_path_factory):
-    """A study of its own record, under a package of its own, with all chunks finished and no cube."""
-    folder = tmp_path_factory.mktemp("stopped")
-    motion = 5.0 * np.sin(0.1 * np.arange(100))
-    lines = [f"{0.01 * i:.2f},{a:.6f}" for i, a in enumerate(motion)]
-    write(folder, "\n".join(["time (s),acceleration (m/s2)", *lines, ""]), "shake.csv")
-    assert PULSE in TINY
-    write(folder, TINY.replace(PULSE, 'records = "shake.csv"'))
-    (folder / "package").mkdir()
-    env = own_package(folder / "package")
-    assert "interrupted" in cli(*CHANGED, cwd=folder, env=env, code=130, start=("-c", STOPPED)).stderr
-    return folder
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new), encoding="utf-8")
-
-
-def installed(folder, name):
-    """Have another version of a distribution found first."""
-    (folder / "package" / f"{name}-9.9.dist-info").mkdir()
-    write(
-        folder / "package" / f"{name}-9.9.dist-info", f"Metadata-Version: 2.1\nName: {name}\nVersion: 9.9\n", "METADATA"
-    )
-
-
-CHANGES = {
-    "nothing": (lambda folder: None, None),
-    "a value of the sweep": (
-        lambda folder: edit(folder / "sweep.toml", "0.005", "0.006"),
-        r"gaps \(\[0\.001, 0\.005, 1\.0\] there, \[0\.001, 0\.006, 1\.0\] here\), sweep \(\w{60} there",
-    ),
-    "the step": (
-        lambda folder: edit(folder / "sweep.toml", "1e-3", "5e-4"),
-        r"dt \(0\.001 there, 0\.0005 here\), sweep \(",
-    ),
-    "a value of the record": (
-        lambda folder: edit(folder / "shake.csv", "0.50,-4.794621", "0.50,-4.794622"),
-        r"record shake \(\w{60} there, \w{60} here\), sweep \(",
-    ),
-    "a kernel": (
-        lambda folder: edit(
-            folder / "package/pounding_sweep/kernel/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 0.5"
-        ),
-        r"source \(\w{60} there, \w{60} here\);",
-    ),
-    "a law": (
-        lambda folder: edit(folder / "package/pounding_sweep/data/laws.toml", "0.75*(1 - e*e)", "0.7*(1 - e*e)"),
-        r"source \(\w{60} there, \w{60} here\);",
-    ),
-    "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\);"),
-    "numba": (lambda folder: installed(folder, "numba"), r"libraries \(numba \S+, .* there, numba 9\.9, .* here\);"),
-}
-
-
-#: The package as it stands in a folder, in a process of its own.
-PROGRAM = ("-m", "pounding_sweep")
-
-
-@pytest.mark.slow  # by day a sweep and a source that differ are, in `test_execute`, and chunks, in `test_store`
-@pytest.mark.parametrize("what", CHANGES)
-def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, what):
-    folder = tmp_path / "study"
-    shutil.copytree(stopped, folder)
-    change, named = CHANGES[what]
-    change(folder)
-    before = {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()}
-    env = {"PYTHONPATH": str(folder / "package")}
-    if named is None:  # the same chunks are taken up where nothing changed
-        report = json.loads(cli(*CHANGED, "--json", cwd=folder, env=env, start=PROGRAM).stdout)["scenarios"]
-        assert report["run"] == 0
-        assert report["reused"] > 0
-        return
-    said = cli(*CHANGED, cwd=folder, env=env, code=2, start=PROGRAM).stderr
-    assert re.search(rf"belong to another sweep: they differ in {named}", said)
-    assert {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()} == before
-    assert not (folder / OUT).exists()
