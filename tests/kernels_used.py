@@ -172,7 +172,6 @@ def kernels() -> tuple[KernelSpec, ...]:
     return (
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
-        simulated("rk4", BUMPER),
         *(simulated(method, "hertz_damped", scene=BUMPED) for method in ("rk4", "newmark")),
         simulated("exact", "kelvin_voigt", scene=PADDED),
         simulated("rk4", "kelvin_voigt", scene=TALL),

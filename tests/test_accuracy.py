@@ -122,18 +122,6 @@ def test_smaller_errors_cost_more():
     assert costs[4] > 1.5 * costs[2]
 
 
-def test_softer_contacts_take_larger_steps():
-    plan = make(accuracy=1e-4, method="rk4").plan()
-    for i, law in enumerate(plan.laws[:-1]):
-        mine = plan.unique.law == i
-        least = [plan.steps[mine & (plan.unique.stiffness == k)].max() for k in np.unique(plan.unique.stiffness[mine])]
-        assert least == sorted(least), law.key
-        assert least[-1] > least[0], law.key
-    assert len({chunk.steps for chunk in plan.chunks(np.arange(len(plan.unique)))}) > 2
-    for chunk in plan.chunks(np.arange(len(plan.unique))):
-        assert (plan.steps[chunk.rows] == chunk.steps).all()
-
-
 def test_the_cube_says_what_was_chosen(tmp_path):
     out = tmp_path / "out.nc"
     sweep = make(accuracy=1e-3, laws=["linear", "kelvin_voigt", "none"])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernels_used import LAW_OF, SIMULATED
+from kernels_used import LAW_OF
 from naive import NaiveBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
@@ -107,23 +107,6 @@ def test_multi_storey_buildings_follow_their_exact_solution(method):
         tolerance = 5e-7 if method == "rk4" else 2e-3
         near(got.displacement.sel(building=b.name), u, tolerance)
         near(got.velocity.sel(building=b.name), v, tolerance)
-
-
-@pytest.mark.parametrize("method", ["rk4", *(pytest.param(m, marks=pytest.mark.slow) for m in ("newmark", "exact"))])
-def test_a_tall_row_that_never_touches_follows_its_exact_solution(method):
-    """The kernel of a long row, split over several lane loops, in flight."""
-    tower = ps.Building("tower", np.linspace(130.0, 80.0, 12), np.linspace(6e5, 3e5, 12))
-    annex = ps.Building("annex", [120.0] * 5, [3.5e5] * 5)
-    record = shaking(1.5)
-    row = ps.Scene([tower, annex], gaps=[5.0])
-    got = ps.simulate(row, record, law="kelvin_voigt", stiffness=8e5, restitution=0.6, method=method, dt=record.dt / 80)
-    assert int(got.impact_count.max()) == 0
-    for b in (tower, annex):
-        u, v = modal_exact(NaiveBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
-        tolerance = 1e-7 if method == "rk4" else 2e-3
-        mine = got.isel(time=slice(None, None, 80)).sel(building=b.name, storey=slice(1, b.n_storeys))
-        near(mine.displacement, u, tolerance)
-        near(mine.velocity, v, tolerance)
 
 
 @pytest.mark.slow
@@ -243,14 +226,6 @@ def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
 
 
 # -- laws of mechanics -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_first_impact_knows_no_law(method):
-    first = {law: shake(law, method=method).first_impact_time.values for law in SIMULATED[method]}
-    earliest = np.nanmin(first[LAW_OF[method]])
-    assert 0 < earliest < 2.0
-    near(np.array([np.nanmin(times) for times in first.values()]), earliest, 1e-9)  # roots of other polynomials
 
 
 @pytest.mark.parametrize(("beta", "gamma", "order"), [(1 / 6, 0.5, 1.8), (0.25, 0.5, 1.8), (0.3025, 0.6, 0.9)])

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from against_twin import check_twin, errors, motion, number_of, simulate, truth
-from kernels_used import BUMPED, BUMPER, PADDED
+from against_twin import errors, motion, number_of, simulate, truth
+from kernels_used import BUMPED, BUMPER
 from scenes import pair
 from test_analysis_gaps import told
 
@@ -16,7 +16,6 @@ import pounding_sweep as ps
 from pounding_sweep.accuracy.law_check import solved_restitution
 from pounding_sweep.analysis import gap_for_probability, required_gap
 from pounding_sweep.base.errors import InputError, LawError, SweepError
-from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
 from pounding_sweep.plan.advice import shortest_contact
@@ -87,16 +86,6 @@ def test_a_law_is_damped_on_one_side_and_has_a_thickness():
 # -- in a row ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("method", "dt", "bound"), [("rk4", 1e-3, 1e-5), pytest.param("newmark", 5e-4, 6e-3, marks=pytest.mark.slow)]
-)
-def test_every_variable_equals_the_twins(method, dt, bound):
-    got = check_twin(SCENE, BUMPER, bound, 81, 2.0, method=method, dt=dt)
-    assert float(got.penetration_max.max()) > 0.8 * BUMPER.thickness  # squeezed flat
-    assert int(got.impact_count.sum()) > 3
-    assert float(got.contact_force.min()) == 0.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("stop", [1.0, 6.0])
 @pytest.mark.parametrize(
@@ -161,24 +150,6 @@ def test_a_gap_has_room_for_its_bumpers(make, given, said):
 
 
 PAD, STOP = BUMPED.bumpers
-
-
-def test_contacts_of_several_laws_are_stepped_by_one_series():
-    """Where all are polynomials of the motion; `kinds` has what comes of it."""
-    shapes = [kernel_shape(scene, LAWS["kelvin_voigt"], Numerics("exact", 1e-3), ()) for scene in (PADDED, BUMPED)]
-    assert [bool(shape.series) for shape in shapes] == [True, False]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
-def test_bumpers_of_the_law_of_the_sweep_change_nothing(method):
-    bare = replace(BUMPED, bumpers=())
-    same = replace(
-        BUMPED, bumpers=[ps.Bumper("a-b", "kelvin_voigt", 8e5, 0.6), ps.Bumper("c-wall", "kelvin_voigt", 8e5, 0.6)]
-    )
-    one, other = (simulate(scene, "kelvin_voigt", method=method, dt=1e-3) for scene in (bare, same))
-    for name in ("impact_force_max", "displacement_max", "energy_damping", "steps_per_contact"):
-        np.testing.assert_allclose(other[name], one[name], rtol=1e-9)
 
 
 def test_what_never_touches_is_told_by_the_gap_that_each_bumper_leaves():

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from naive import NaiveBuilding, modal_exact
 from scenes import call
 
 import pounding_sweep as ps
@@ -151,14 +150,6 @@ def test_the_same_seed_gives_the_same_scenes():
         np.testing.assert_array_equal(a.table.gaps, b.table.gaps)
         assert (a.scene, a.record) == (b.scene, b.record)
         assert not np.array_equal(a.table.gaps, c.table.gaps)
-
-
-def test_laws_share_the_slow_kernels_of_their_exponent():
-    laws = [LAWS[key] for key in ("linear", "kelvin_voigt", "hertz")]
-    of = {family: {b.law.key for b in suite.family_batches([family], laws)} for family in ("row", "gap", "columns")}
-    assert of["row"] == {"linear", "hertz"}
-    assert of["gap"] == {"linear", "kelvin_voigt", "hertz"}
-    assert of["columns"] == {"linear", "kelvin_voigt"}  # else it is no spring in series with a column
 
 
 @pytest.mark.parametrize(
@@ -330,18 +321,6 @@ def test_newmark_stays_bounded_at_any_step(law, dts):
         assert 0.0 < bounded.energy.max() < 1.0
 
 
-def test_rows_of_families_are_what_they_say():
-    near, far, deep = suite.staggered(3.0015), suite.staggered(5.9985), suite.staggered(5.99, depth=2.98)
-    assert [(c.struck, c.below, round(c.xi, 6)) for c in near.contacts] == [(1, 1, 5e-4), (0, -1, round(3 / 3.0015, 6))]
-    assert [round(c.xi, 6) for c in far.contacts] == [0.9995, round(3 / 5.9985, 6)]
-    assert [(c.struck, round(c.xi, 3)) for c in deep.contacts] == [(1, 0.5), (0, round(3 / 5.99, 3))]
-    softest = suite.all_families()["columns"][-2][1].buildings[1]
-    assert softest.column_stiffnesses == pytest.approx(1e-6 * np.array(softest.stiffnesses))
-    left, right = suite.yielding_pair(0.1, 0.05).buildings  # strengths are taken over the masses above
-    assert [left.yield_strengths, right.yield_strengths] == pytest.approx(np.array([[20.0, 10.0], [200.0, 100.0]]))
-    assert suite.yielding_pair(np.inf, 0.0).yields == (False, False, True, True)
-
-
 @pytest.mark.slow
 def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
     (batch,) = suite.family_batches(["together"], [LAWS["kelvin_voigt"]])
@@ -381,28 +360,6 @@ def test_quickening_by_damping():
     np.testing.assert_allclose(LAWS["modified_kelvin_voigt"].quickening(e), np.sqrt(1 + 1.5 * (1 / e**2 - 1)))
     # 2 xi, xi = (1 - e^2) / (e (e (pi - 2) + 2)), once the dashpot is more than half critical
     assert LAWS["linear_viscoelastic"].quickening(0.1) == pytest.approx(2 * 0.99 / (0.1 * (0.1 * (np.pi - 2) + 2)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "gamma", "beta"),
-    [("newmark", 0.5, 0.25), ("newmark", 0.5, 1 / 6), ("newmark", 0.51, 0.26), ("rk4", 0.5, 0.25)],
-)
-@pytest.mark.parametrize("damping", [0.0, 0.05])
-def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping):
-    """Against the exact free vibration of one mass: the miss, in radians, of what the building still remembers."""
-    w, dt, points = 20.0, 0.01 if method == "newmark" else 0.03, 201
-    building = ps.Building("one", [1.0], [w * w], damping)
-    quiet = ps.Record("quiet", dt, np.zeros(points))
-    numerics = Numerics(method, dt, beta=beta, gamma=gamma)
-    told = phase_error(ps.Scene([building]), quiet, numerics)
-    settings = {"beta": beta, "gamma": gamma} if method == "newmark" else {}
-    one = ps.simulate(ps.Scene([building]), quiet, method=method, dt=dt, initial_velocity=[[1.0]], **settings)
-    naive = NaiveBuilding([1.0], [w * w], rayleigh=building.rayleigh)
-    exact, _ = modal_exact(naive, np.zeros(points), dt, velocity=np.array([1.0]))
-    missed = np.abs(one.displacement.values.ravel() - exact.ravel()).max() * w  # of an amplitude of 1 / w
-    # a motion that decays like exp(-t) is missed most by 1/e of the phase error gathered within its memory
-    assert missed == pytest.approx(told / np.e if damping else told, rel=0.35)
 
 
 @pytest.mark.slow

@@ -163,12 +163,3 @@ def test_variants_side_by_side_are_those_of_their_own(windows, outputs, monkeypa
         alone = kernel.run(record, **part, variants=variants[[i]])
         for name, values in alone.items():
             np.testing.assert_array_equal(values[0], found[name][i], err_msg=name)
-
-
-def test_a_history_is_that_of_the_scenario():
-    """Motion, energies and force of one scenario, step by step, against its peaks."""
-    one = ps.simulate(pair(0.002), motions()[0], law="kelvin_voigt", method="exact", dt=1e-3)
-    assert int(one.impact_count.sum()) > 1
-    top = one.displacement.max("time") / one.displacement_max
-    assert float(top.min()) > 0.999
-    assert float(top.max()) <= 1.0 + 1e-9

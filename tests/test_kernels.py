@@ -284,23 +284,6 @@ def test_an_undamped_law_in_the_kernel_of_a_damped_one_to_the_last_bit(law, host
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", SCHEMES)
-def test_buildings_of_equal_lanes_are_those_of_the_scene_to_the_last_bit(method):
-    """A kernel that reads the buildings lane by lane does the arithmetic of the one that shares them."""
-    numerics, record = Numerics(method, 2e-3), motion(76)
-    shared = RowKernel(PAIR, LAWS["kelvin_voigt"], numerics, reducers_for(EVERY))
-    varied = replace(shared, varied=True)
-    assert varied.shape.varied
-    assert not shared.shape.varied
-    k, e, one = np.full(5, 8e5), np.linspace(0.3, 0.9, 5), np.ones(5)
-    gaps = np.linspace(0.0, 0.01, 5)[:, None]
-    want, got = (run_lanes(kernel, record, one, gaps, k, e) for kernel in (shared, varied))
-    for name, values in want.items():
-        # flight matrices of the two come from the same formula, row by row or all at once
-        np.testing.assert_allclose(got[name], values, rtol=1e-9 if method == "exact" else 0, err_msg=name)
-
-
-@pytest.mark.slow
 def test_asking_for_less_changes_nothing():
     """A kernel without energies, histories and accelerations gives the same bits for what is left."""
     record = motion(76, 1.5)

@@ -85,33 +85,6 @@ def test_a_period_factor_is_one_under_the_weights():
 # -- where a row falls -------------------------------------------------------------------------------------------------
 
 
-def standing(strengths, scale=1.0, p_delta=True, outputs=("ductility_max", "drift_max", "status", "residual_drift")):
-    """One storey under one motion, its strength varied: status and ductility."""
-    tower = ps.Building("a", [100.0], [3e3], 0.02, [3.0], yield_strengths=[200.0], p_delta=p_delta)
-    sweep = ps.Sweep(
-        ps.Scene([tower]), motion(501, 1.5), laws="none", strength_factors={"a": list(strengths)}, outputs=list(outputs)
-    )
-    return sweep.run()
-
-
-@pytest.mark.slow
-def test_ductility_grows_without_end_as_strength_falls():
-    """A weaker storey drifts farther, and at last falls: status diverged, no values; upright it would not."""
-    strengths = np.geomspace(2.0, 0.1, 40)
-    cube, plain = standing(strengths), standing(strengths, p_delta=False)
-    fallen = cube.status.values.ravel() == Status.DIVERGED
-    first = int(fallen.argmax())
-    assert 5 < first < 35
-    assert (plain.status == Status.OK).all()
-    mine, own = (each.ductility_max.values.ravel() for each in (cube, plain))
-    assert np.isnan(mine[fallen]).all()
-    assert np.isfinite(mine[:first]).all()
-    assert mine[:first].max() > 1.5 * own[:first].max()
-    np.testing.assert_array_equal(
-        standing(strengths, outputs=["displacement_max"]).status.values.ravel(), cube.status.values.ravel()
-    )
-
-
 @pytest.mark.parametrize(("share", "falls"), [pytest.param(0.999, False, marks=pytest.mark.slow), (1.001, True)])
 def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls):
     """Without damping or ground motion the start decides: m v^2 / 2 against the work up to the drift Vy h / P.

@@ -238,14 +238,6 @@ def test_newmark_has_no_limit_unless_its_parameters_give_one():
         assert growths[0] <= 1.0 + 1e-9 < growths[1]
 
 
-def test_stiffer_linear_contacts_lower_the_limit():
-    rk4 = SCHEMES["rk4"]
-    assert limit_of(rk4, row(), get_law("linear"), 2e5, 1.0) < limit_of(rk4, row(), get_law("linear"), 1e5, 1.0)
-    # a Hertz-type contact has no stiffness before it closes, one beside exact flight has sub-steps of its own
-    for scheme, key in ((rk4, "hertz"), (SCHEMES["exact"], "linear")):
-        assert limit_of(scheme, row(), get_law(key), 1e9, 1.0) == limit_of(rk4, row(), get_law("none"), 0.0, 1.0)
-
-
 def test_where_central_differences_are_stable():
     """By the closed form of `schemes/central_difference.py`, in steps x of the frequency and y of the damper."""
     scheme = SCHEMES["central_difference"]

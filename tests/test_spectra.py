@@ -162,14 +162,6 @@ def test_spectra_are_labelled_with_units():
     assert response_spectrum(EL_CENTRO)["period"].values.tolist() == USUAL_PERIODS.tolist()
 
 
-def test_each_period_is_independent_of_its_neighbours():
-    periods = USUAL_PERIODS[::29]
-    together = response_spectrum(EL_CENTRO, periods)["absolute_acceleration"].values
-    alone = [response_spectrum(EL_CENTRO, float(p))["absolute_acceleration"].item() for p in periods]
-    np.testing.assert_allclose(together, alone, rtol=1e-13)
-    assert np.array_equal(response_spectrum(EL_CENTRO.scaled(4.0), periods)["absolute_acceleration"], 4 * together)
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [

@@ -10,7 +10,6 @@ from against_twin import both, errors, simulate, truth
 from scenes import EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SweepError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.spec.spec import METHODS
@@ -99,11 +98,6 @@ def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
     kinetic = float(one.kinetic.max())
     assert kinetic < 0.5 * 100.0 * 0.5**2  # no bounce makes energy
     assert float(one.contact_work.sum()) == pytest.approx(0.5 * 100.0 * 0.2**2, rel=1e-4)  # all of it is lost here
-
-
-def test_steps_that_are_not_split_at_the_touch_are_refused():
-    with pytest.raises(SweepError, match=r"stereomechanical.*locate = true"):
-        ps.Sweep("mate2015", records="el_centro", laws="stereomechanical", restitutions=0.5, locate=False)
 
 
 def test_a_sweep_asks_for_no_stiffness(stub_engine):
