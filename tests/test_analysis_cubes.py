@@ -395,17 +395,6 @@ def test_equal_realised_restitution_is_what_a_sweep_on_that_basis_gives(cube):
         assert float(nominal) > 0.015  # at equal nominal restitution they are others
 
 
-def test_a_gap_that_is_never_closed_amplifies_nothing(cube):
-    ratios = analysis.amplification(cube)
-    open_gap = ratios.sel(gap=0.5)
-    assert (open_gap.touches == 0.0).all()
-    np.testing.assert_array_equal(open_gap.displacement_peak_ratio, 1.0)
-    assert (ratios.displacement_peak_ratio.sel(gap=0.002) != 1.0).any()
-    share = analysis.impact_statistics(cube, ["record", "restitution"]).pair_touching_share
-    np.testing.assert_array_equal(share.sel(gap=0.5), 0.0)
-    assert (share.sel(gap=0.002) > 0.0).all()
-
-
 def test_response_without_pounding_is_proportional_to_its_spectral_acceleration():
     """Of a one-storey building, displacement over Sa is the same for every record: (T / 2 pi)^2."""
     scene = row()

@@ -23,7 +23,7 @@ from pounding_sweep.outputs.variables import Status, reducers_for, relative_erro
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import synthetic_record
 from pounding_sweep.run import audit
-from pounding_sweep.run.audit import candidates, draw
+from pounding_sweep.run.audit import draw
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
 
@@ -287,18 +287,6 @@ def test_the_file_holds_it(tmp_path):
         assert (file["audit_error"].units, file["audit_gap"].units) == ("1", "m")
         assert file["audit_status"].flag_meanings == file["status"].flag_meanings
     json.dumps(audit_table(cube), allow_nan=False)
-
-
-def test_refused_and_untouched_scenarios_are_no_candidates():
-    sweep = make(stiffness_factors=[1.0, 1e3])
-    cube = sweep.run(scheduler="synchronous")
-    plan, outcome = sweep.plan(), sweep.last_outcome
-    rows = candidates(plan, outcome)
-    assert not plan.refused[rows].any()
-    assert not plan.no_contact[rows].any()
-    assert len(rows) == cube.attrs["audit_touching"] == outcome.results.touched.sum()
-    outcome.results.status[:] = Status.NOT_RUN
-    assert not len(candidates(plan, outcome))
 
 
 @pytest.mark.slow

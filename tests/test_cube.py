@@ -42,11 +42,8 @@ from pounding_sweep.outputs.variables import (
     Slot,
     Status,
     check_outputs,
-    cube_variables,
     inner_shape,
-    mask_invalid,
     output_slots,
-    reducers_for,
     scatter_contact,
     scatter_dof,
 )
@@ -57,14 +54,7 @@ def building(name, n, height=3.0):
     return Building(name, [100.0] * n, [1e5] * n, storey_heights=[height] * n)
 
 
-#: Three, one and two storeys between two walls; the last one's floors meet none of its neighbour's.
-UNEQUAL = Scene(
-    [Wall("moat"), building("low", 3), building("one", 1), building("odd", 2, height=2.5), Wall("rock")],
-    gaps=[0.01, 0.02, 0.03, 0.04],
-    allow_unmet=True,
-)
 SCENE = Scene([building("left", 3), building("right", 2)], gaps=[0.01])
-SINGLE = Scene([building("alone", 2)])
 AXES = [
     CubeAxis("law", ["none", "kelvin_voigt"], "", "contact law"),
     CubeAxis("gap", [0.01, 0.02, 0.05], "m", "gap"),
@@ -148,13 +138,6 @@ class TestRegistry:
         with pytest.raises(InputError, match="list of names"):
             check_outputs(None)
 
-    def test_reducers(self):
-        assert reducers_for([]) == frozenset()
-        assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
-        assert reducers_for(["energy_transfer_max"]) == {"transfer"}
-        assert reducers_for(VARIABLES) == set(REDUCERS)
-        assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
-
     @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
     def test_one_entry_makes_a_reducer(self, law, monkeypatch):
         """First value, onsets and sub-steps: here, seven and the last approach speed, and the time beside contacts."""
@@ -183,15 +166,6 @@ class TestRegistry:
 
 
 class TestScatter:
-    def test_walls_and_unequal_heights(self):
-        assert scatter_contact(np.zeros((5, 0)), SINGLE).shape == (5, 0, 2)
-        floors = scatter_dof(np.arange(6, dtype="i4"), UNEQUAL)
-        assert (floors.dtype, floors.tolist()) == (np.int32, [[0, 1, 2], [3, -1, -1], [4, 5, -1]])
-        assert [(c.pair, c.storey) for c in UNEQUAL.contacts] == [(0, 1), (0, 2), (0, 3), (1, 1), (3, 1), (3, 2)]
-        nan = np.nan
-        meeting = scatter_contact(np.arange(6.0), UNEQUAL)
-        np.testing.assert_array_equal(meeting, [[0, 1, 2], [3, nan, nan], [nan, nan, nan], [4, 5, nan]])
-
     @given(
         heights=st.lists(st.tuples(st.integers(1, 5), st.sampled_from([2.5, 3.0, 5.0])), min_size=1, max_size=4),
         walls=st.tuples(st.booleans(), st.booleans()),
@@ -215,25 +189,6 @@ class TestScatter:
         assert (got != INTEGER_FILL).sum() == counts.size
 
 
-class TestMask:
-    def test_only_scenarios_without_values_lose_them(self):
-        axes = [CubeAxis("case", range(len(STATUS)))]
-        arrays = results(SCENE, axes)
-        arrays["status"][:] = [int(s) for s in STATUS]
-        before = {name: values.copy() for name, values in arrays.items()}
-        masked = mask_invalid(arrays)
-        for s in STATUS:
-            for name, values in masked.items():
-                if name != "status" and not s.has_values:
-                    expected = np.full_like(values[s], VARIABLES[name].fill)
-                else:
-                    expected = before[name][s]
-                np.testing.assert_array_equal(values[s], expected)
-                assert values.dtype == before[name].dtype
-        for name, values in arrays.items():
-            np.testing.assert_array_equal(values, before[name])
-
-
 class TestAssemble:
     def test_labels(self, cube):
         assert cube["impact_force_max"].dims == ("law", "gap", "record", "pair", "storey")
@@ -247,35 +202,6 @@ class TestAssemble:
         np.testing.assert_array_equal(cube["contact_elevation"].sel(pair="left-right"), [3.0, 6.0, np.nan])
         assert cube.attrs["Conventions"] == "CF-1.11"
         assert json.loads(cube.attrs["sweep"]) == {"gaps": [0.01, 0.02, 0.05]}
-
-    def test_values_are_where_they_belong(self):
-        arrays = results(SCENE, AXES)
-        cube = assemble(SCENE, AXES, arrays)
-        point = {"law": "kelvin_voigt", "gap": 0.05, "record": "el_centro"}
-        for name in ("displacement_max", "impact_force_max", "contact_work", "energy_residual", "status"):
-            np.testing.assert_array_equal(cube[name].sel(point), arrays[name][1, 2, 0])
-        counts = cube["impact_count"].sel({**point, "pair": "left-right"}).values
-        assert counts[:2].tolist() == arrays["impact_count"][1, 2, 0, 0, :2].tolist()
-        assert np.isnan(counts[2])
-
-    def test_walls_and_unequal_heights(self):
-        cube = assemble(UNEQUAL, AXES[:1], results(UNEQUAL, AXES[:1]))
-        assert cube["pair"].values.tolist() == ["moat-low", "low-one", "one-odd", "odd-rock"]
-        elevation = cube["contact_elevation"]
-        assert elevation.sel(pair="moat-low").values.tolist() == [3.0, 6.0, 9.0]
-        assert elevation.sel(pair="odd-rock").values[:2].tolist() == [2.5, 5.0]
-        there = np.isfinite(cube["impulse"].isel(law=0))
-        np.testing.assert_array_equal(there, np.isfinite(elevation))
-
-    def test_single_building(self, tmp_path):
-        arrays = results(SINGLE, AXES[2:])
-        cube = assemble(SINGLE, AXES[2:], arrays)
-        assert "pair" not in cube.dims
-        assert "pair" not in cube.coords
-        assert not [n for n in cube.data_vars if "pair" in VARIABLES[n].dims]
-        write_cube(cube, tmp_path / "one.nc")
-        with open_cube(tmp_path / "one.nc") as again:
-            xr.testing.assert_identical(again.load(), cube)
 
     def test_listed_cases(self, tmp_path):
         axes = [CubeAxis("case", np.arange(3), "1", "listed case")]
@@ -546,14 +472,6 @@ class TestDescribe:
         low, high = float(ok.min()), float(ok.max())
         expected = f"drift_max m {low:.6g} to {high:.6g} largest interstorey drift, per building and storey"
         assert expected in lines
-
-    def test_the_same_from_a_file_written_again(self, cube, tmp_path):
-        path = write_cube(cube, tmp_path / "cube.nc")
-        with open_cube(path) as again:
-            assert describe(again) == describe(cube)
-            write_cube(again, path, overwrite=True)
-        with open_cube(path) as third:
-            xr.testing.assert_identical(third.load(), cube)
 
     @pytest.mark.parametrize(
         "given",

@@ -129,32 +129,6 @@ def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis):
     assert len(ran) == len(set(ran))
 
 
-def test_nothing_new_runs_nothing(whole, ran, tmp_path):
-    job = sweep(title="the same again", audit=0.0)
-    found = job.run(extend=write_cube(whole, tmp_path / "old.nc"), workers=1)
-    assert ran == []
-    same(found, job.run(workers=1))
-    assert len(ran) == json.loads(found.attrs["extended_from"])["scenarios_taken"]
-
-
-def test_the_output_itself_may_be_extended(whole, tmp_path):
-    out = tmp_path / "study.nc"
-    sweep(**LESS).run(out, workers=1).close()
-    with sweep().run(out, extend=out, overwrite=True, workers=2) as found:
-        same(found, whole)
-    assert not (tmp_path / "study.nc.parts").exists()
-
-
-def test_scenarios_without_result_are_run(whole, ran, tmp_path):
-    with sweep().run(tmp_path / "old.nc", workers=1) as old:
-        failed = old.load().copy(deep=True)
-    failed["status"][2, 0] = int(Status.NOT_RUN)
-    failed["impact_force_max"][2, 0] = np.nan
-    ran.clear()
-    same(sweep().run(extend=write_cube(failed, tmp_path / "failed.nc"), workers=1), whole)
-    assert {(law, gaps[0]) for law, *_, gaps in ran} == {("kelvin_voigt", 0.0005)}
-
-
 def test_a_sweep_too_small_for_runs_without_pounding(tmp_path):
     """Scenarios that never touch may come from another kernel: those are run again rather than taken."""
     few = {

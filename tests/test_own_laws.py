@@ -265,16 +265,6 @@ def test_a_run_does_not_go_on_with_a_changed_law(tmp_path, monkeypatch):
     assert again.last_outcome.reused == 2
 
 
-def test_a_law_goes_to_other_processes_with_its_chunk(tmp_path):
-    """Its file is gone by then."""
-    path = law_file(tmp_path)
-    plan = make_plan(sweep(path).spec)
-    path.unlink()
-    there = pickle.loads(pickle.dumps(plan.kernel(0)))
-    assert there.law == plan.laws[0]
-    assert there.shape == plan.kernel(0).shape
-
-
 # -- kernels -----------------------------------------------------------------------------------------------------------
 
 

@@ -21,7 +21,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper import compare
 from pounding_sweep.paper.compare import Judgement, Outcome, Verdict, judge, side_by_side
-from pounding_sweep.paper.report import agreement, step_grid, table_grid
+from pounding_sweep.paper.report import agreement, table_grid
 from pounding_sweep.paper.study import (
     READINGS,
     RECORDS,
@@ -215,28 +215,6 @@ def test_claims_are_judged_apart_and_floors_that_do_not_touch_are_no_cases():
 SHARES = {HOLDS: (9, 10), PARTLY: (5, 10), FAILS: (1, 10), UNTESTED: (0, 0)}
 
 
-def test_a_claims_verdict_follows_its_share_and_a_conclusion_its_claims():
-    for verdict, shares in {**SHARES, PARTLY: (89, 100), FAILS: (49, 100)}.items():
-        assert Outcome(*shares, "").verdict is Outcome(*SHARES[verdict], "").verdict is verdict
-    for claims, verdict in (
-        ([UNTESTED, UNTESTED], UNTESTED),
-        ([HOLDS, UNTESTED, HOLDS], HOLDS),
-        ([FAILS, FAILS, UNTESTED], FAILS),
-        ([HOLDS, FAILS], PARTLY),
-        ([PARTLY, FAILS], PARTLY),
-    ):
-        assert Judgement({}, "", [Outcome(*SHARES[claim], "") for claim in claims]).verdict is verdict
-
-
-def test_the_spread_of_a_bell_is_its_width():
-    """exp(-x^2 / 2 s^2) in the logarithm x of the period is above a half over 2 s sqrt(2 ln 2)."""
-    period = np.geomspace(0.02, 3.0, 2000)
-    bell = np.exp(-0.5 * (np.log(period / 0.3) / 0.2) ** 2)
-    values = xr.DataArray(7.0 * bell, dims="period", coords={"period": period})
-    assert float(compare.spread(values)) == pytest.approx(0.4 * np.sqrt(2.0 * np.log(2.0)), rel=0.01)
-    assert float(compare.spread(xr.ones_like(values))) == pytest.approx(np.log(3.0 / 0.02), rel=0.01)
-
-
 def test_table_5_has_models_without_a_first_impact():
     damped = ["hertz_damped", "nonlinear_viscoelastic"]
     assert compare.silent_models(published(5)) == {"el_centro": damped, "arleta": damped}
@@ -286,14 +264,6 @@ def test_the_hertz_fit_is_the_ratio_to_table_5(factor):
     fit = force_fit(table.sel(record=["el_centro"]) + 5.0)  # where one model has no force in the table
     assert fit.cells.values.tolist() == [4, 0]
     assert fit.force_ratio.isnull().values.tolist() == [False, True]
-
-
-def test_the_table_of_steps_has_a_row_for_every_way():
-    grid = step_grid(steps(), READINGS["as_run"])
-    assert len(grid.rows) == 2 * 2 * 2
-    assert grid.rows[0][:3] == ["rk4", "no", "20"]
-    assert set(grid.rows[0][3:7]) == {"-"}
-    assert grid.rows[1][3:] == ["1.0e-06"] * 4 + ["ok"]
 
 
 def test_the_largest_step_is_the_last_before_an_error():

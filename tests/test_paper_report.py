@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from paper_study import along, histories, make_study, outputs
 from scenes import call
 
@@ -20,7 +19,7 @@ import pounding_sweep as ps
 from pounding_sweep.analysis.comparisons.responses import energy_transfer
 from pounding_sweep.paper.figures import PAPER_FIGURES, save_figures
 from pounding_sweep.paper.report import contents_of, summary, write_report
-from pounding_sweep.paper.study import INTERVAL, READINGS, scenario, sweep_of, thin_out
+from pounding_sweep.paper.study import READINGS, scenario, sweep_of, thin_out
 
 #: Eight bytes that begin every PNG file.
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -118,22 +117,6 @@ def test_figures_show_numbers_where_they_belong(study):
     assert shears[0].get_ydata().tolist() == [0, 1, 1, 2, 2, 3]
     late = PAPER_FIGURES[20][1](replace(study, histories=histories(quiet_after=2.0)))
     assert late.axes[0].get_xlim()[1] < 2.2  # the quiet end of a record is not drawn
-
-
-def test_histories_keep_the_peaks_of_forces():
-    time = np.linspace(0.0, 0.1, 101)
-    rng = np.random.default_rng(1)
-    force, floors = rng.random((time.size, 2, 3)), rng.random((time.size, 3, 3))
-    energies = {name: (("time", "building"), rng.random((time.size, 3))) for name in ("kinetic", "strain", "damping")}
-    arrays = {"contact_force": (("time", "pair", "storey"), force)}
-    arrays |= {"displacement": (("time", "building", "storey"), floors), **energies}
-    thin = thin_out(xr.Dataset(arrays, {"time": time, "storey": [1, 2, 3]}))
-    every = round(INTERVAL / 0.001)
-    np.testing.assert_allclose(thin.time, np.arange(0.0, 0.1001, INTERVAL))
-    for i in range(10):
-        np.testing.assert_array_equal(thin.roof_force[i], force[every * i : every * (i + 1), :, 2].max(axis=0))
-    np.testing.assert_array_equal(thin.roof_displacement, floors[::every, :, 2])
-    np.testing.assert_allclose(thin.structural_energy, sum(values for _, values in energies.values())[::every])
 
 
 def test_the_command_refuses_what_it_cannot_use(tmp_path):

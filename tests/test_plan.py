@@ -161,30 +161,6 @@ def test_listed_cases_equal_brute_force(monkeypatch):
     assert [str(v) for v in cube["law"].values] == [case["law"] for case in cases]
 
 
-def closing(scene, record, scale=1.0):
-    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", 0.005), reducers_for(OUTPUTS) | {"closing"})
-    one = np.ones(1)
-    raw = kernel.run(record, scale=one * scale, gaps=np.full((1, 2), np.inf), stiffness=0 * one, restitution=one)
-    return raw["closing"][0]
-
-
-@pytest.mark.slow
-def test_gaps_on_the_brink_of_touching():
-    scene, record = row(), motions()[0]
-    d = closing(scene, record)
-    factors = [1 - 1e-4, 1 - 1e-7, 1.0, 1 + 1e-7, 1 + 1e-4]
-    cases = [{"law": "hertz", "gap": tuple(f * d)} for f in factors]
-    sweep = Sweep(scene, record, cases=cases, dt=0.005, outputs=OUTPUTS, audit=0.0)  # half the step may touch or not
-    cube = sweep.run(workers=1)
-    for i, f in enumerate(factors):
-        expected = alone(scene, record, "hertz", 1e6, 1.0, f * d, 1.0)
-        for name in VALUES:
-            exactly(cube[name][i], as_in_cube(name, expected[name]), (name, f))
-    assert cube["impact_count"][0].sum() >= 1  # whichever pair comes first
-    assert cube["impact_count"][-2:].sum() == 0
-    assert sweep.last_outcome.untouched == 2
-
-
 def test_no_floors_meet():
     """Where no floors are level, no law has anything to do."""
     scene = Scene(

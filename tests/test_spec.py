@@ -10,8 +10,6 @@ import bad_sweeps
 import numpy as np
 import pytest
 from bad_sweeps import GOOD
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
@@ -149,13 +147,6 @@ def test_ranges():
     assert Range(0.5, 0.5, 1).values() == (0.5,)
     assert Range(-0.3, 0.3, 7).values() == (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
     assert build(gaps=Range(0.03, 0.01, 3)).gaps == (0.03, 0.02, 0.01)
-
-
-@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.integers(2, 50))
-def test_range_agrees_with_linspace(start, stop, count):
-    values = Range(start, stop, count).values()
-    assert (values[0], values[-1], len(values)) == (start, stop, count)
-    np.testing.assert_allclose(values, np.linspace(start, stop, count), rtol=0, atol=1e-11 * max(abs(start), abs(stop)))
 
 
 # --- cases ----------------------------------------------------------------------------------------------------------

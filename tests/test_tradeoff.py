@@ -246,20 +246,6 @@ def test_only_touching_scenarios_are_drawn_and_always_the_same(sweep):
     np.testing.assert_array_equal(draw(plan, 6, seed=3).rows, sample.rows)
 
 
-def test_lane_groups_are_whole_in_large_sweeps():
-    other = ps.Record("other", SHORT.dt, 0.8 * SHORT.acceleration)
-    plan = make_sweep(records=[SHORT, other], gaps=list(np.linspace(0.001, 0.005, 40))).plan()
-    sample = draw(plan, 4 * LANES, seed=0)
-    groups = sample.rows.reshape(4, LANES)
-    for rows in (*groups, *sample.timed):
-        assert len(set(plan.unique.law[rows])) == len(set(plan.unique.record[rows])) == 1
-        assert len(rows) % LANES == 0
-    assert len(np.unique(sample.rows)) == 4 * LANES
-    for rows in sample.timed:  # side by side: neighbouring gaps
-        assert np.diff(np.sort(plan.unique.gaps[rows, 0])).max() < 1.5 * 0.004 / 39
-    assert {plan.unique.law[rows[0]] for rows in groups} == {plan.unique.law[rows[0]] for rows in sample.timed}
-
-
 NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
 
 
@@ -275,19 +261,6 @@ def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points
             beaten = any(x <= c and y <= e and (x < c or y < e) for x, y in usable)
             assert on == (not beaten)
     assert front.any() == bool(usable)
-
-
-@given(st.lists(st.floats(0, 1) | st.just(np.inf), min_size=1, max_size=40))
-def test_statistics_are_errors_of_scenarios(errors):
-    """Those that have one."""
-    table = xr.DataArray([[np.nan, np.nan], *([error, 1.0] for error in errors)], dims=("scenario", "output"))
-    median, p90, worst = module.statistics(table).isel(output=0).values
-    assert worst == max(errors)
-    assert sum(e <= median for e in errors) >= 0.5 * len(errors)
-    assert sum(e < median for e in errors) < 0.5 * len(errors)
-    assert sum(e <= p90 for e in errors) >= 0.9 * len(errors)
-    assert {median, p90, worst} <= set(errors)
-    assert module.statistics(table[:1]).isnull().all()
 
 
 def test_the_file_holds_everything(trade, sweep, tmp_path):
