@@ -545,19 +545,16 @@ class Link:
         set_fields(self, floors=tuple(pairs))
 
 
-@dataclass(frozen=True)
-class LinkedFloors:
+class LinkedFloors(NamedTuple):
     """One link of a scene."""
 
-    #: index of the pair of neighbours, and the storey of its left floor
-    pair: int
-    storey: int
+    pair: int  # index of the pair of neighbours
+    storey: int  # of its left floor
     #: degrees of freedom
     left: int
     right: int
-    #: kN/m and kN s/m
-    stiffness: float
-    damping: float
+    stiffness: float  # kN/m
+    damping: float  # kN s/m
     place: int  # index of its label along ``pair`` in results
 
 

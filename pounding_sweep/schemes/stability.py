@@ -67,9 +67,7 @@ def largest_step(
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, building_rate + (link[1] + contact_c * contact) / mass)
             continue
-        rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
-        dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
-        dampers = (dampers[:-1] + 2.0 * dampers[1:] + np.append(0.0, dampers[1:-1])) / masses
+        rows, dampers = np.abs(building.damping_matrices[1:]).sum(axis=2) / masses
         floors_of = np.unique(np.vstack([rows, dampers, pulls]).T, axis=0)
         # of those floors that no other one reaches in all columns
         most_of = [x for x in floors_of if (floors_of >= x).all(axis=1).sum() == 1]
