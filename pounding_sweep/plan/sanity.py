@@ -142,12 +142,11 @@ _ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
 def _weight_like(building: Building) -> list[str]:
     """Say that the masses of a building look like its weights in kN, if they do."""
     mass = float(np.median(building.masses))
-    fixed = building.on_fixed_base if building.foundation is not None else building
     # A uniform shear building of these medians, which one soft storey of an isolated one does not change.
     storeys = building.n_storeys
     slowness = math.pi / math.sin(0.5 * math.pi / (2 * storeys + 1)) / storeys
     uniform = slowness * math.sqrt(mass / float(np.median(building.stiffnesses)))
-    period = min(float(fixed.periods[0]) / storeys, uniform)
+    period = min(float(building.on_fixed_base.periods[0]) / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
         return []
     return [

@@ -79,6 +79,8 @@ from pounding_sweep.spec.spec import (
 _MOST_FAULTS = 20
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
+#: Places and values by what has them.
+TargetValues = dict[Target, tuple[Place, Any]]
 #: Default parameters of Newmark's method.
 _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
@@ -333,19 +335,19 @@ class _Reader:
             raise InputError(f"has more than {MAX_AXIS} values; give at most as many")
         return values
 
-    def _by_building(self, tables: Mapping[str, Any], faults: Faults) -> dict[Target, tuple[Place, Any]]:
-        """Return what is given for buildings: argument and name -> place and value, in the order of the row."""
+    def _by_building(self, tables: Mapping[str, Any], faults: Faults, at: Place = ()) -> TargetValues:
+        """Return what tables at a place give for buildings: argument and name -> place and value, as in the row."""
         # it is given as tables by name of the building, or as one table `building` of tables by name
-        values: dict[Target, tuple[Place, Any]] = {}
+        values: TargetValues = {}
         for argument, kind in FACTOR_KINDS.items():
             for name, value in dict(tables.get(argument) or ()).items():
-                values[argument, name] = (argument, name), value
+                values[argument, name] = (*at, argument, name), value
             for name, table in (tables.get("building") or {}).items():
                 if kind in table:
-                    values[argument, name] = ("building", name, kind), table[kind]
+                    values[argument, name] = (*at, "building", name, kind), table[kind]
         for name, table in (tables.get("building") or {}).items():
             for kind in table.keys() - {*FACTOR_KINDS.values()}:
-                faults.add(("building", name, kind), unknown("key", kind, FACTOR_KINDS.values()))
+                faults.add((*at, "building", name, kind), unknown("key", kind, FACTOR_KINDS.values()))
         if self.scene is None:
             return {}
         names = [building.name for building in self.scene.buildings]
@@ -365,16 +367,14 @@ class _Reader:
         inputs = {name: drawn for name, drawn in dict(table.inputs).items() if drawn is not None}
         if not inputs:
             raise InputError("no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
-        items: dict[Target, tuple[Place, Any]] = {("records", None): ((), None)} if RECORD in inputs else {}
+        items: TargetValues = {("records", None): ((), None)} if RECORD in inputs else {}
         items |= {
-            (name, None): ((axis.dimension,), inputs[axis.dimension])
+            (name, None): (("inputs", axis.dimension), inputs[axis.dimension])
             for name, axis in AXES.items()
             if axis.dimension in inputs
         }
         with Faults() as faults:
-            of_buildings = Faults()
-            items |= self._by_building(inputs, of_buildings)
-            faults.entries += [(("inputs", *place), text) for place, text in of_buildings.entries]
+            items |= self._by_building(inputs, faults, ("inputs",))
         drawn = {target: distribution for target, (_, distribution) in items.items()}
         design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
         if len(design) > MAX_AXIS:
@@ -387,7 +387,7 @@ class _Reader:
                         AXES[entry.argument].check(end, list(self.laws.values()), self.basis)
                     except InputError as error:
                         text = f"{error}; it was drawn: give low and high, or another distribution"
-                        faults.add(("inputs", *items[entry.target][0]), text)
+                        faults.add(items[entry.target][0], text)
         return design
 
     def _axes(self, design: Design | None) -> dict[str, Any]:
@@ -402,7 +402,7 @@ class _Reader:
         drawn = {entry.target for entry in design.inputs} if design else set()
         sizes = {"records": 1 if ("records", None) in drawn else len(records), "laws": len(laws)}
         sizes |= {"points": len(design)} if design else {}
-        items: dict[Target, tuple[Place, Any]] = {
+        items: TargetValues = {
             (name, None): ((name,), arguments[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
         }
         sequences: dict[Target, tuple[Place, Range | list[Any]]] = {}
