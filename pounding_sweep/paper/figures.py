@@ -91,7 +91,7 @@ def draw_roofs(history: str, factor: float, label: str, place: str, study: Study
         ax.set_xlim(0.0, 1.05 * last)
         if not alone:
             ax.set_ylim(bottom=0)
-    label_edges(axes, "time (s)", [""] * len(laws))
+    label_edges(axes, "time (s)", "")
     if alone:
         legend_below(axes[0, :1], most=2)
     figure = axes[0, 0].figure

@@ -207,8 +207,8 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     for panel, (basis, pair) in zip(axes.flat, product(bases, bases["pair"].values), strict=True):
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
-    rows = [f"{get_variable(name).long_name}\nover the reference's (-)"] * len(bases)
-    return finish(axes, label, rows, f"reference law: {law_name(ratio, reference)}", selection)
+    response = f"{get_variable(name).long_name}\nover the reference's (-)"
+    return finish(axes, label, response, f"reference law: {law_name(ratio, reference)}", selection)
 
 
 #: Values along both axes from which lines of equal value are more than a guess, and lines at most.
@@ -315,7 +315,7 @@ def response_map(
         "light grey: the share of records that touch, less than half": (cube["share"] > 0.0).any(),
     }
     words = [text for text, is_true in title.items() if is_true]
-    return finish(axes, across.label, [upward.label] * rows, *words, legend=0)
+    return finish(axes, across.label, upward.label, *words, legend=0)
 
 
 def _over_storeys(part: xr.DataArray) -> xr.DataArray:
@@ -392,7 +392,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     axes[0, 0].figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
     legend_below(axes.flat, most=2)
     label = f"contact stiffness ({unit_text(cube.stiffness.attrs) or '-'})"
-    return finish(axes, "time step (s)", [label] * rows, str(cube.attrs.get("title", "")), legend=0)
+    return finish(axes, "time step (s)", label, str(cube.attrs.get("title", "")), legend=0)
 
 
 #: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
@@ -484,7 +484,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     result["stored"] = result["energy_kinetic"] + result["energy_strain"]
     buildings, x = result.sizes["building"], np.arange(result.sizes["law"])
     names = [fill(law_name(result, law), 16) for law in result["law"].values]
-    longest = max(len(line) for name in names for line in name.split("\n"))
+    longest = max(map(len, "\n".join(names).split("\n")))
     count = buildings + ("contact_work" in result)
     axes = subplots(1, count, (1.0, 1.9, 3.6 + 0.09 * longest, 0.0), sharex=False, sharey=False)
     for ax in axes[0, 1:buildings]:
@@ -585,7 +585,7 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     common = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
     footnotes = *(f"{letter} {note}" for note, letter in notes.items()), result.attrs.get("advice", "")
     title = words, _name_records(result), selection, cross, common
-    figure = finish(axes, label, [f"probability (-):\n{words}"], *title, legend=0)
+    figure = finish(axes, label, f"probability (-):\n{words}", *title, legend=0)
     text = "\n".join(fill(note, int(15 * figure.get_figwidth())) for note in footnotes)
     figure.supxlabel(text.strip(), x=0.02, ha="left", fontsize=8)
     return figure
@@ -665,7 +665,7 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     why = f"fractiles of {words} need {numbers} curves at one intensity, at most {most} reach" if short else ""
     x, y = (intensity, label) if turn else (label, intensity)
     title = _name_records(result), storeys, selection, others, why
-    return finish(axes, x, [fill(y, 32)] * rows, *title, legend=4)
+    return finish(axes, x, fill(y, 32), *title, legend=4)
 
 
 @figure_of("gap-for-probability", "cube", "pair, several record")
@@ -818,37 +818,43 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     result = result.sortby(size.mean(["group", per]).fillna(0.0))  # the largest last, at the top
     rows, n = result.sizes["group"], result.sizes["input"]
     axes = subplots(rows, result.sizes[per], (2.2, 2.4, 1.5, 0.6 + 0.3 * n), ax)
-    extremes = [0.0, 1.0] if means is None else []
+    draw = _draw_indices if means is None else _draw_effects
+    extremes: list[float] = []
     for (row, column), panel in np.ndenumerate(axes):
         part = result.isel({per: column, "group": row})
-        extremes += [] if means is None else _draw_effects(panel, part, value)
-        for name, (label, colour, marker, up) in _INDICES.items() if means is None else ():
-            y = np.arange(n) + up
-            low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
-            panel.hlines(y, low, high, color=colour, linewidth=1.0)
-            panel.plot(part[f"{value}_{name}"], y, color=colour, marker=marker, linestyle="none", label=label)
-            extremes += [*low, *high]
+        extremes += draw(panel, part, value)
         panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
         place = [coord_text(part, dim) for dim in (per, "storey") if dim in part.coords]
         lines = [join_nonempty(*place), _describe_group(part, varied)]
         panel.set_title("\n".join(fill(text, 34) for text in lines if text))
     inputs = [spell_units(str(name)).replace("_", " ") for name in result["input"].values]
-    room = 0.03 if means is None else 0.4 * np.ptp(extremes)
-    limits = {"xlim": (np.nanmin(extremes) - room, np.nanmax(extremes) + room), "ylim": (-0.6, n - 0.4)}
+    low, high = np.nanmin(extremes), np.nanmax(extremes)
+    room = 0.03 if means is None else 0.4 * (high - low)
     for panel in axes[:, 0]:
-        panel.set(yticks=range(n), yticklabels=inputs, **limits)
+        panel.set(yticks=range(n), yticklabels=inputs, xlim=(low - room, high + room), ylim=(-0.6, n - 0.4))
     if means is not None:
-        first, last = min(0.0, np.nanmin(extremes)), limits["xlim"][1]
         axes[0, 0].locator_params("x", nbins=6)
-        axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if first <= tick <= last])
+        axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if min(0.0, low) <= tick <= high + room])
         words = "bars: means at values of one axis", "right: its share of the variance alone"
         label = f"mean {long_name(means, value)} ({drawn_unit(means.attrs)[0] or '-'})"
-        return finish(axes, label, [""] * rows, result.attrs["over"].partition(":")[0], *words, legend=0)
+        return finish(axes, label, "", result.attrs["over"].partition(":")[0], *words, legend=0)
     response = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
     title = [f"Sobol indices of the {response}", f"{result.attrs['confidence']:.0%} intervals"]
     title.append(_describe_group(result.isel(group=0), [name for name in _GROUP if name not in varied]))
     title.append(f"{rows} of {len(groups)} groups of scenarios" if rows < len(groups) else "")
-    return finish(axes, "share of the variance (-)", ["input"] * rows, *title, legend=1)
+    return finish(axes, "share of the variance (-)", "input", *title, legend=1)
+
+
+def _draw_indices(panel: Any, part: xr.Dataset, value: str) -> list[float]:
+    """Draw both indices of each input and their intervals; return the ends of these, and of all shares."""
+    extremes = [0.0, 1.0]
+    for name, (label, colour, marker, up) in _INDICES.items():
+        y = np.arange(part.sizes["input"]) + up
+        low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
+        panel.hlines(y, low, high, color=colour, linewidth=1.0)
+        panel.plot(part[f"{value}_{name}"], y, color=colour, marker=marker, linestyle="none", label=label)
+        extremes += [*low, *high]
+    return extremes
 
 
 def _draw_effects(panel: Any, part: xr.Dataset, value: str) -> list[float]:
@@ -911,4 +917,4 @@ def work_precision(trade: xr.Dataset) -> Figure:
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
     title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
-    return finish(axes, "cost (s per thousand scenarios, one core)", ["worst relative error"], title, legend=2)
+    return finish(axes, "cost (s per thousand scenarios, one core)", "worst relative error", title, legend=2)

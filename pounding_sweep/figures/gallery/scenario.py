@@ -139,7 +139,7 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
             bold = {"color": COLOURS[2], "linewidth": 1.8, "label": "in contact"}
             panel.plot(1e3 * top.displacement.where(touches), top.velocity.where(touches), **bold)
     axes[0, 0].legend(loc="upper left", fontsize=8)
-    return finish(axes, "top floor displacement (mm)", ["velocity (m/s)"], scenario_title(one), legend=0)
+    return finish(axes, "top floor displacement (mm)", "velocity (m/s)", scenario_title(one), legend=0)
 
 
 @figure_of("force-penetration", "histories", "several time, contact_force, penetration")
@@ -162,7 +162,7 @@ def force_penetration(
         if panel.get_legend_handles_labels()[1]:
             panel.legend(loc="upper left", fontsize=8)
         _say_no_contact(panel)
-    return finish(axes, "penetration (mm)", ["contact force (kN)"], scenario_title(one), legend=0)
+    return finish(axes, "penetration (mm)", "contact force (kN)", scenario_title(one), legend=0)
 
 
 @figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
@@ -179,7 +179,7 @@ def hysteresis(one: xr.Dataset) -> Figure:
             ax.plot(storey.storey_drift * 1e3, storey.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
         ax.set_title(building.building.item())
         ax.legend(loc="upper left", fontsize=7, reverse=True)
-    return finish(axes, "drift (mm)", ["storey shear (MN)"], scenario_title(one), legend=0)
+    return finish(axes, "drift (mm)", "storey shear (MN)", scenario_title(one), legend=0)
 
 
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
