@@ -279,9 +279,8 @@ def response_map(
     if "storey" in drawn:
         cube = cube.sel(storey=labels_with_values(cube, "storey", [name, "share"]))
     cube = cube.transpose("law", per, upward.dim, across.dim)
-    rows, columns = cube.sizes["law"], cube.sizes[per]
-    size = (2.2, 2.6, 1.3, 2.3) if rows * columns > 1 else (5.6, 0.0, 4.2, 0.0)
-    axes = subplots(rows, columns, size, ax)
+    size = (2.2, 2.6, 1.3, 2.3) if len(laws) * cube.sizes[per] > 1 else (5.6, 0.0, 4.2, 0.0)
+    axes = subplots(len(laws), cube.sizes[per], size, ax)
     colours, levels, ticks = _choose_colours(cube[name].values, name, ratio)
     contours = contours and "record" not in drawn
     grid = [axis.values(cube) for axis in (across, upward)]
@@ -633,16 +632,15 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     result = with_dims(result_of(cube, "incremental", outputs=dict.fromkeys((name, touch))), "law", per, absent="")
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
     result, selection = select_default(result, ("law", "record", scaled, "quantile", "level"), [name])
-    laws = [law for law in result["law"].values if per != "pair" or law != "none"]
-    response = factor * _over_storeys(result[name].sel(law=laws[:_LAWS]))
+    laws, others = _first_laws(result, contact=per == "pair")
+    response = factor * _over_storeys(result[name].sel(law=laws))
     quantiles, ways = result["quantile"].values.tolist(), directions(result[scaled].values)
     fractiles, count = suite_fractiles(response, result["intensity"], result["level"], quantiles)
     curves, most = response.sizes["record"] * len(ways), int(count.max())
     # half of the curves, and so many that one is expected beyond the fractile
     needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
-    rows = response.sizes["law"]
     below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
-    axes = subplots(rows, response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
+    axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
     thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
     records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
     for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
@@ -659,7 +657,6 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     if response.min() >= 0.0:
         axes[0, 0].set(**{"ylim" if turn else "xlim": (0.0, None)})
     storeys = "largest of the storeys" * (result[name].sizes.get("storey", 1) > 1)
-    others = f"{rows} of {len(laws)} laws, --at law=... for others" * (rows < len(laws))
     short = [q for q in quantiles if (count < needed[q]).any()]
     words, numbers = ", ".join(f"{q:.0%}" for q in short), ", ".join(f"{math.ceil(needed[q])}" for q in short)
     why = f"fractiles of {words} need {numbers} curves at one intensity, at most {most} reach" if short else ""
@@ -683,6 +680,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     words, years = result.attrs.get("answer", ""), float(result.attrs.get("years", 0.0))
     rows = ["probability of touching (-)", *[f"probability in {years:g} years (-)"] * bool(years)]
     axes = subplots(len(rows), result.sizes["pair"], (2.2, 3.4, 1.2, 2.7))
+    for ax in axes[:, 0]:
+        ax.set(yscale="log", ylim=(1e-3, 1.0))
     result = select_lines(with_dims(result, axis, absent=""), axis).sel(probability=result["probability"].min())
     for ax, pair in panels(axes[0], result, "pair"):
         for number, style in zip(range(result.sizes[axis]), DASHED, strict=False):
@@ -690,9 +689,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
             label = "lognormal" if axis == "suite" else coord_text(part, axis)
             _draw_gaps(ax, part, "gap", style, label)
             gaps = 1e3 * np.sort(part["trial_gap"].dropna("record").values)
-            shares = 1.0 - np.arange(gaps.size) / max(gaps.size, 1)
+            shares = np.linspace(1.0, 0.0, gaps.size, endpoint=False)
             ax.plot(gaps, shares, color=style["color"], linestyle="none", marker=".", markersize=3)
-        ax.set(yscale="log", ylim=(1e-3, 1.0))
     for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if years else ():
         _draw_gaps(ax, pair, "gap_in_years", {"color": COLOURS[0]}, "lognormal")
         if "rate" in pair:
@@ -701,7 +699,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
         for name, number in _group_rules(pair).items() if "rule_gap" in pair else ():
             gap = 1e3 * pair["rule_gap"].values[number]
             ax.axvline(gap, 0.0, 0.2, color=COLOURS[1 + number], linewidth=2.0, label=f"{name}: {gap:.3g} mm")
-        ax.set(yscale="log", ylim=(1e-3, 1.0), title="")
+        ax.set_title("")
         rates, right = 10.0 ** np.arange(-6, 0), ax.secondary_yaxis("right")
         right.set_yticks(-np.expm1(-years * rates), [f"{rate:g}" for rate in rates])
         right.minorticks_off()
