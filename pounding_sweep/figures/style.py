@@ -85,19 +85,14 @@ def subplots(
 
 
 def finish(axes: Any, x: str, y: str | Sequence[str], *title: str, legend: int = 3) -> Any:
-    """Write labels at the edges of panels, a legend in `legend` columns below them, and the parts of a title."""
-    label_edges(axes, x, y)
-    if legend:
-        legend_below(axes[0], legend)
-    return put_title(axes, *title)
-
-
-def label_edges(axes: Any, x: str, y: str | Sequence[str]) -> None:
-    """Write the axis labels of a grid at its edges: that of x below, that of y, or one for each row, at the left."""
+    """Label a grid of panels at its edges, y by one text or by one a row, with a legend in `legend` columns below."""
     for ax in axes[-1]:
         ax.set_xlabel(x)
     for ax, label in zip(axes[:, 0], [y] * len(axes) if isinstance(y, str) else y, strict=True):
         ax.set_ylabel(label)
+    if legend:
+        legend_below(axes[0], legend)
+    return put_title(axes, *title)
 
 
 def legend_below(panels: Any, most: int) -> None:

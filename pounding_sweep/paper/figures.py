@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.figures.gallery.spectra import ground_motion
-from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below, subplots
+from pounding_sweep.figures.style import COLOURS, finish, in_style, subplots
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.report import Picture
 from pounding_sweep.paper.study import BUILDINGS, PAIRS, READINGS, STOREYS, Study, record_title
@@ -62,9 +62,7 @@ def draw_models(
         ax.minorticks_off()
     for ax, record in zip(axes[0], records, strict=True):
         ax.set_title(record_title(record))
-    label_edges(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings])
-    legend_below(axes[0, :1], most=4)
-    return axes[0, 0].figure
+    return finish(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings], legend=4)
 
 
 @in_style()
@@ -91,10 +89,7 @@ def draw_roofs(history: str, factor: float, label: str, place: str, study: Study
         ax.set_xlim(0.0, 1.05 * last)
         if not alone:
             ax.set_ylim(bottom=0)
-    label_edges(axes, "time (s)", "")
-    if alone:
-        legend_below(axes[0, :1], most=2)
-    figure = axes[0, 0].figure
+    figure = finish(axes, "time (s)", "", legend=2 * alone)
     figure.supylabel(label, fontsize=9)
     return figure
 
