@@ -74,7 +74,6 @@ from pounding_sweep.figures.style import (
     finish,
     join_nonempty,
     legend_below,
-    put_title,
     spell_units,
     subplots,
     unit_text,
@@ -438,13 +437,11 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
             ax.set_title(ax.get_title() if row[0] is axes[0, 0] else "")
-            ax.set_xlabel(f"{words} ({unit})")
+            ax.set_xlabel(label := f"{words} ({unit})")
         if where != "floors and base":
             row[0].set_xlim(left=0)
-        row[0].set_ylabel("elevation (m)")
     axes[0, 0].set_ylim(bottom=0)
-    legend_below(axes[0], most=4)
-    return put_title(axes, selection, others)
+    return finish(axes, label, "elevation (m)", selection, others, legend=4)
 
 
 def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, slice]:
@@ -513,9 +510,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.set_xticks(x, names, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
-    axes[0, 0].set_ylabel("energy (kN m)")
-    legend_below(axes[0, :1], most=2)
-    return put_title(axes, selection)
+    return finish(axes[:, :buildings], "", "energy (kN m)", selection, legend=2)
 
 
 #: Dashes of fractiles but the median, and looks of records that are named: none is black.
@@ -759,10 +754,9 @@ def required_gap(cube: xr.Dataset) -> Figure:
             gaps.set(xticks=[], xlabel=f"{len(x)} {trials}s, by rising required gap")
         ratios.set_xticks(range(len(groups)), groups, **tilted)
         gaps.margins(y=0.1)
-    axes[0, 0].set(ylim=(0.0, None), ylabel="required gap (mm)")
-    axes[1, 0].set_ylabel("rule over exact (-)\nbelow 1: too small")
-    legend_below(axes[0], most=4)
-    return put_title(axes, selection, f"factors {result.attrs['factors']}")
+    axes[0, 0].set_ylim(bottom=0.0)
+    rows = "required gap (mm)", "rule over exact (-)\nbelow 1: too small"
+    return finish(axes, "", rows, selection, f"factors {result.attrs['factors']}", legend=4)
 
 
 def _group_rules(pair: xr.Dataset) -> dict[str, int]:
