@@ -85,9 +85,15 @@ def subplots(
 
 
 def finish(axes: Any, x: str, y: str | Sequence[str], *title: str, legend: int = 3) -> Any:
-    """Label a grid of panels at its edges, y by one text or by one a row, with a legend in `legend` columns below."""
-    for ax in axes[-1]:
-        ax.set_xlabel(x)
+    """Label a grid of panels at its edges, y by one text or by one a row, with a legend in `legend` columns below.
+
+    Titles that rows have in common stand above the first one alone.
+    """
+    for column in axes.T:
+        column[-1].set_xlabel(x)
+        for ax in column[1:]:
+            if ax.get_title() == column[0].get_title():
+                ax.set_title("")
     for ax, label in zip(axes[:, 0], [y] * len(axes) if isinstance(y, str) else y, strict=True):
         ax.set_ylabel(label)
     if legend:

@@ -125,7 +125,6 @@ def _draw_laws(
                     each = result[name].sel(law=law).isel({per: column})
                     panel.plot(at, each.transpose(axis.dim, "record"), **style | _EACH)
             scale_axis(panel.xaxis, at)
-            panel.set_title(panel.get_title() if row[0] is axes[0, 0] else "")
     return axes, words
 
 
@@ -436,7 +435,6 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
                     ax.plot(x, y, **style | _EACH)
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
-            ax.set_title(ax.get_title() if row[0] is axes[0, 0] else "")
             ax.set_xlabel(label := f"{words} ({unit})")
         if where != "floors and base":
             row[0].set_xlim(left=0)
@@ -694,7 +692,6 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
         for name, number in _group_rules(pair).items() if "rule_gap" in pair else ():
             gap = 1e3 * pair["rule_gap"].values[number]
             ax.axvline(gap, 0.0, 0.2, color=COLOURS[1 + number], linewidth=2.0, label=f"{name}: {gap:.3g} mm")
-        ax.set_title("")
         rates, right = 10.0 ** np.arange(-6, 0), ax.secondary_yaxis("right")
         right.set_yticks(-np.expm1(-years * rates), [f"{rate:g}" for rate in rates])
         right.minorticks_off()

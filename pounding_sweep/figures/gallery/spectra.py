@@ -86,7 +86,7 @@ def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
     for row, (name, (_, factor)) in zip(axes, _ORDINATES.items(), strict=True):
         for ax, building in zip(row, spectra["building"].values, strict=True):
             _draw_spectra(ax, spectra[name].sel(building=building) * factor)
-            ax.set_title(building if row[0] is axes[0, 0] else "")
+            ax.set_title(building)
         row[0].set_ylim(bottom=0.0)
     legend = 2 * columns if len(axes[0, 0].lines) > 1 else 0
     return finish(axes, "period (s)", [label for label, _ in _ORDINATES.values()], *title, legend=legend)
