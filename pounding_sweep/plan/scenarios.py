@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,13 +13,11 @@ import numpy as np
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import CHANGE
 from pounding_sweep.records import Record
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case
-from pounding_sweep.spec.spec import SweepSpec
+from pounding_sweep.spec.spec import SweepSpec, case_variants, scene_variants
 
 #: Rows of a law that are worked out at once.
 BLOCK = 2**15
@@ -95,7 +93,7 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
 
     grids = np.meshgrid(*(axis.values for axis in spec.property_axes), indexing="ij")
     settings = [(axis.kind, axis.building, grid.ravel()) for axis, grid in zip(spec.property_axes, grids, strict=True)]
-    variants = _variants(scene, grids[0].size if grids else 1, settings)
+    variants = scene_variants(scene, grids[0].size if grids else 1, settings)
     if len(variants) == 2 and all(np.array_equal(a, b, equal_nan=True) for a, b in variants.columns):
         variants = variants_of(scene)
     variant = np.arange(len(variants) > 1, len(variants), dtype=np.int32)
@@ -242,39 +240,6 @@ def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:
         stiffness=table.stiffness * (1.0 + change),
         gaps=table.gaps * (1.0 + change),
     )
-
-
-def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
-    """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
-    ratios = [np.nan if case.damping_ratio is None else case.damping_ratio for case in cases]
-    settings: list[tuple[str, str | None, np.ndarray]] = [("damping_ratio", None, np.array(ratios, float))]
-    for argument, kind in FACTOR_KINDS.items():
-        factors = [dict(getattr(case, argument)) for case in cases]
-        default = math.nan if kind == "hardening" else 1.0
-        for name in {name for by_name in factors for name in by_name}:
-            settings.append((kind, name, np.array([by_name.get(name, default) for by_name in factors])))
-    table, rows = _variants(scene, len(cases), settings), dict[bytes, int]()
-    index = [rows.setdefault(row.tobytes(), len(rows)) for row in np.column_stack(table.columns)]
-    return table[np.unique(index, return_index=True)[1]], np.array(index[1:], np.int32)
-
-
-def _variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np.ndarray]]) -> Variants:
-    """Return the scene and behind it `n` variants: values of a property of a building, or of all; NaN: the scene's."""
-    names = [building.name for building in scene.buildings]
-    columns = {
-        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0) for kind in FACTOR_KINDS.values()
-    }
-    ratio = np.full(n + 1, math.nan)
-    for kind, name, values in settings:
-        if name is None:
-            ratios = {building.damping_ratio for building in scene.buildings}
-            common = ratios.pop() if len(ratios) == 1 else None
-            ratio[1:] = np.where(values == common, math.nan, values) if isinstance(common, float) else values
-        else:
-            columns[kind][1:, names.index(name)] = values
-    hardening = columns["hardening"]
-    hardening[hardening == [building.uniform_hardening for building in scene.buildings]] = math.nan
-    return Variants(scene, damping_ratio=ratio, **columns)
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,14 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.dataset import Coordinates, assemble
 from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.plan.scenarios import ChunkTask, case_variants
+from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.run.histories import histories, peaks_shown
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec, json_data
+from pounding_sweep.spec.spec import SweepSpec, case_variants, json_data
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -71,6 +71,7 @@ from pounding_sweep.spec.spec import (
     METHODS,
     PRECISIONS,
     SweepSpec,
+    case_variants,
     step_fault,
     sweep_error,
 )
@@ -693,14 +694,9 @@ def _strength_factors(spec: SweepSpec, record: str, cases: Sequence[Case]) -> li
     from pounding_sweep.engine.spectrum import REACH, strengths_for
 
     buildings = spec.scene.buildings
-    periods, hardenings = (
-        np.array([[dict(getattr(case, name)).get(b.name, default) for b in buildings] for case in cases], float)
-        for name, default in (("period_factors", 1.0), ("hardenings", np.nan))
-    )
-    ratios = np.array([case.damping_ratio for case in cases], float)
-    targets = np.array([case.ductility for case in cases], float)
-    row = Variants(spec.scene, periods, np.ones(periods.shape), ratios, None, hardenings)  # type: ignore[arg-type]
-    factors, _ = strengths_for(row, spec.record(record), targets)
+    variants, index = case_variants(spec.scene, cases)
+    row = Variants(spec.scene, *(column[index] for column in variants.columns))
+    factors, _ = strengths_for(row, spec.record(record), np.array([case.ductility for case in cases], float))
     result = []
     for case, values in zip(cases, factors.tolist(), strict=True):
         named = {b.name: factor for b, factor in zip(buildings, values, strict=True) if any(b.yields)}

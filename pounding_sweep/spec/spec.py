@@ -8,17 +8,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Contacts, Scene
-from pounding_sweep.model.variants import variants_of
+from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import Axis, AxisValues, Case
+from pounding_sweep.spec.axes import FACTOR_KINDS, Axis, AxisValues, Case
 from pounding_sweep.spec.design import Design, Distribution
 
 #: Time-stepping schemes by name.
@@ -107,6 +109,39 @@ class SweepSpec(AxisValues):
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
         return {record.name: record for record in self.records}[name]
+
+
+def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
+    """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
+    ratios = [np.nan if case.damping_ratio is None else case.damping_ratio for case in cases]
+    settings: list[tuple[str, str | None, np.ndarray]] = [("damping_ratio", None, np.array(ratios, float))]
+    for argument, kind in FACTOR_KINDS.items():
+        factors = [dict(getattr(case, argument)) for case in cases]
+        default = math.nan if kind == "hardening" else 1.0
+        for name in {name for by_name in factors for name in by_name}:
+            settings.append((kind, name, np.array([by_name.get(name, default) for by_name in factors])))
+    table, rows = scene_variants(scene, len(cases), settings), dict[bytes, int]()
+    index = [rows.setdefault(row.tobytes(), len(rows)) for row in np.column_stack(table.columns)]
+    return table[np.unique(index, return_index=True)[1]], np.array(index[1:], np.int32)
+
+
+def scene_variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np.ndarray]]) -> Variants:
+    """Return the scene and behind it `n` variants: values of a property of a building, or of all; NaN: the scene's."""
+    names = [building.name for building in scene.buildings]
+    columns = {
+        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0) for kind in FACTOR_KINDS.values()
+    }
+    ratio = np.full(n + 1, math.nan)
+    for kind, name, values in settings:
+        if name is None:
+            ratios = {building.damping_ratio for building in scene.buildings}
+            common = ratios.pop() if len(ratios) == 1 else None
+            ratio[1:] = np.where(values == common, math.nan, values) if isinstance(common, float) else values
+        else:
+            columns[kind][1:, names.index(name)] = values
+    hardening = columns["hardening"]
+    hardening[hardening == [building.uniform_hardening for building in scene.buildings]] = math.nan
+    return Variants(scene, damping_ratio=ratio, **columns)
 
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
