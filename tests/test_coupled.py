@@ -15,7 +15,7 @@ from test_links import exact, matrices
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
+from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
 
@@ -107,19 +107,6 @@ def test_undamped_frequencies_are_those_of_classical_modes():
     np.testing.assert_allclose(modes.c[0], 1e-3 * bare.frequencies**2, rtol=1e-12)
     np.testing.assert_allclose(np.abs(modes.floors[0, 0]), np.abs(bare.modes[1]), rtol=1e-9)
     assert np.abs(modes.floors[0, 1]).max() < 1e-12
-
-
-def test_variants_have_modes_of_their_own():
-    rng = np.random.default_rng(3)
-    factors = rng.uniform(0.5, 2.0, (4, 2)), rng.uniform(0.5, 2.0, (4, 2)), np.array([0.02, np.nan, 0.1, 0.05])
-    many = coupled_modes(Variants(LINKED, *factors))
-    for i in range(4):
-        alone = coupled_modes(Variants(LINKED, *(each[[i]] for each in factors)))
-        np.testing.assert_allclose(alone.w[0], many.w[i], rtol=1e-12)
-        np.testing.assert_allclose(alone.floors[0], many.floors[i], atol=1e-9 * np.abs(many.floors[i]).max())
-    new, which = Variants(LINKED, np.ones((3, 2)), factors[1][[0, 1, 0]], np.full(3, np.nan)).flights()
-    assert new.tolist() == [0, 1]  # of linked rows, masses count too
-    assert which.tolist() == [0, 1, 0]
 
 
 # -- against exact answers and the twin --------------------------------------------------------------------------------

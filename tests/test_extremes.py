@@ -7,7 +7,6 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 from scenes import call
@@ -264,20 +263,6 @@ def test_slowness_is_found_and_what_has_no_reference_counted(honest):
 
 
 @pytest.mark.slow
-def test_grazing_is_sensitive_and_a_plain_impact_is_not(monkeypatch):
-    alone = batch_of(beside_wall(), gaps=9.0)
-    reach = float(np.nanmax(run_of(alone, "rk4", 1e-4).values["displacement_max"]))
-    batch = batch_of(beside_wall(), gaps=[reach * (1 - 1e-9), reach * (1 + 1e-9), 0.3 * reach])
-    reference = reference_of(batch)
-    assert np.isfinite(reference.step).all()
-    assert suite.sensitive_rows(batch, reference, np.arange(3)).tolist() == [True, True, False]
-    monkeypatch.setattr(suite, "REFERENCE_STEPS", 10)  # too few to converge
-    reference = reference_of(batch)
-    assert np.isnan(reference.step).all()
-    assert np.isnan(reference.values["impact_force_max"]).all()
-
-
-@pytest.mark.slow
 def test_the_energy_limit_is_reached_by_a_steady_push():
     """A mass that nothing holds takes exactly M (a t)^2 / 2."""
     free = ps.Scene([ps.Building("free", [50.0], [1e-6], 0.0), ps.Wall()], [1e3])
@@ -348,20 +333,6 @@ def test_strong_dampers_need_more_steps():
     assert (peak_error(found, reference.values) > OK_CLAIM).tolist() == [True, False]
 
 
-def test_quickening_by_damping():
-    e = np.array([1.0, 0.6, 0.1])
-    for law in (law for law in LAWS.values() if law.has_contact):
-        factors = law.quickening(e)
-        assert factors.shape == e.shape
-        assert factors[0] >= 1
-        assert (np.diff(factors) >= 0).all()
-    np.testing.assert_array_equal(LAWS["linear"].quickening(e), 1.0)
-    # D = 3 (1 - e^2) / (2 e^2)
-    np.testing.assert_allclose(LAWS["modified_kelvin_voigt"].quickening(e), np.sqrt(1 + 1.5 * (1 / e**2 - 1)))
-    # 2 xi, xi = (1 - e^2) / (e (e (pi - 2) + 2)), once the dashpot is more than half critical
-    assert LAWS["linear_viscoelastic"].quickening(0.1) == pytest.approx(2 * 0.99 / (0.1 * (0.1 * (np.pi - 2) + 2)))
-
-
 @pytest.mark.slow
 def test_a_motion_that_is_not_resolved_is_told():
     scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
@@ -406,20 +377,6 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
         Status.OK,
         Status.DIVERGED,
     ]
-
-
-def test_a_batch_is_judged_at_each_of_its_steps():
-    batch = suite.make_batch("", "", pair(), LAWS["kelvin_voigt"], stiffness=[1e5, 1e6])[::-1]
-    verdicts = (
-        pd.concat(suite.run_judged(batch, "float64", measured_schemes())).groupby(["method", "dt"], sort=False).error
-    )
-    assert list(verdicts.groups) == [(method, dt) for method in measured_schemes() for dt in batch.steps]
-    for method in measured_schemes():
-        coarse, finest = (verdicts.get_group((method, dt)).to_numpy() for dt in (batch.steps[0], batch.steps[-1]))
-        assert (finest < 1e-3).all()
-        # of a force that is a polynomial, the error of `exact` is one of rounding at any step
-        better = (np.nan_to_num(coarse, nan=1.0) > finest).all()
-        assert better or (method == "exact" and (finest < 1e-5).all())
 
 
 def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):

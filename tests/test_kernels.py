@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import check_twin, error_by_step, errors, motion, simulate, twins
+from against_twin import check_twin, error_by_step, errors, motion, twins
 from kernels_used import SMOOTH, SMOOTHING
 from kinds import YIELDS
 from naive import modal_exact, run
@@ -14,7 +14,6 @@ from scenes import EVERY, pair, run_in_any_company
 from test_simulate import A, B
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import history_slots
@@ -159,12 +158,6 @@ def test_a_contact_yields_again_and_again(method, dt, bound):
     assert max(found.values()) < bound, found
     mine, theirs = got.displacement.values[:: round(0.01 / dt), 0, 0], want["displacement"][0][:, 0]
     assert np.abs(mine - theirs).max() < bound * np.abs(theirs).max()
-
-
-@pytest.mark.parametrize("key", ["hysteretic", "stereomechanical"])
-def test_what_happens_at_instants_needs_them_located(key):
-    with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave it out"):
-        simulate(PAIR, key, 20, locate=False)
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if law != "none"])

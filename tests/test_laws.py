@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import LawError
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, damping_number, get_law, hertz_stiffness
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law, hertz_stiffness
 
 NAN, INF = float("nan"), float("inf")
 
@@ -50,9 +50,6 @@ def test_every_source_can_be_found():
     assert "Wijeyewickrema" in LAWS["modified_kelvin_voigt"].reference
 
 
-TAKING_E = [law for law in LAWS.values() if law.takes_restitution]
-
-
 def test_registry_is_complete():
     assert list(LAWS) == [law.key for law in LAWS.values()]
     assert len(LAWS) == 15
@@ -67,17 +64,6 @@ def test_registry_is_complete():
         assert law.stiffness_unit == {None: "", 1.0: "kN m-1", 1.5: "kN m-1.5"}[law.exponent]
     assert [LAWS[key].model for key in MATE2015_MODELS] == ["I", "II", "III", "IV", "V", "VI", "VII"]
     assert [law.key for law in LAWS.values() if law.tension] == ["kelvin_voigt_tension"]
-
-
-@pytest.mark.parametrize("law", [law for law in TAKING_E if not law.impulsive], ids=lambda law: law.key)
-def test_damping_numbers(law):
-    e = np.array([0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
-    numbers = damping_number(law, e)
-    assert numbers[-1] == 0.0
-    assert (np.diff(numbers) < 0).all()
-    assert np.isfinite(numbers).all()
-    if law.zero_restitution:
-        assert np.isfinite(damping_number(law, 0.0)).all()
 
 
 def test_damping_coefficients_of_many_contacts():

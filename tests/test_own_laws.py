@@ -16,7 +16,7 @@ from scenes import OUTPUTS, call, motions, pair
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.law_check import check_law, solved_restitution
-from pounding_sweep.base.errors import InputError, LawError, OutputError, SweepError
+from pounding_sweep.base.errors import InputError, LawError, SweepError
 from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
@@ -84,17 +84,6 @@ def test_slopes_are_derivatives(text, d):
 def test_powers_in_kernels_are_powers(exponent, x):
     found = _FUNCTIONS["pow"](np.full(3, x), exponent)
     np.testing.assert_allclose(found * np.ones(3), x**exponent, rtol=4e-15)
-
-
-@pytest.mark.parametrize("key", [key for key, each in LAWS.items() if each.damping in ("viscous", "elastic")])
-def test_what_follows_from_formulas_is_what_the_registry_says(key):
-    told = LAWS[key]
-    assert told.relation_factor == pytest.approx(2.0 / 5.0**0.5 if key == "nonlinear_viscoelastic" else 1.0, rel=1e-14)
-    derived = replace(told, key="mine", elastic_slope="", damper_slope="")
-    for name in ("elastic", "elastic_slope", "damper", "damper_slope"):
-        d, at = np.geomspace(1e-6, 0.1, 9), {"k": 3e6, "c": 2e3}
-        want, got = (formulas.on_arrays(getattr(each, name) or "0.0", d=d, **at) for each in (told, derived))
-        np.testing.assert_allclose(got, want, rtol=1e-12, err_msg=name)
 
 
 def test_a_law_that_is_complete_stays_as_it_is():
@@ -244,25 +233,6 @@ def test_a_changed_law_is_refused_wherever_results_are_used_again(tmp_path):
     changed.run(tmp_path / "more.nc", scheduler="synchronous").close()
     with pytest.raises(InputError, match=r"are not parts of one study: law 'my_law' as SHA-256 is '\w+' in the first"):
         merge_cubes([tmp_path / "new.nc", tmp_path / "more.nc"], tmp_path / "none.nc")
-
-
-@pytest.mark.usefixtures("stub_engine")
-def test_a_run_does_not_go_on_with_a_changed_law(tmp_path, monkeypatch):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    path, out = law_file(tmp_path), tmp_path / "cube.nc"
-    with monkeypatch.context() as patched:
-        patched.setattr("pounding_sweep.run.cube_writer.write_cube_of", stop)
-        with pytest.raises(KeyboardInterrupt):
-            sweep(path).run(out, scheduler="synchronous")
-    law_file(tmp_path, number=1.4)
-    with pytest.raises(OutputError, match=r"belong to another sweep: they differ in law my_law \(\w+ there, \w+"):
-        sweep(path).run(out, scheduler="synchronous")
-    law_file(tmp_path)
-    again = sweep(path)
-    again.run(out, scheduler="synchronous").close()
-    assert again.last_outcome.reused == 2
 
 
 # -- kernels -----------------------------------------------------------------------------------------------------------

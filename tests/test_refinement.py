@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scenes import AXES, EVERY, OUTPUTS, motions, row
@@ -14,7 +12,7 @@ from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, SETTLED, Status, 
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement
-from pounding_sweep.run.refinement import APART, apart, differences, halved, leeway
+from pounding_sweep.run.refinement import differences
 from pounding_sweep.schemes import SCHEMES
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
@@ -77,36 +75,6 @@ def test_an_order_says_nothing_of_numbers_of_impacts():
     np.testing.assert_allclose(differences(names, other, two), [1e-3, 2e-2])
     np.testing.assert_allclose(differences(names, other, two, 5.0), [2e-4, 2e-2])
     assert [round(SCHEMES[name].leeway) for name in ("rk4", "exact", "newmark", "central_difference")] == [5, 2, 1, 1]
-
-
-def test_two_runs_by_series_are_not_one():
-    """A number of impacts that rounding decides is told by no run that takes the same steps again."""
-    plan = make(accuracy=1e-2, dt=None, method="exact", laws=["linear", "hertz"]).plan()
-    linear, hertz = (plan.kernel(law, record=0, steps=4) for law in (0, 1))
-    assert linear.shape.series
-    assert not hertz.shape.series
-    assert linear.numerics.refinement < 1.0
-    coarse, fine = (kernel.constants() for kernel in (linear, halved(linear, motions()[0])))
-    changed = np.flatnonzero(coarse != fine)
-    assert len(changed) == 1
-    assert fine[changed] == pytest.approx(0.5**0.5 * coarse[changed])
-    allowed = np.array([1e-3, 1e-6])
-    np.testing.assert_array_equal(leeway(linear, 1e-3, allowed), 0.5)
-    np.testing.assert_allclose(leeway(hertz.in_double, 1e-3, allowed), 2.2)
-    single = replace(hertz, numerics=replace(hertz.numerics, precision="float32"))
-    np.testing.assert_allclose(leeway(single, 1e-3, allowed), [2.2, 0.5])  # rounding follows no order
-    np.testing.assert_array_equal(leeway(single, 1e-2, allowed), [1.0, 0.5])  # nor do long steps
-
-
-def test_two_runs_in_single_precision_do_not_round_alike():
-    plan = make(accuracy=1e-2, dt=None, method="exact", laws=["linear"], precision="float32").plan()
-    kernel, table = plan.kernel(0, record=0, steps=4), plan.unique[[0, 1]]
-    far = np.array([[[0.05, -0.02]], [[np.nan, 0.01]]])
-    moved = apart(kernel, table, {"displacement_max": far, "displacement_min": -2.0 * far})
-    np.testing.assert_allclose(moved.gaps[:, 0] - table.gaps[:, 0], APART * (table.gaps[:, 0] + [0.1, 0.02]), rtol=1e-6)
-    np.testing.assert_allclose(moved.scale / table.scale - 1.0, -APART, rtol=1e-6)
-    np.testing.assert_allclose(moved.stiffness / table.stiffness - 1.0, APART, rtol=1e-6)
-    assert apart(kernel.in_double, table, {}) is table
 
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):

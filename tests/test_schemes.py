@@ -12,11 +12,8 @@ from scenes import row
 from scipy.linalg import expm
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.plan import advice
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
@@ -184,24 +181,6 @@ def test_the_stages_beside_exact_flight_are_stable_at_any_damping(zeta):
     radius = exact.damped_radius if zeta >= DAMPED else exact.undamped_radius
     for h in np.linspace(0.01, 1.0, 50) * radius / max(1.0, 2.0 * zeta):
         assert growth(exact, oscillator(zeta=zeta), h) <= 1.0 + 1e-12
-
-
-@pytest.mark.parametrize(
-    ("damping", "dashpots", "radius"), [(0.0, None, 0.85), (0.0, [30.0], 0.85), (0.05, None, 1.25)]
-)
-@pytest.mark.parametrize("dt", [1e-3, 0.01, 0.5])
-def test_sub_steps_beside_exact_flight_keep_to_the_radius_at_any_step(dt, damping, dashpots, radius):
-    stiff = Building("b", [100.0], [3e4], damping, dashpots=dashpots)
-    scene = Scene([Building("a", [100.0], [1e4]), stiff], gaps=[0.01])
-    within = radius / math.sqrt(300.0)
-    for rough, outputs, least, most in (
-        (False, ["displacement_max"], 0.9, 2.001),
-        (True, ["displacement_max"], 0.9, 1.001),
-        (True, ["acceleration_max"], 0.45, 0.501),
-    ):
-        kernel = RowKernel(scene, get_law("hertz"), Numerics("exact", dt), reducers_for(outputs))
-        longest = kernel.constants(rough)[property_slots(kernel.shape).first["longest"]]
-        assert min(least * dt, 0.9 * within) < longest < min(most * dt, 1.001 * within)
 
 
 @pytest.mark.parametrize("scheme", [s for s in EXPLICIT if not s.flies_exactly], ids=lambda scheme: scheme.name)

@@ -11,14 +11,13 @@ from kernels_used import LINKED
 from kinds import ALONE, YIELDS
 from scenes import EVERY, motions, pair
 from test_kernels import PAIR, PAPER, ROWS
-from test_properties import some_variants, tall
 
 import pounding_sweep as ps
 from benchmarks.drawn_rows import draw, earthquakes
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, reducers_for
+from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS
 
 EL_CENTRO = ps.find_record("el_centro")
 
@@ -297,29 +296,6 @@ def test_other_steps_find_the_same(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hardening", [0.0, 0.05, 0.5])
-@pytest.mark.parametrize("reduction", [1.2, 2.0, 4.0])
-@pytest.mark.parametrize("law", ["none", "kelvin_voigt", "hertz_damped"])
-def test_the_paper_row_under_el_centro_is_that_of_small_steps(law, reduction, hardening):
-    scene, record = ps.get_preset("mate2015"), ps.Record("cut", EL_CENTRO.dt, EL_CENTRO.acceleration[:600])
-    given = {"stiffness": 2e6, "gaps": np.linspace(0.002, 0.02, 16)[:, None]}
-    elastic = lanes(scene, "none", DEFAULT_OUTPUTS, record, exact(1e-3), **given)["drift"][0]
-    k = np.concatenate([building.stiffnesses for building in scene.buildings])
-    strengths = np.split(elastic * k / reduction, scene.offsets[1:-1])
-    row = [
-        replace(b, yield_strengths=v.tolist(), hardening=hardening)
-        for b, v in zip(scene.buildings, strengths, strict=True)
-    ]
-    found, want = (
-        lanes(replace(scene, row=row), law, DEFAULT_OUTPUTS, record, numerics, **given)
-        for numerics in (exact(1e-3), rk4(2e-4))
-    )
-    assert found["drift"].max() > elastic.max() / reduction
-    for name, values in want.items():
-        assert apart(found[name], values).max() < (0.0 if name == "count" else 5e-5) + 1e-15, name
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("law", ["nonlinear_viscoelastic", "ye_hertz", "gonthier", "modified_kelvin"])
 def test_contacts_that_hardly_rebound_change_their_mode_once(law, precision):
@@ -352,22 +328,3 @@ def test_floors_that_part_and_touch_again_within_a_step_are_counted():
     ]
     np.testing.assert_array_equal(*counts)
     assert counts[0][3] == 78
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("linked", [False, True])
-def test_motions_known_by_blocks_are_those_of_windows(precision, linked):
-    """Rows that touch often and rarely, scales of both signs, all outputs but energies."""
-    scene, n = LINKED if linked else tall(), 50
-    outputs = [name for name in EVERY if "energy" not in reducers_for([name])]
-    kernel = RowKernel(scene, LAWS["linear"], exact(1e-3, precision=precision), reducers_for(outputs), varied=True)
-    given = some(n, [0.002, 0.01, 0.05], len(scene.gaps)) | {"stiffness": np.full(n, 2e5), "restitution": np.ones(n)}
-    found, want = (
-        replace(kernel, windows=windows).run(motions()[0], **given, variants=some_variants(scene, n))
-        for windows in (False, True)
-    )
-    assert want["count"].sum() > 100
-    np.testing.assert_array_equal(found["count"], want["count"])
-    for name, values in want.items():
-        assert apart(found[name], values).max() <= (1e-8 if precision == "float64" else 1e-3), name

@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import pandas as pd
 import pytest
 from against_twin import lane_values, motion, simulate, twins
 from kernels_used import LEANING_YIELDS, YIELDING, YIELDING_SWEEP
-from kinds import STEPPED, YIELDS
+from kinds import YIELDS
 from naive import run
 from scenes import EVERY, motions, pair
 from test_flight import some_scenarios
 
 import pounding_sweep as ps
-from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.base.errors import InputError, SweepError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.export import export_cube
-from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
-from pounding_sweep.run.simulate import simulate_one
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.spec import scene_of
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(YIELDS)]
@@ -191,28 +184,6 @@ def test_the_required_gap_of_a_yielding_row_is_found_at_each_scale():
         assert bool((enough == ~touched.sel(gap=gap)).all())
 
 
-def test_a_hardening_of_each_storey_goes_through_cubes(tmp_path):
-    """An axis replaces that of all storeys; cubes extend, merge, export and give their scenarios back."""
-    part, extended, merged, table = (tmp_path / name for name in ("part.nc", "extended.nc", "merged.nc", "table.csv"))
-    given = YIELDING_SWEEP | {"scene": STEPPED, "laws": ["kelvin_voigt"], "records": motions()[:1], "scales": [1.0]}
-    given |= {"gaps": [0.004], "strength_factors": {"a": 0.5}, "hardenings": {"b": [0.1, 0.2]}, "audit": 1.0}
-    ps.Sweep(**given).run(part)
-    sweep = ps.Sweep(**(given | {"gaps": [0.001, 0.004]}))
-    cube = sweep.run(extended, extend=part)
-    assert json.loads(cube.attrs["extended_from"])["scenarios_taken"] >= 2
-    merge_cubes([part, extended], merged)
-    assert scene_of(stored_sweep(ps.open_cube(merged))["scene"]) == sweep.spec.scene == STEPPED
-    np.testing.assert_array_equal(ps.open_cube(merged).displacement_max, cube.displacement_max)
-    export_cube(cube, table, table=True)
-    assert pd.read_csv(table).audited_error_displacement_max.notna().sum() == cube.sizes["audit"]
-    one = simulate_one(sweep.spec, gap=0.001, hardening_b=0.2)
-    np.testing.assert_allclose(
-        one.displacement_max.values,
-        cube.displacement_max.sel(gap=0.001, hardening_b=0.2).values.reshape(one.displacement_max.shape),
-        1e-9,
-    )
-
-
 def test_cases_vary_strengths_and_hardening():
     cases = [
         {"law": "none", "strength_factors": {"a": 0.5}},
@@ -284,12 +255,6 @@ def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("axis", ["strength_factors", "hardenings"])
-def test_axes_of_yielding_need_strengths(axis):
-    with pytest.raises(SweepError, match=f"{axis}.a: building 'a' has no yield_strengths; give them, or leave it out"):
-        ps.Sweep(pair(), motions()[0], "linear", gaps=[0.01], **{axis: {"a": 0.5}})
 
 
 @pytest.mark.slow
