@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import warnings
 
 import netCDF4
@@ -220,26 +219,6 @@ def test_a_broken_promise_is_told(monkeypatch):
     bad = sweep.last_audit.exceeding
     assert bad.any()
     assert (cube["audit_error"].values[bad].max(axis=1) > 1e-9).all()
-
-
-@pytest.mark.parametrize(
-    ("largest", "changes", "says"),
-    [
-        ([0.04, 0.04], {}, ""),
-        ([0.04, 0.06], {}, "found 1 with status ok whose error is beyond 0.05, the worst 0.06 in drift_max; use"),
-        ([0.04, 0.06], {"undecided": np.array([False, True])}, ""),
-        ([0.04, 0.06], {"status": np.array([Status.OK, Status.UNDER_RESOLVED_CONTACT])}, ""),
-        ([0.04, 0.06], {"tolerance": 1e-2}, "found 2 .* beyond 0.01, .* smaller acc"),
-        ([np.inf, 0.04], {}, "the worst inf in drift_max"),
-    ],
-)
-def test_when_a_warning_is_given(largest, changes, says):
-    none = np.zeros(2, bool)
-    found = {"rows": np.array([1, 2]), "outputs": ("impact_force_max", "drift_max"), "sensitivity": np.zeros((2, 2))}
-    found |= {"error": np.array([[0.001, each] for each in largest]), "status": np.zeros(2), "sensitive": none}
-    found |= {"undecided": none, "touching": 9, "share": 0.04, "tolerance": audit.TOLERANCE}
-    result = audit.Audit(**{**found, **changes})
-    assert re.search(says, result.warning) if says else not result.exceeding.any()
 
 
 def test_an_audit_that_can_not_run_costs_no_sweep(monkeypatch):

@@ -21,11 +21,6 @@ from scenes import CubeAxis, assemble
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.engine.kernel import make_group
-from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
-from pounding_sweep.kernel import forces, march
-from pounding_sweep.kernel.spec import property_slots
-from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
@@ -38,12 +33,9 @@ from pounding_sweep.outputs.variables import (
     REDUCERS,
     STATUS,
     VARIABLES,
-    Reducer,
-    Slot,
     Status,
     check_outputs,
     inner_shape,
-    output_slots,
     scatter_contact,
     scatter_dof,
 )
@@ -137,32 +129,6 @@ class TestRegistry:
             check_outputs([["drift_max"]])
         with pytest.raises(InputError, match="list of names"):
             check_outputs(None)
-
-    @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
-    def test_one_entry_makes_a_reducer(self, law, monkeypatch):
-        """First value, onsets and sub-steps: here, seven and the last approach speed, and the time beside contacts."""
-
-        def touch(contact, lanes, fresh, speed, time):
-            contact.put(lanes, made=speed)
-
-        def substep(group):
-            group.state["passed"] = group.state["passed"] + group.state["h"]
-
-        slots = (Slot("made", "contact", lambda group, j: 7.0), Slot("passed", "building"))
-        made = Reducer("made", slots, "touch", touch=touch, substep=substep)
-        monkeypatch.setitem(REDUCERS, "made", made)
-        shape = kernel_shape(SCENE, get_law(law), Numerics("rk4", 0.01), ["made"])
-        assert output_slots(shape).count["made"] == len(SCENE.contacts)
-        group = make_group(shape, None, 2, np.zeros(property_slots(shape).size))
-        march.begin(group, 0.0)
-        assert (group.state["made"] == 7.0).all()
-        lanes, contact = np.array([True, False]), next(group.iter_contacts())
-        forces.note_onset(contact, lanes, lanes, np.array([0.3, 0.4]), 0.01)
-        assert group.state["made"].tolist() == [0.3, 7.0]
-        group.state["h"] = 0.5
-        for reducer in group.reducers:
-            reducer.substep(group)
-        assert group.state["passed"].tolist() == [0.5, 0.5]
 
 
 class TestScatter:

@@ -121,22 +121,6 @@ def write(folder, name, text):
     return path
 
 
-def test_blocks_run_in_order_in_one_folder(tmp_path):
-    from notebook import run_pages
-
-    one = "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n"
-    two = "\n```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n"
-    end = "\n```console\nexit 1\n```\n\nEnd\n"
-    pages = [write(tmp_path, "one.md", one + two + end), write(tmp_path, "two.md", "```sh\nls made.png\n```\n")]
-    out = tmp_path / "out"
-    out.mkdir()
-    run_pages(pages, out)
-    printed = "\n```text\n4\n```\n", "\n```text\n# name.toml\ntitle = 'a'\n```\n"
-    assert (out / "one.md").read_text() == one + printed[0] + two + printed[1] + end
-    assert "```text\nmade.png\n```" in (out / "two.md").read_text()
-    assert (out / "made.png").exists()
-
-
 def test_a_block_that_fails_ends_the_build(tmp_path):
     from notebook import run_pages
 

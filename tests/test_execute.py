@@ -25,10 +25,10 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output import identity
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, cut
+from pounding_sweep.plan.scenarios import Scenarios, cut
 from pounding_sweep.records import Record
 from pounding_sweep.resume import ChunkStore
-from pounding_sweep.run.execute import Dispatcher, Progress
+from pounding_sweep.run.execute import Progress
 from pounding_sweep.spec.spec import to_json
 
 
@@ -130,25 +130,6 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest):
         assert len(chunk.rows) <= max(16, 50, 16 * longest / seconds(chunk.record, chunk.steps))
         for name, column in (("record", record), ("law", law), ("steps", steps)):
             assert set(column[chunk.rows]) == {getattr(chunk, name)}
-
-
-@pytest.mark.parametrize(("scheduler", "workers"), [("synchronous", 1), ("threads", 1), ("threads", 3)])
-def test_chunks_are_begun_in_their_order(scheduler, workers, monkeypatch):
-    begun, taken = [], []
-
-    def job(position):
-        begun.append(position)
-        return ChunkTask(None, motions()[0], position, None, ())
-
-    def run(task):
-        return f"{task.record.name} {task.table}"
-
-    monkeypatch.setattr("pounding_sweep.run.execute.run_chunk", run)
-    with Dispatcher(scheduler, workers) as dispatcher:
-        for number in (50, 0):
-            taken.extend(dispatcher.run(range(number), job))
-    assert begun == list(range(50))
-    assert sorted(taken) == [(i, f"one {i}") for i in range(50)]
 
 
 # -- interrupted, damaged, changed -------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from paper_study import LAWS, along, outputs, run_cube, spectra, steps
+from paper_study import LAWS, along, outputs, run_cube, spectra
 
 import pounding_sweep as ps
 from pounding_sweep.base import STANDARD_GRAVITY
@@ -27,7 +27,6 @@ from pounding_sweep.paper.study import (
     RECORDS,
     TABLES,
     force_fit,
-    largest_steps,
     paper_records,
     published,
     study,
@@ -264,18 +263,6 @@ def test_the_hertz_fit_is_the_ratio_to_table_5(factor):
     fit = force_fit(table.sel(record=["el_centro"]) + 5.0)  # where one model has no force in the table
     assert fit.cells.values.tolist() == [4, 0]
     assert fit.force_ratio.isnull().values.tolist() == [False, True]
-
-
-def test_the_largest_step_is_the_last_before_an_error():
-    made = steps(step=[1e-2, 5e-3, 2e-3, 1e-3])
-    error = xr.zeros_like(made.error)
-    error.loc[{"output": "impact_force_max", "step": 1e-2}] = 0.011
-    error.loc[{"output": "impact_count", "scheme": "newmark", "step": 2e-3}] = 0.1
-    error.loc[{"output": "displacement_min", "reading": "as_run", "step": 1e-3}] = 0.5
-    largest = largest_steps(made.assign(error=error))
-    assert largest.sel(reading="as_printed", scheme="rk4").values.tolist() == [5e-3, 5e-3]
-    assert largest.sel(reading="as_printed", scheme="newmark").values.tolist() == [1e-3, 1e-3]
-    assert largest.sel(reading="as_run").isnull().all()
 
 
 def opening(cube, verdict):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import hand_cube, random_fill
-from scenes import call, pair
+from scenes import call
 
 from pounding_sweep import Sweep, pulse_record
 from pounding_sweep.analysis import sensitivity
@@ -205,16 +205,3 @@ def test_command(cube, tmp_path):
     assert rows[0].keys() >= {"variable", "law", "record", "building", "storey", "input", "first", "total_lower"}
     assert [row["total"] for row in rows[:3]] == sorted((row["total"] for row in rows[:3]), reverse=True)
     assert (out / "sensitivity.csv").exists()
-
-
-def test_a_small_sweep_of_real_kernels():
-    """Without pounding, peaks are the scale times one number, and the gap is nothing."""
-    inputs = {"scale": {"distribution": "uniform", "low": 0.5, "high": 1.5}, "gap": INPUTS["gap"]}
-    design = {"kind": "saltelli", "samples": 16, "inputs": inputs}
-    outputs = ["displacement_max"]
-    job = Sweep(pair(), "el_centro", ["none"], dt=0.002, audit=0.0, outputs=outputs, design=design)
-    result = sensitivity(job.run(workers=1), resamples=20)
-    scale = np.array([case.scale for case in job.spec.cases]).reshape(4, 16)
-    for what, indices in zip(("first", "total"), sobol_indices(scale), strict=True):
-        for floor in result[f"displacement_max_{what}"].values[0].reshape(2, -1).T:
-            assert floor == pytest.approx(indices, abs=1e-6)

@@ -138,17 +138,6 @@ def test_every_output_has_an_error():
     assert finest.error.sel(output="impact_count").item() == 0.0
 
 
-def test_a_refused_configuration_is_marked(trade):
-    """20 ms is beyond RK4's limit with a closed contact of a linear spring."""
-    coarse = chosen(trade, scheme="rk4", located=1, precision="float64", step=2e-2, output="impact_force_max")
-    assert coarse.status_count.sel(status="beyond_stability_limit").item() == 6
-    assert np.isnan(coarse.law_error).all()
-    assert np.isnan(coarse.law_cost).all()
-    assert np.isnan(coarse.cost.item())  # the sweep can't be run like this
-    assert coarse.pareto.item() == 0
-    assert (chosen(trade, scheme="newmark").status_count.sel(status="beyond_stability_limit") == 0).all()
-
-
 def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
     assert (trade.status_count.sum("status") == trade.sizes["scenario"]).all()
     counts = (trade.scenario_status == 0).sum("scenario")
