@@ -197,10 +197,8 @@ def _run(
     return [{name: part[name] for name in part.dtype.names or ()} for part in whole]
 
 
-def add_to_cube(cube: CubeParts, plan: Plan, result: Audit | None) -> CubeParts:
-    """Put an audit, if there is one, into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
-    if result is None:
-        return cube
+def add_to_cube(cube: CubeParts, plan: Plan, result: Audit) -> None:
+    """Put an audit into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
     rows, both = ("audit",), ("audit", "output")
     dt = np.array([record.dt for record in plan.spec.records])[plan.unique.record[result.rows]]
     sensitive = f"whether that is more than {result.tolerance:g}, or changes a number of impacts"
@@ -224,4 +222,3 @@ def add_to_cube(cube: CubeParts, plan: Plan, result: Audit | None) -> CubeParts:
     described["audit_undecided"][2].update(flags, flag_meanings="decided undecided")
     described["audit_status"][2].update({key: status[key] for key in ("flag_values", "flag_meanings")})
     add_audit(cube, described, result.touching, result.share)
-    return cube

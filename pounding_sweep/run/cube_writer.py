@@ -52,7 +52,8 @@ def write_cube_of(
         values = values_of((slice(None),) * row_of.ndim)
         for name, (dims, _, attributes) in cube.data_vars.items():
             cube.data_vars[name] = (dims, as_read(name, values[name]), attributes)
-    add_to_cube(cube, plan, audit)
+    if audit is not None:
+        add_to_cube(cube, plan, audit)
     if path is not None:
         write_in_slabs(cube, path, values_of, overwrite=overwrite, folder=parts_folder(path))
     return cube
