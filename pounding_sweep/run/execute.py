@@ -103,12 +103,12 @@ class Dispatcher(ExitStack):
 
     def __init__(self, scheduler: str | Client, workers: int, progress: Progress | None = None) -> None:
         super().__init__()
-        self.scheduler, self.workers, self.cluster = scheduler, workers, None
+        self.scheduler, self.workers, self.progress, self.cluster = scheduler, workers, progress or Progress(), None
         if scheduler not in ("threads", "synchronous"):
             from pounding_sweep.run.cluster import ClusterWorkers, cluster_client
 
             client = self.enter_context(cluster_client(scheduler, workers))
-            self.cluster = ClusterWorkers(client, run_chunk, (progress or Progress()).note)
+            self.cluster = ClusterWorkers(client, run_chunk, self.progress.note)
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="sweep")
         # who interrupts a run does not wait for its chunks
         self.callback(self._threads.shutdown, wait=False, cancel_futures=True)
@@ -140,11 +140,10 @@ def execute(
     dispatcher: Dispatcher,
     *,
     store: ChunkStore | None = None,
-    progress: Progress | None = None,
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
-    progress, shapes, n = progress or Progress(), plan.shapes(), len(plan.unique)
+    progress, shapes, n = dispatcher.progress, plan.shapes(), len(plan.unique)
     outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, n), np.ones(n, bool))
     outcome.results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome.copied_from = None if earlier is None else earlier.origin
@@ -153,7 +152,7 @@ def execute(
     outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
     begun = time.perf_counter()
     if shapes:
-        run_stage = partial(_run_stage, plan, outcome, dispatcher, store, progress, earlier)
+        run_stage = partial(_run_stage, plan, outcome, dispatcher, store, earlier)
         contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
         places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
         closing, slot = np.full((len(runs), len(contacts)), np.inf), np.full(len(runs), -1)
@@ -188,12 +187,12 @@ def _run_stage(
     outcome: Outcome,
     dispatcher: Dispatcher,
     store: ChunkStore | None,
-    progress: Progress,
     earlier: EarlierCube | None,
     stage: str,
     rows: np.ndarray,
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Take rows of a stage from the store and the earlier cube, run the others; give rows, results and their slots."""
+    progress = dispatcher.progress
     progress.stage(stage, len(rows))
     closing, table, outputs = False, plan.unique, plan.outputs
     if stage == "no pounding":

@@ -209,9 +209,9 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
         raise InputError(f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}")
     case = case or next((i for i, item in enumerate(spec.cases, 1) if spec.law(item.law).has_contact), 1)
     listed = spec.cases[case - 1]
-    axes = [pair[0].dimension for column in COLUMNS if (pair := listed.axis(column))]  # not the scale where a PGA is
-    ignored = {dim for column in COLUMNS for dim in DIMENSIONS[column]} - {*axes}
-    values = {name: _value(listed, *field) for name, field in selectors(spec).items() if name not in ignored}
+    values = {name: _value(listed, *field) for name, field in selectors(spec).items()}
+    if values["pga"] is not None or values["sa"] is not None:  # which the scale follows from
+        del values["scale"]
     return {"case": case} | {name: value for name, value in values.items() if value is not None}
 
 

@@ -283,7 +283,7 @@ class Sweep:
                 progress = contexts.enter_context(log)
             try:
                 with Dispatcher(scheduler, n_workers, progress) as dispatcher:
-                    outcome = execute(plan, dispatcher, store=store, progress=progress, earlier=earlier)
+                    outcome = execute(plan, dispatcher, store=store, earlier=earlier)
                     self.last_outcome = outcome
                     results, failures = outcome.results, outcome.failures
                     without = np.isin(results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
