@@ -18,6 +18,7 @@ from pounding_sweep.analysis import gap_for_probability, required_gap
 from pounding_sweep.base.errors import InputError, LawError, SweepError
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
+from pounding_sweep.outputs.variables import inner_shape
 from pounding_sweep.plan.advice import shortest_contact
 from pounding_sweep.plan.plan import untouched
 from pounding_sweep.schemes.stability import largest_step
@@ -154,13 +155,13 @@ PAD, STOP = BUMPED.bumpers
 
 def test_what_never_touches_is_told_by_the_gap_that_each_bumper_leaves():
     plan = row_sweep(gaps=[0.010, 0.014, 0.018]).plan()
-    closing = np.full((len(plan.uncoupled_runs), 6), 0.006)
+    closing = np.full((len(plan.uncoupled_runs), *inner_shape("closing_max", BUMPED)), 0.006)
 
     def found():
         return dict(zip(plan.unique.gaps[:, 0].tolist(), untouched(plan, closing).tolist(), strict=True))
 
     assert found() == {0.010: False, 0.014: False, 0.018: True}  # 9 mm of each are rubber
-    closing[:, :2] = 0.0  # between the pair nothing closes
+    closing[:, 0] = 0.0  # between the pair nothing closes
     assert found() == {0.010: True, 0.014: True, 0.018: True}
 
 

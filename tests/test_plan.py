@@ -19,7 +19,7 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.outputs.variables import Status, get_variable, reducers_for
+from pounding_sweep.outputs.variables import Status, get_variable, inner_shape, reducers_for, scatter_contact
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
@@ -207,9 +207,9 @@ def test_never_touching_by_hand(drawn):
     scene, gaps, displacement = drawn
     record = Record("r", 0.1, [0.0, 1.0])
     plan = make_plan(build_spec(scene=scene, records=record, cases=[{"law": "linear", "gap": g} for g in gaps]))
-    found = untouched(plan, displacement[None, :])
-    nothing = np.full((1, len(displacement)), np.inf)
-    assert untouched(plan, nothing).tolist() == [False] * len(plan.unique)  # nothing known: everything runs
+    closing = scatter_contact(displacement[None, :], scene)
+    found = untouched(plan, closing)
+    assert not untouched(plan, np.full_like(closing, np.inf)).any()  # nothing known: everything runs
     for i, g in enumerate(gaps):
         open_everywhere = all(g[c.pair] >= max(x, 0.0) for c, x in zip(scene.contacts, displacement, strict=True))
         assert found[plan.inverse[i]] == open_everywhere, g
@@ -364,7 +364,7 @@ def test_a_gap_that_is_just_closed_is_run():
     closing = 0.02
     gaps = [closing * share for share in (0.995, 0.999, 1.0, 1.001)]
     plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, dt=0.005))
-    found = untouched(plan, np.full((len(plan.uncoupled_runs), len(row().contacts)), closing))
+    found = untouched(plan, np.full((len(plan.uncoupled_runs), *inner_shape("closing_max", plan.spec.scene)), closing))
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
 
 

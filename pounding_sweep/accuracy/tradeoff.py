@@ -94,11 +94,11 @@ def run_rows(
     table: Scenarios,
     numerics: Numerics,
     outputs: Sequence[str],
-    refused: np.ndarray | None = None,
+    refused: np.ndarray | bool = False,
     closing: bool = False,
 ) -> Values:
     """Run scenarios of a plan as a sweep does, but for the `refused` ones; variables of shape (rows, *inner)."""
-    able = np.full(len(table), True) if refused is None else ~refused
+    able = ~np.broadcast_to(refused, len(table))
     values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
     values["status"] = np.full(len(table), int(Status.BEYOND_STABILITY_LIMIT))
     for law, record in {*zip(table.law[able].tolist(), table.record[able].tolist(), strict=True)}:
@@ -112,14 +112,11 @@ def run_rows(
 
 def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
-    if not plan.spec.scene.contacts:
-        return np.zeros(len(plan.unique), bool)
     one = np.ones(len(plan.variants))
     limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
     numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())))
     closing = run_rows(plan, plan.uncoupled_runs, numerics, ("closing_max",), closing=True)["closing_max"]
-    pairs, storeys = np.array([(contact.place, contact.storey - 1) for contact in plan.spec.scene.contacts]).T
-    return ~untouched(plan, closing[:, pairs, storeys])
+    return ~untouched(plan, closing)
 
 
 class TradeSample(NamedTuple):
@@ -192,7 +189,7 @@ def measure(
     kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
     prepare_kernels(kernels, workers, progress)
 
-    def run(numerics: Numerics, part: Scenarios, is_refused: np.ndarray | None = None) -> Values:
+    def run(numerics: Numerics, part: Scenarios, is_refused: np.ndarray | bool = False) -> Values:
         values = run_rows(plan, part, numerics, outputs, is_refused)
         progress.advance(n)
         return values

@@ -308,11 +308,11 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
-    """Rows of the unique table in which no pair can ever touch."""
+    """Rows of the unique table in which no pair can ever touch, by the ``closing_max`` of `uncoupled_runs`."""
     scene, table = plan.spec.scene, plan.unique
-    laws = np.array([law.thickness for law in plan.laws])[table.law]
-    result = np.isfinite(closing).all(axis=1)[plan.uncoupled_of]
-    for contact, bumper, most in zip(scene.contacts, scene.bumper_of, np.maximum(closing.T, 0.0), strict=True):
+    laws, result = np.array([law.thickness for law in plan.laws])[table.law], np.ones(len(table), bool)
+    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
+        most = np.maximum(closing[:, contact.place, contact.storey - 1], 0.0)  # infinite or NaN where it is not known
         clear = table.gaps[:, contact.pair] - (laws if bumper is None else bumper.thickness)
         result &= clear >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
     return result | plan.no_contact

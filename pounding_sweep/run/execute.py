@@ -24,7 +24,7 @@ from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import missing_kernels, prepare
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.results import Outcome, Results, to_table
-from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.outputs.variables import Status, cube_variables, inner_shape
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask
 from pounding_sweep.resume import ChunkCorrupt, ChunkStore
@@ -153,14 +153,13 @@ def execute(
     begun = time.perf_counter()
     if shapes:
         run_stage = partial(_run_stage, plan, outcome, dispatcher, store, earlier)
-        contacts, runs = plan.spec.scene.contacts, plan.uncoupled_runs
-        places, storeys = [contact.place for contact in contacts], [contact.storey - 1 for contact in contacts]
-        closing, slot = np.full((len(runs), len(contacts)), np.inf), np.full(len(runs), -1)
-        status = np.full(len(runs), int(Status.NOT_RUN), np.int8)
+        runs = len(plan.uncoupled_runs)
+        closing = np.full((runs, *inner_shape("closing_max", plan.spec.scene)), np.inf)
+        slot, status = np.full(runs, -1), np.full(runs, int(Status.NOT_RUN), np.int8)
         for rows, table, slots in run_stage("no pounding", plan.uncoupled_to_run):
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
-            closing[rows] = np.where(ok[:, None], table["closing_max"][:, places, storeys], np.inf)
+            closing[rows[ok]] = table["closing_max"][ok]
         # scenarios that never touch are answered by their run without pounding
         outcome.left_out = untouched(plan, closing) & ~plan.refused
         outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
