@@ -106,7 +106,7 @@ def certify(
             raise LawError(f"law {law.key!r} has no contact, so nothing rebounds; leave it out")
     pairs = list(product(chosen, RESTITUTION_BASES))
     forms = np.array([[_closed_form(*pair, e) for e in nominal.tolist()] for pair in pairs])
-    analytic, number = forms[..., 0], forms[..., 1]
+    analytic, number = np.moveaxis(forms, -1, 0)
     slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
     record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted

@@ -33,6 +33,7 @@ from pounding_sweep.outputs.variables import (
     OK_CLAIM,
     SETTLED,
     STATUS,
+    WITH_VALUES,
     Status,
     get_variable,
     relative_error,
@@ -354,7 +355,6 @@ ENERGY_BOUNDS = 1.01, 1.1
 TIME_LIMIT = 60.0
 #: Longest reference run (steps of the record).
 REFERENCE_STEPS = 4_000_000
-_WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 
 
 class Reference(NamedTuple):
@@ -431,7 +431,7 @@ def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
     for name in ("displacement_max", "displacement_min"):
         part = np.abs(values[name]) / np.where(reach > 0.0, reach, 1e-300)
         implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
-        share = np.maximum(share, np.max(np.nan_to_num(implied, nan=0.0, posinf=np.inf), axis=1))
+        share = np.maximum(share, np.fmax.reduce(implied, axis=1, initial=0.0))
     return np.where(share == 0.0, 0.0, share / np.where(limit > 0.0, limit, 1e-300))
 
 
@@ -453,7 +453,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     ``energy``: over what the ground can have brought in; ``faults``: demands that are not met.
     """
     batch, numerics, values, status = run.batch, run.numerics, run.values, run.values["status"]
-    ok, has_values, has_reference = status == Status.OK, np.isin(status, _WITH_VALUES), np.isfinite(reference.step)
+    ok, has_values, has_reference = status == Status.OK, np.isin(status, WITH_VALUES), np.isfinite(reference.step)
     checked = [
         array[:, _exists(batch.scene, name, array.shape[1:])]
         for name, array in values.items()
@@ -648,7 +648,7 @@ def stability_map(
     expected = np.concatenate([reference.values[name] for reference in references])
     has_reference = np.isfinite(np.concatenate([reference.step for reference in references]))
     errors = np.array([relative_error(name, run[name], expected) for run in runs.values()]).reshape(status.shape)
-    drawn = has_reference & np.isin(status, _WITH_VALUES)
+    drawn = has_reference & np.isin(status, WITH_VALUES)
     dims, codes = ("scheme", "dt", "stiffness"), np.arange(len(STATUS), dtype=np.int8)
     about = {"units": "1", "long_name": "relative error of the peak contact force"}
     flags = {"flag_values": codes, "flag_meanings": " ".join(s.label for s in STATUS)}

@@ -266,6 +266,8 @@ class Status(IntEnum):
 
 #: Every status, by rising value.
 STATUS: tuple[Status, ...] = tuple(Status)
+#: Those of scenarios that have values.
+WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 
 
 def _energy_residual(results: KernelResults) -> np.ndarray:
@@ -691,7 +693,7 @@ def inner_shape(name: str, scene: Scene) -> tuple[int, ...]:
 
 def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Remove the values of scenarios that have none: diverged, refused or not run."""
-    bad = np.isin(arrays["status"], [int(s) for s in STATUS if not s.has_values])
+    bad = ~np.isin(arrays["status"], WITH_VALUES)
     result = {name: np.asarray(values) for name, values in arrays.items()}
     for name, values in result.items() if bad.any() else ():
         if (fill := VARIABLES[name].fill) is not None:

@@ -23,7 +23,7 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.outputs.variables import STATUS, get_variable, relative_errors
+from pounding_sweep.outputs.variables import WITH_VALUES, get_variable, relative_errors
 from pounding_sweep.records import Record, find_record, records_dataset
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.run.execute import Progress
@@ -206,7 +206,7 @@ def largest_steps(steps: xr.Dataset) -> xr.DataArray:
     """Return the largest step (s) from which on all errors are within `LIMIT` and the number of impacts is right."""
     rising = steps.sortby("step")
     limits = xr.where(rising["output"] == "impact_count", 0.0, LIMIT)
-    fine = (rising["error"] <= limits).all("output") & rising["status"].isin([int(s) for s in STATUS if s.has_values])
+    fine = (rising["error"] <= limits).all("output") & rising["status"].isin(WITH_VALUES)
     return rising["step"].where(fine.astype(int).cumprod("step") == 1).max("step")
 
 

@@ -19,7 +19,7 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.outputs.variables import CHANGE, STATUS, VARIABLES, Status, relative_errors
+from pounding_sweep.outputs.variables import CHANGE, WITH_VALUES, Status, comparable, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined, row_codes
 from pounding_sweep.run.execute import Dispatcher
@@ -79,9 +79,8 @@ class Audit:
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
     jumps = [index for index, law in enumerate(plan.laws) if law.impulsive]
-    valued = [int(status) for status in STATUS if status.has_values]
     touched = outcome.results.touched | np.isin(plan.unique.law, jumps)
-    return np.flatnonzero(touched & ~outcome.left_out & np.isin(outcome.results.status, valued)).astype(np.int32)
+    return np.flatnonzero(touched & ~outcome.left_out & np.isin(outcome.results.status, WITH_VALUES)).astype(np.int32)
 
 
 def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
@@ -106,14 +105,14 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
     spent, most = np.cumsum(costs[order]), min(MOST, max(1, len(rows) // 2))
     enough = int(np.searchsorted(np.cumsum(sizes[order]), most)) + 1
     count = max(1, min(enough, int(np.searchsorted(spent, plan.spec.audit * whole, "right"))))
-    chosen = zip(starts[order[:count]], sizes[order[:count]], strict=True)
-    sample = np.concatenate([rows[start : start + size] for start, size in chosen])[:most]
+    groups = np.split(rows, starts[1:])
+    sample = np.concatenate([groups[index] for index in order[:count]])[:most]
     return np.sort(sample), float(spent[count - 1] / whole)
 
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
-    outputs = tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
+    outputs = comparable(plan.spec.outputs)
     rows, accuracy = candidates(plan, outcome), plan.spec.accuracy
     sample, share = draw(plan, rows) if outputs else (rows[:0], 0.0)
     if not len(sample):
