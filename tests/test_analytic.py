@@ -41,9 +41,6 @@ def near(got, want, relative):
     np.testing.assert_allclose(got, want, rtol=0, atol=relative * np.abs(want).max())
 
 
-# -- one degree of freedom ---------------------------------------------------------------------------------------------
-
-
 def closed_form(case, t):
     """The ground's acceleration, the speed at the start, and displacements and velocities at these times."""
     decay, c, s = np.exp(-ZETA * W * t), np.cos(WD * t), np.sin(WD * t)
@@ -91,9 +88,6 @@ def test_one_storey_follows_its_closed_form(case, method):
     )
 
 
-# -- several storeys ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_multi_storey_buildings_follow_their_exact_solution(method):
     record = shaking(3.0)
@@ -107,9 +101,6 @@ def test_multi_storey_buildings_follow_their_exact_solution(method):
         tolerance = 5e-7 if method == "rk4" else 2e-3
         near(got.displacement.sel(building=b.name), u, tolerance)
         near(got.velocity.sel(building=b.name), v, tolerance)
-
-
-# -- two free masses ---------------------------------------------------------------------------------------------------
 
 
 # Storeys so soft that each floor is a free mass: the roofs and the floors below them are two pairs of their own.
@@ -207,9 +198,6 @@ def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
     assert abs(float(got.contact_work[0])) < 10 * tolerance * lost
 
 
-# -- laws of mechanics -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("beta", "gamma", "order"), [(1 / 6, 0.5, 1.8), (0.25, 0.5, 1.8), (0.3025, 0.6, 0.9)])
 def test_parameters_of_newmark(beta, gamma, order):
     """gamma = 1/2 is second order, more of it damps and is first order; all reach the exact answer."""
@@ -299,9 +287,6 @@ def test_transferred_energies_that_are_small_beside_the_input(seed, law):
     )
     assert got == pytest.approx(fine, rel=2e-4)
     assert plain == pytest.approx(fine, rel=2e-5)
-
-
-# -- symmetries --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -83,9 +83,6 @@ def truth(scene, points, scale, law="linear"):
     return found
 
 
-# -- against scipy -----------------------------------------------------------------------------------------------------
-
-
 #: The same row with another hardening in each storey.
 STEPPED = ps.Scene(
     [replace(b, hardening=r) for b, r in zip(SMOOTH.buildings, ([0.05, 0.3], [0.2, 0.0]), strict=True)],
@@ -131,9 +128,6 @@ def test_order_of_convergence(method, law, longest, low, high):
     total = [np.abs(moved(method, dt) - moved("rk4", 3.125e-4)).max() for dt in steps]
     slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
     assert low < slope < high, (slope, total)
-
-
-# -- by closed forms ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("method", "near"), [("rk4", 1e-8), pytest.param("newmark", 1e-5, marks=pytest.mark.slow)])
@@ -225,9 +219,6 @@ def test_newmark_has_its_order_whatever_stands_beside(kind):
     total = [np.nanmax(np.abs(moved("newmark", dt) - want)) for dt in steps]
     slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
     assert 1.7 < slope < 2.3, (slope, total)
-
-
-# -- what is compiled, stored and refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["exact", "central_difference"])

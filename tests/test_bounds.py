@@ -44,9 +44,6 @@ def refused(folder, text):
     return str(caught.value)
 
 
-# --- sweep files ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("depth", [20, 500, 100_000])
 @pytest.mark.parametrize("form", ["{}", "gaps = {}", "records = {}", "cases = [{}]", "building = {{ left = {} }}"])
 def test_deep_values_are_refused(tmp_path, depth, form):
@@ -69,9 +66,6 @@ def test_a_mark_of_utf8_is_no_part_of_the_text(tmp_path):
     assert load_spec(tmp_path / "s.toml").laws == ("linear",)
 
 
-# --- steps ------------------------------------------------------------------------------------------------------
-
-
 SLOW = {"records": Record("slow", 1e9, [0.0, 1.0])}
 
 
@@ -85,9 +79,6 @@ SLOW = {"records": Record("slow", 1e9, [0.0, 1.0])}
 def test_too_many_steps_are_refused(change, message):
     with pytest.raises(SweepError, match=message):
         make_plan(build_spec(**{"scene": "mate2015", "records": "el_centro", "laws": ["linear"], **change}))
-
-
-# --- names ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", [LINES, ESCAPE, "caf\udce9", "\u202eevil", "x" * 201, "\x9b", "a\u2028b"])
@@ -168,8 +159,6 @@ def test_values_are_shown_in_short(kind):
     assert len(repr_short(value)) <= errors.MAX_CHARACTERS
     assert len(unknown("thing", value, ["one", "two"])) < 2 * errors.MAX_CHARACTERS
 
-
-# --- home and working folders -----------------------------------------------------------------------------------
 
 NOBODY = "~nobody-of-this-name/x"
 

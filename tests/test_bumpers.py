@@ -28,9 +28,6 @@ GAP, K = 0.012, 3e8
 SCENE = pair(GAP)
 
 
-# -- the force ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("e", [0.2, 0.8, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.5, 0.99))])
 @pytest.mark.parametrize(("speed", "stop"), [(0.05, 1.0), pytest.param(0.6, 1.0, marks=pytest.mark.slow), (0.6, 12.0)])
 def test_free_masses_rebound_as_asked_for_at_any_speed(e, speed, stop):
@@ -84,9 +81,6 @@ def test_a_law_is_damped_on_one_side_and_has_a_thickness():
     assert Law(**given, rebound_only=True).relation == "rebound"
 
 
-# -- in a row ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("stop", [1.0, 6.0])
 @pytest.mark.parametrize(
@@ -113,9 +107,6 @@ def test_pressing_that_a_row_ends_early_is_cut_at_zero():
     assert force.min() == 0.0
     assert ((force == 0.0) & (depth > 1e-5)).any()
     assert float(abs(found.energy_residual)) < 1e-5
-
-
-# -- in sweeps ---------------------------------------------------------------------------------------------------------
 
 
 def sweep(**more):
@@ -266,9 +257,6 @@ laws = ["linear"]
     first, second = scene.bumpers
     assert scene.bumper_of == (first, None, first, second, second, second)
     assert scene.thicknesses(0.001).tolist() == [0.002, 0.001, 0.002, 0.004, 0.004, 0.004]
-
-
-# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_damping_number_is_no_function():

@@ -24,9 +24,6 @@ from pounding_sweep.model.variants import variants_of
 PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
 
 
-# -- a struck column ---------------------------------------------------------------------------------------------------
-
-
 @given(st.floats(0.01, 0.99), st.floats(1.0, 1e7))
 def test_shares_and_softness_are_those_of_a_beam(xi, stiffness):
     lower, upper, soft = naive.struck_beam(xi, stiffness)
@@ -37,9 +34,6 @@ def test_shares_and_softness_are_those_of_a_beam(xi, stiffness):
 def test_a_column_struck_at_its_end_is_the_floor():
     assert (column_shares(0.0), column_shares(1.0)) == ((1.0, 0.0), (0.0, 1.0))
     assert column_softness(0.0) == column_softness(1.0) == 0.0
-
-
-# -- scenes ------------------------------------------------------------------------------------------------------------
 
 
 def test_what_strikes_what():
@@ -73,9 +67,6 @@ def test_what_the_model_does_not_cover_is_refused():
     assert ps.Sweep(STAGGERED, "el_centro", ["linear", "none"], stiffnesses=8e5).plan().n_asked == 2
     floors = replace(STAGGERED, contacts="floors", allow_unmet=True)
     assert ps.Sweep(floors, "el_centro", "hertz", stiffnesses=8e5).plan().n_asked == 1
-
-
-# -- against a frame of beams ------------------------------------------------------------------------------------------
 
 
 class Frame:
@@ -161,9 +152,6 @@ def test_a_frame_of_beams_moves_alike():
     assert here.impact_force_max < 0.9 * spring * here.penetration_max  # the column gives way
     got = one.displacement.values[:: round(record.dt / 2.5e-4)].reshape(len(u), 4)
     np.testing.assert_allclose(got, u, rtol=0, atol=1e-6 * np.abs(u).max())
-
-
-# -- in sweeps ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_cube_labels_columns(stub_engine):

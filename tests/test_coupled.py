@@ -33,9 +33,6 @@ def energy_scales(scene):
     return np.sqrt(np.concatenate([np.diag(k), np.diag(m)]))
 
 
-# -- modes -------------------------------------------------------------------------------------------------------------
-
-
 coefficient = st.one_of(st.just(0.0), st.floats(0.0, 5.0).map(lambda x: 10.0**x))
 
 
@@ -109,9 +106,6 @@ def test_undamped_frequencies_are_those_of_classical_modes():
     assert np.abs(modes.floors[0, 1]).max() < 1e-12
 
 
-# -- against exact answers and the twin --------------------------------------------------------------------------------
-
-
 def test_flight_without_pounding_is_the_exponential():
     record, want = motion(101, 1.5), exact(*matrices(LINKED), motion(101, 1.5))
     for dt in (1e-3, 2e-2):
@@ -131,9 +125,6 @@ def test_a_falling_storey_has_fallen_in_flight_too():
         cube = ps.Sweep(weak, motion(501, 4.0), "none", method=method, dt=1e-3, outputs=["drift_max"], audit=0.0).run()
         assert (cube.status == Status.DIVERGED).all()
         assert np.isnan(cube.drift_max).all()
-
-
-# -- what it refuses ---------------------------------------------------------------------------------------------------
 
 
 def test_modes_that_a_number_format_can_not_hold_are_refused():

@@ -52,9 +52,6 @@ def small_chunks(monkeypatch):
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
 
 
-# -- the same bits however they are made -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("chunk_seconds", [0.0, 2e-4, 10.0])
 @pytest.mark.parametrize(
     ("scheduler", "workers"),
@@ -130,9 +127,6 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest):
         assert len(chunk.rows) <= max(16, 50, 16 * longest / seconds(chunk.record, chunk.steps))
         for name, column in (("record", record), ("law", law), ("steps", steps)):
             assert set(column[chunk.rows]) == {getattr(chunk, name)}
-
-
-# -- interrupted, damaged, changed -------------------------------------------------------------------------------------
 
 
 class StopAfter(Progress):
@@ -294,9 +288,6 @@ def test_every_source_of_the_package_counts(tmp_path, monkeypatch):
         assert digest() != identity.package_digest(), edited
 
 
-# -- failures ----------------------------------------------------------------------------------------------------------
-
-
 def fails(monkeypatch, when):
     """Let kernels fail where `when(kernel, record)`."""
     true_run = RowKernel.run
@@ -349,9 +340,6 @@ def test_no_run_without_pounding_leaves_the_others(reference, monkeypatch):
         np.testing.assert_array_equal(cube[name].sel(law=laws), reference[name].sel(law=laws), err_msg=str(name))
 
 
-# -- status ------------------------------------------------------------------------------------------------------------
-
-
 def no_values(cube):
     """Where every output is missing."""
     inner = {"building", "pair", "storey"}
@@ -371,9 +359,6 @@ def test_a_step_beyond_the_limit_is_refused_and_the_rest_is_run(reference):
         np.testing.assert_array_equal(own[name], want[name])
     assert sweep.plan().n_unique == 2 + 2 * 5 + 2 * 5 * 3
     assert with_stiff.attrs["scenarios_run"] + sweep.last_outcome.untouched == sweep.plan().n_unique
-
-
-# -- the cube of a sweep -----------------------------------------------------------------------------------------------
 
 
 def test_the_cube_says_what_it_is(tmp_path):

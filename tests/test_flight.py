@@ -69,9 +69,6 @@ def test_a_graze_is_a_touch_and_a_near_miss_is_none():
     assert (found["count"].sum(axis=1) > 0).tolist() == [True] * 3 + [False] * 3
 
 
-# -- scenarios in the lanes --------------------------------------------------------------------------------------------
-
-
 def some_scenarios(n=70):
     rng = np.random.default_rng(3)
     return {

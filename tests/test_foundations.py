@@ -57,9 +57,6 @@ def periods(building):
     return 2.0 * np.pi / np.sqrt(eigh(stiff, mass, eigvals_only=True))
 
 
-# -- periods, modes and damping ---------------------------------------------------------------------------------------
-
-
 def test_modes_are_those_of_the_coupled_equations():
     for building in (A, *BOTH.buildings):
         np.testing.assert_allclose(building.periods, periods(building), rtol=1e-12)
@@ -113,9 +110,6 @@ def test_stiff_springs_fix_the_base():
     assert B.on_fixed_base is B
 
 
-# -- against exact answers and the twin --------------------------------------------------------------------------------
-
-
 def test_the_twin_is_exact_without_pounding():
     """The twin against the exponential of the state in other coordinates, in which masses are coupled."""
     want = of_floors(exact(*classical(A), motion(51, 1.5), OF_THE_BASE).T)
@@ -157,9 +151,6 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     assert float(one.energy_residual) < 1e-7
 
 
-# -- invariants --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("strength", [None, [1e6, 1e6]])
 def test_a_base_that_hardly_holds_is_no_diverged_run(strength):
     """What energy allows floors to move is more on soft springs, and more with the mass of the base."""
@@ -174,9 +165,6 @@ def test_a_base_that_hardly_holds_is_no_diverged_run(strength):
     assert (moved < limits[0][:2]).all()
     assert moved[0] > limits[1][0]
     np.testing.assert_array_equal(limits[0][2:] >= limits[1][2:], True)  # of more energy in the row
-
-
-# -- limits of steps ---------------------------------------------------------------------------------------------------
 
 
 @given(
@@ -204,9 +192,6 @@ def test_the_limit_with_contacts_closed():
     assert np.isinf(largest_step(FOUNDED, LAWS["linear"], np.full(1, 8e5), np.ones(1), method="newmark")[0])
 
 
-# -- what is compiled, described and planned ---------------------------------------------------------------------------
-
-
 def test_what_is_told_of_the_row_is_of_the_whole():
     told = dict(overview(FOUNDED))["a"]
     long, short = (", ".join(f"{t:.3g}" for t in each.periods[:2]) for each in (A, pair().buildings[0]))
@@ -231,9 +216,6 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
         assert float(found.sel(building="a")) == pytest.approx(damped.modal_damping(0)[0, 0])
         assert float(found.sel(building="b")) == pytest.approx(ratio)
     assert uncoupled_runs(FOUNDED, motion(51), None)[1].attrs["method"] == "exact"
-
-
-# -- sweeps ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

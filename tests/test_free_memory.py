@@ -44,8 +44,6 @@ def test_the_smallest_limit_counts(tmp_path, monkeypatch, system, expected, limi
     assert free.limit.endswith(limit)
 
 
-# -- real limits -------------------------------------------------------------------------------------------------------
-
 #: A hundred million scenarios.
 MANY = edited(
     "gaps = [0.001, 0.005, 1.0]",

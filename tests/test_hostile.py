@@ -169,9 +169,6 @@ def test_any_values_in_a_sweep_file(changes, tmp_path_factory):
         assert ps.load_sweep(path).spec.n_scenarios >= 1
 
 
-# --- places ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def places(tmp_path):
     """Return a folder of records and a record outside of it."""
@@ -214,9 +211,6 @@ def test_a_sweep_file_that_is_none(tmp_path):
             ps.load_sweep(path)
 
 
-# --- a sweep of 10^12 scenarios -------------------------------------------------------------------------------------
-
-
 def test_too_large_a_sweep_is_refused_before_anything_is_made(tmp_path):
     axes = {"gaps": 10**6, "scales": 10**6}
     size = math.prod(axes.values())
@@ -236,9 +230,6 @@ def test_too_large_a_sweep_is_refused_before_anything_is_made(tmp_path):
             assert tracemalloc.get_traced_memory()[1] < 20e6
         finally:
             tracemalloc.stop()
-
-
-# --- netCDF ---------------------------------------------------------------------------------------------------------
 
 
 def small_cube():

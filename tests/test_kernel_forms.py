@@ -1,4 +1,4 @@
-"""One source in all its forms: Python on NumPy arrays, compiled for any machine, row by row in loops."""
+"""One source in all its forms: Python on NumPy arrays, compiled for registers of any width, row by row in loops."""
 
 from __future__ import annotations
 

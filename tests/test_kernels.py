@@ -87,9 +87,6 @@ def run_lanes(kernel, record, scale, gaps, stiffness, restitution):
     )
 
 
-# -- against the twin --------------------------------------------------------------------------------------------------
-
-
 # Largest error of any variable at the step of the test; two to four times what is measured.
 RK4_BOUND = dict.fromkeys(LAWS, 8e-6) | {"modified_kelvin_voigt": 2e-5}
 SECOND_ORDER_BOUND = 1.5e-3
@@ -131,9 +128,6 @@ OTHER_ROWS = [
 @pytest.mark.parametrize(("row", "law", "points", "method", "dt", "bound"), OTHER_ROWS)
 def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
     check(row, law, points, 3.0 if row == "tall" else 1.0, method, dt, bound)
-
-
-# -- order of convergence ----------------------------------------------------------------------------------------------
 
 
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max", "impulse", "approach_speed_max")
@@ -207,9 +201,6 @@ def test_unlocated_steps_converge_too(method, law, locate):
     assert total[-1] < 2e-3
 
 
-# -- lanes -------------------------------------------------------------------------------------------------------------
-
-
 #: Scheme, law, whether contacts are located, the row, and by day whether `simulate` runs it or flight without history.
 LANES_CASES = [
     *(("rk4", law, True, PAIR) for law in ("hertz_damped", "kelvin_voigt", "nonlinear_viscoelastic")),
@@ -273,9 +264,6 @@ def test_an_undamped_law_in_the_kernel_of_a_damped_one_to_the_last_bit(law, host
         assert np.array_equal(guest[name], values), name
 
 
-# -- what a kernel leaves out ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_asking_for_less_changes_nothing():
     """A kernel without energies, histories and accelerations gives the same bits for what is left."""
@@ -290,9 +278,6 @@ def test_asking_for_less_changes_nothing():
     assert few["count"].sum() > 0
     for name, values in few.items():
         assert np.array_equal(values, many[name]), name
-
-
-# -- exact flight ------------------------------------------------------------------------------------------------------
 
 
 def test_flight_is_exact_whatever_the_step():

@@ -51,9 +51,6 @@ def exact(m, c, k, record, pushed=None):
     return np.array(found)
 
 
-# -- against exact answers and the twin --------------------------------------------------------------------------------
-
-
 def test_the_twin_is_exact_without_pounding():
     """Non-classical damping and links: the twin itself against the exponential of the whole state."""
     want = exact(*matrices(LINKED), motion(51, 1.5))
@@ -76,18 +73,12 @@ def test_two_masses_on_a_link_by_hand():
     assert scene.linked_buildings == ((0, 1),)
 
 
-# -- invariants --------------------------------------------------------------------------------------------------------
-
-
 def test_a_rigid_link_makes_neighbours_one():
     """Periods of two equal towers, stiffly linked at every floor, are those of one."""
     twin = ps.Scene([A, replace(A, name="b")], [0.01], links=[ps.Link("a-b", [1, 2], 1e12)])
     apart = [2.0 * np.pi / np.sqrt(2.0 * 1e12 / m) for m in sorted(A.masses, reverse=True)]
     periods = ", ".join(f"{t:.3g}" for t in [*A.periods, *apart])
     assert dict(overview(twin))["a + b"] == f"linked, periods as one {periods} s"
-
-
-# -- stability ---------------------------------------------------------------------------------------------------------
 
 
 def radius(method, h, m, c, k):
@@ -129,9 +120,6 @@ def test_the_limit_of_a_stiff_link_is_its_own():
     m, _, k = matrices(stiff)
     fastest = np.sqrt(eig(k, m)[0].real.max())
     assert 0.5 * 2.0 / fastest < limit < 2.0 / fastest
-
-
-# -- isolated buildings ------------------------------------------------------------------------------------------------
 
 
 def test_an_isolated_building_has_the_numbers_that_were_asked_for():

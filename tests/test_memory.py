@@ -1,4 +1,4 @@
-"""Sweeps that are larger than what may be held of them: memory, slabs, disk, and what a kill leaves behind."""
+"""Sweeps that are larger than what may be held of them: memory, slabs and disk."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ pytestmark = pytest.mark.usefixtures("stub_module")
 
 MIB = 2**20
 
-
-# -- memory ------------------------------------------------------------------------------------------------------------
 
 MANY = """
 import json, os, sys
@@ -87,9 +85,6 @@ def test_a_cube_that_does_not_fit_is_refused_before_it_is_run(monkeypatch):
         sweep.run()
 
 
-# -- slabs -------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def small_slabs(monkeypatch):
     """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
@@ -125,9 +120,6 @@ def test_slabs_change_no_bit(reference, tmp_path):
         for name in cube_variables(OUTPUTS):
             assert file[name].chunking() == [1, 1, 1, 2, 2, 1, *file[name].shape[6:]], name
             assert not file[name].filters()["zlib"]
-
-
-# -- disk --------------------------------------------------------------------------------------------------------------
 
 
 def test_a_cube_that_does_not_fit_on_the_disk(tmp_path, monkeypatch):

@@ -50,9 +50,6 @@ def flat(parts):
     return np.concatenate([np.ravel(p) for p in parts])
 
 
-# -- rows that pound ---------------------------------------------------------------------------------------------------
-
-
 def test_linear_contact_against_matrix_exponentials():
     """Two one-storey buildings, undamped contact: piecewise linear, so exact between located switches."""
     m, k, gap, kc, dt = np.array([100.0, 160.0]), np.array([4.0e4, 2.0e4]), 0.004, 5.0e5, 0.02
@@ -123,9 +120,6 @@ def test_converged_in_the_tolerance(law):
     np.testing.assert_array_equal(flat(out["impact_count"]), flat(finer["impact_count"]))
     for name in ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "penetration_max", "impulse"]:
         np.testing.assert_allclose(flat(out[name]), flat(finer[name]), rtol=1e-6, atol=1e-8 * flat(finer[name]).max())
-
-
-# -- storeys that yield ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("hardening", [0.0, 0.1, 0.5])

@@ -1,4 +1,4 @@
-"""P-Delta: weights that take part of the storeys' stiffness: against the slow twin, by formula, where a row falls."""
+"""P-Delta: weights that take part of the storeys' stiffness: by formula, and where a row falls."""
 
 from __future__ import annotations
 
@@ -27,9 +27,6 @@ OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and 
 def upright(scene):
     """The row without P-Delta."""
     return ps.Scene([replace(b, p_delta=False) for b in scene.row], scene.gaps, scene.contact)
-
-
-# -- by formula --------------------------------------------------------------------------------------------------------
 
 
 def test_a_period_grows_as_its_storey_leans():
@@ -82,9 +79,6 @@ def test_a_period_factor_is_one_under_the_weights():
         np.testing.assert_allclose((row.hardenings * row.stiffnesses)[0, here], slopes, rtol=1e-12)
 
 
-# -- where a row falls -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("share", "falls"), [pytest.param(0.999, False, marks=pytest.mark.slow), (1.001, True)])
 def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls):
     """Without damping or ground motion the start decides: m v^2 / 2 against the work up to the drift Vy h / P.
@@ -120,9 +114,6 @@ def test_a_storey_rests_where_its_weight_and_its_spring_agree():
     want = 0.95 * np.array(a.stiffnesses) * plastic / np.array(a.lateral_stiffnesses)
     np.testing.assert_allclose(got.residual_drift.values[0], want, rtol=1e-9)
     assert (np.abs(want) > np.abs(0.95 * plastic)).all()
-
-
-# -- what is compiled, stored and told ---------------------------------------------------------------------------------
 
 
 def test_a_row_in_words_tells_how_near_it_is_to_falling():

@@ -1,4 +1,4 @@
-"""The sweep of the classic map: its axes, a sample of its scenarios against the independent oracle, and its figure."""
+"""The sweep of the classic map: its axes, and what touches."""
 
 from __future__ import annotations
 

@@ -91,9 +91,6 @@ def scenes_of(variants):
     ]
 
 
-# -- what follows from the factors -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped"])
 @pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
 def test_limits_are_those_of_buildings_built_so(law, method):
@@ -125,9 +122,6 @@ def test_estimates_are_those_of_buildings_built_so():
             lasting = shortest_contact(scene, get_law(law), k[[i]], e[[i]], speeds[[i]])
             found = shortest_contact(variants, get_law(law), k, e, speeds)[i]
             np.testing.assert_allclose(found, lasting[0], rtol=1e-12)
-
-
-# -- what a kernel is given --------------------------------------------------------------------------------------------
 
 
 def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
@@ -189,9 +183,6 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
     assert varied == {"p_m", "p_im", "p_k", "p_alpha", "p_beta"} | contact
 
 
-# -- sweeps ------------------------------------------------------------------------------------------------------------
-
-
 WHOLE = {
     "laws": ["linear", "none", "kelvin_voigt"],
     "gaps": [0.0005, 0.5, 0.002],
@@ -212,9 +203,6 @@ def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios(stub_engin
     np.testing.assert_array_equal(cube["audit_mass_factor"], variants.mass_factor)
     np.testing.assert_array_equal(cube["audit_damping_ratio"], variants.damping_ratio)
     assert found.error.max() < 1e-2  # the same buildings again, not others
-
-
-# -- planning ----------------------------------------------------------------------------------------------------------
 
 
 def plan_of(scene=None, **changes):
@@ -315,9 +303,6 @@ def test_planning_takes_the_memory_it_says(axes):
     assert peak <= PLAN_BYTES * spec.n_scenarios
 
 
-# -- cubes -------------------------------------------------------------------------------------------------------------
-
-
 def named(*names):
     return Scene(
         [Building(name, [100.0 + i], [1e4]) for i, name in enumerate(names)],
@@ -368,9 +353,6 @@ def test_names_of_buildings_become_names_of_netcdf():
     names = ["tower_1", "tower_1_no2", "S_d"]
     assert [axis.dimension for axis in spec.property_axes] == [f"mass_factor_{name}" for name in names]
     assert [axis.building for axis in spec.property_axes] == ["tower 1", "tower-1", "Süd"]  # as in the row
-
-
-# -- what a user writes ------------------------------------------------------------------------------------------------
 
 
 FILE = """

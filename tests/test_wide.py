@@ -178,9 +178,6 @@ def test_a_part_and_a_file(tmp_path):
         assert [float(row["displacement_max_a_2"]) for row in rows] == largest
 
 
-# --- histories ------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def one(stub_module):
     return simulate(pair(), motions()[0], law="linear", dt=0.01)

@@ -26,9 +26,6 @@ NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(YIELDS)]
 
 
-# -- against the twin --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("scene", "points"), [(YIELDS, 151), (LEANING_YIELDS, 251)], ids=["upright", "leaning"])
 def test_a_loop_is_bilinear(scene, points):
     """The shear follows drift along k and r k, never beyond what hardening allows, whatever the contacts do."""
@@ -45,9 +42,6 @@ def test_a_loop_is_bilinear(scene, points):
     assert one.storey_shear_max.values[0, 0] == pytest.approx(np.abs(v).max(), rel=1e-4)
 
 
-# -- invariants --------------------------------------------------------------------------------------------------------
-
-
 def lanes(scene, scales, method="rk4", dt=1e-3, law="kelvin_voigt", points=101, gaps=None):
     given = {"scale": scales, "gaps": [scene.gaps] if gaps is None else gaps}
     return lane_values(scene, law, OUTPUTS, motion(points), Numerics(method, dt), history=True, **given)
@@ -56,9 +50,6 @@ def lanes(scene, scales, method="rk4", dt=1e-3, law="kelvin_voigt", points=101, 
 def scaled(scene, factor, **changes):
     row = [replace(b, yield_strengths=[factor * v for v in b.yield_strengths], **changes) for b in scene.row]
     return ps.Scene(row, scene.gaps, scene.contact)
-
-
-# -- flight ------------------------------------------------------------------------------------------------------------
 
 
 def flying(scene=YIELDS, **numerics):
@@ -111,9 +102,6 @@ def test_what_is_left_out_of_a_flight_changes_nothing():
                 assert (found[name][i] == values[0]).all(), (name, i)
 
 
-# -- extremes ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("method", YIELDING)
 @pytest.mark.parametrize("hardening", [0.0, pytest.param(0.05, marks=pytest.mark.slow), 0.999999])
 def test_strengths_from_hardly_any_to_never(hardening, method):
@@ -146,9 +134,6 @@ def test_a_contact_beside_a_yielding_storey_needs_no_more_steps():
     for dt, status in ((5e-4, Status.OK), (1e-2, Status.UNDER_RESOLVED_MOTION)):
         _, one = lanes(YIELDS, [1.5], dt=dt, gaps=[[1e3]])
         assert one["status"].tolist() == [status], dt
-
-
-# -- sweeps ------------------------------------------------------------------------------------------------------------
 
 
 @lru_cache
@@ -252,9 +237,6 @@ def test_a_long_period_keeps_its_displacement():
 def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
     with pytest.raises(InputError, match=message):
         ps.analysis.constant_ductility(scene, motions()[0], targets)
-
-
-# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
