@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geonet, in_rows, knet, save, smc
 
 from pounding_sweep.base.errors import RecordError
@@ -75,21 +73,6 @@ def test_at2_quirks(tmp_path, text):
     assert (record.dt, record.name) == (0.01, "file")
     np.testing.assert_allclose(record.acceleration, np.array(VALUES) * G, rtol=1e-7)
     assert record.source.endswith("(file.AT2)")
-
-
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    values=st.lists(
-        st.floats(-9.0, 9.0, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-30 else 0.0), min_size=1
-    ),
-    dt=st.integers(1, 4000).map(lambda n: n / 10000),
-    per_line=st.integers(1, 9),
-    end=st.sampled_from(["\n", "\r\n"]),
-)
-def test_at2_round_trip(tmp_path, values, dt, per_line, end):
-    record = read_record(save(tmp_path, at2(values, dt=f"{dt:.5f}", per_line=per_line, end=end)))
-    assert record.dt == dt
-    np.testing.assert_allclose(record.acceleration, np.array(values) * G, rtol=5.1e-7, atol=0)
 
 
 TENTHS, HALVES = [0.1 * G, 0.2 * G], [0, 0.5 * G, -0.25 * G]

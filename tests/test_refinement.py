@@ -13,7 +13,6 @@ from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.run import refinement
 from pounding_sweep.run.refinement import differences
-from pounding_sweep.schemes import SCHEMES
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
 
@@ -65,16 +64,6 @@ def test_the_estimate_is_a_fifth_of_the_difference_of_the_last_two_steps():
     twice = flat(make(**one, dt=2.0 * found["time_step"][0]).run(scheduler="synchronous"))
     by_hand = differences(comparable(OUTPUTS), twice, found)[0] / 5.0
     assert found["error_estimate"][0] == pytest.approx(by_hand, rel=0.5)
-
-
-def test_an_order_says_nothing_of_numbers_of_impacts():
-    two = {"displacement_max": np.array([[1.0], [1.0]]), "impact_count": np.array([[50], [50]])}
-    two["status"] = np.zeros(2, int)
-    other = {**two, "displacement_max": np.array([[1.001], [1.0]]), "impact_count": np.array([[50], [49]])}
-    names = ["displacement_max", "impact_count"]
-    np.testing.assert_allclose(differences(names, other, two), [1e-3, 2e-2])
-    np.testing.assert_allclose(differences(names, other, two, 5.0), [2e-4, 2e-2])
-    assert [round(SCHEMES[name].leeway) for name in ("rk4", "exact", "newmark", "central_difference")] == [5, 2, 1, 1]
 
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):
