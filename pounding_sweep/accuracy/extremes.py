@@ -99,8 +99,8 @@ class Batch:
     def run(self, numerics: Numerics) -> Values:
         """Run every scenario; those beyond the stability limit are refused."""
         rows, scene = np.flatnonzero(self.step(numerics) <= self.stable_step(numerics.method)), self.scene
-        shapes = {name: variables.inner_shape(name, scene) for name in variables.cube_variables(self.outputs)}
-        values = {name: np.full((len(self), *shape), np.nan) for name, shape in shapes.items()}
+        names = variables.cube_variables(self.outputs)
+        values = {name: np.full((len(self), *variables.inner_shape(name, scene)), np.nan) for name in names}
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             task = ChunkTask(self.kernel(numerics), self.record, self.table[rows], variants_of(scene), self.outputs)

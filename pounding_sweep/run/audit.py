@@ -88,8 +88,8 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
     if not len(rows) or plan.spec.audit <= 0.0:
         return rows[:0], 0.0
     table, is_refined = plan.unique, plan.spec.accuracy is not None
-    intervals = np.array([record.n_points - 1 for record in plan.spec.records])
-    whole = (REFINED if is_refined else 1) * int((plan.steps[rows] * intervals[table.record[rows]]).sum())
+    lengths = plan.steps * np.array([record.n_points - 1 for record in plan.spec.records])[table.record]
+    whole = (REFINED if is_refined else 1) * int(lengths[rows].sum())
     # lane groups of scenarios of one record, law and number of steps
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     rows = random.permutation(rows)
@@ -98,8 +98,8 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
     rows, kinds = rows[order], kinds[order]
     begins = np.searchsorted(kinds, kinds)  # where the kind of a scenario begins
     starts = np.flatnonzero((np.arange(len(rows)) - begins) % GROUP == 0)
-    sizes, first = np.diff([*starts, len(rows)]), rows[starts]
-    costs = LANES * FINER * (ENDS if is_refined else 1) * plan.steps[first] * intervals[table.record[first]]
+    sizes = np.diff([*starts, len(rows)])
+    costs = LANES * FINER * (ENDS if is_refined else 1) * lengths[rows[starts]]
     # groups in random order, each as likely as it is large, as far as their costs go
     order = np.argsort(random.exponential(size=len(starts)) / sizes)
     spent, most = np.cumsum(costs[order]), min(MOST, max(1, len(rows) // 2))
@@ -143,7 +143,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
     measured = error, sensitivity, swept["status"], sensitive, undecided
     result = Audit(sample, outputs, *measured, len(rows), share, tolerance)
-    if len(again) and result.exceeding.any():
+    if result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 
@@ -172,7 +172,7 @@ def _run(
         name=f"audit:{plan.digest}:{accuracy}",
         longest=LONGEST_CHUNK,
         most=CHUNK_BYTES // plan.bytes_per_scenario,
-        seconds=lambda record, count: float(plan.scenario_seconds(record, FINER * count)),
+        seconds=lambda record, count: plan.scenario_seconds(record, FINER * count),
     )
 
     def task_of(chunk: Chunk) -> ChunkTask:

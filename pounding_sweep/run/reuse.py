@@ -63,7 +63,8 @@ class EarlierCube:
             check_one_study(repr(self.path), "this sweep", pairs, "Make them agree, or run the sweep without the cube")
             made, now = made_by(cube.attrs), installed()
             check_one_study(repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], MAKERS_REMEDY)
-            self._check_numerics(cube)
+            if fault := self._fault_of_numerics(cube):
+                raise InputError(f"{self.path!r} can't be extended: {fault}; run the sweep without it")
             self.origin = source(self.path, cube.attrs)
 
     def chunks(self, wanted: np.ndarray) -> Iterator[tuple[Chunk, np.ndarray]]:
@@ -102,28 +103,28 @@ class EarlierCube:
                     key = chunk_key(f"{plan.digest}:{self.origin['sweep_sha256']}:", answered[of_kind])
                     yield Chunk(key, law, record, answered[of_kind], 0), table[of_kind]
 
-    def _check_numerics(self, cube: xr.Dataset) -> None:
-        """Raise `InputError` where other kernels ran, or other steps were chosen for an accuracy."""
+    def _fault_of_numerics(self, cube: xr.Dataset) -> str:
+        """Say where other kernels ran, or other steps were chosen for an accuracy; "" if neither."""
         plan, numerics = self._plan, self._plan.numerics
-        ran = [str(cube.attrs.get(key)) for key in ("method", "precision")]
-        fault = ""
         if varies_buildings(cube, self._sweep) != (len(plan.variants) > 1):
-            fault = "only one of the two sweeps varies building properties, which runs in kernels of its own"
-        elif plan.spec.accuracy is not None and "accuracy_numbers" not in cube.attrs:
-            fault = "with an accuracy, it must not be merged"
-        elif plan.spec.accuracy is not None and ran != [numerics.method, numerics.precision]:
-            fault = f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
-        elif plan.spec.accuracy is not None and self._steps_differ(json.loads(cube.attrs["accuracy_numbers"])):
-            fault = f"for its accuracy the new sweep takes other steps: {plan.choice}"
-        if fault:
-            raise InputError(f"{self.path!r} can't be extended: {fault}; run the sweep without it")
+            return "only one of the two sweeps varies building properties, which runs in kernels of its own"
+        if plan.spec.accuracy is None:
+            return ""
+        if "accuracy_numbers" not in cube.attrs:
+            return "with an accuracy, it must not be merged"
+        ran = [str(cube.attrs.get(key)) for key in ("method", "precision")]
+        if ran != [numerics.method, numerics.precision]:
+            return f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
+        differ = self._steps_differ(json.loads(cube.attrs["accuracy_numbers"]))
+        return f"for its accuracy the new sweep takes other steps: {plan.choice}" if differ else ""
 
     def _steps_differ(self, then: dict[str, Any]) -> bool:
         """Whether scenarios of both sweeps have other steps: these follow from what their laws need."""
         now: Any = self._plan.choice_numbers
         exact = self._plan.numerics.scheme.flies_exactly
         old, new = (numbers["refinement" if exact else "steps_in_shortest_time"] for numbers in (then, now))
-        differ = any(old[law] != new[law] for law in old.keys() & new)
         laws = {**LAWS, **{law.key: law for law in self._plan.laws}}
         jumps = {any(laws[key].impulsive for key in laws.keys() & sweep["laws"]) for sweep in (self._sweep, self._new)}
-        return len(jumps) > 1 or (max(old.values()) != max(new.values()) if exact else differ)
+        if exact:
+            return len(jumps) > 1 or max(old.values()) != max(new.values())
+        return len(jumps) > 1 or any(old[law] != new[law] for law in old.keys() & new)
