@@ -83,7 +83,7 @@ SMOOTH = ps.Scene(
     [0.005],
     LEANING.contact,
 )
-SMOOTHING = ("rk4", "newmark")
+SMOOTHING = ("exact", "rk4", "newmark")
 #: The pair with a dashpot, its roofs linked; and the schemes that run it.
 LINKED = ps.Scene(
     [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
@@ -179,9 +179,12 @@ def kernels() -> tuple[KernelSpec, ...]:
         *swept(**YIELDING_SWEEP),
         kernel_shape(yielding_pair(), LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]), varied=True),
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
-        simulated("rk4", "none", scene=SMOOTH),
+        *(simulated(method, "none", scene=SMOOTH) for method in ("exact", "rk4")),
         *(simulated(method, "linear", scene=SMOOTH) for method in SMOOTHING),
-        simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
+        *(
+            simulated(method, "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005]))
+            for method in ("exact", "rk4")
+        ),
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=FOUNDED) for method in FOUNDING),
         kernel_shape(yielding_pair(), LAWS["kelvin_voigt"], Numerics("exact", 5e-4), reducers_for(EVERY)),

@@ -91,7 +91,9 @@ STEPPED = ps.Scene(
 )
 
 
-@pytest.mark.parametrize(("method", "dt", "near"), [("rk4", 1e-3, 1e-6), ("newmark", 2.5e-4, 4e-6)])
+@pytest.mark.parametrize(
+    ("method", "dt", "near"), [("exact", 5e-3, 5e-8), ("rk4", 1e-3, 1e-6), ("newmark", 2.5e-4, 4e-6)]
+)
 @pytest.mark.parametrize("scene", [SMOOTH, STEPPED], ids=["smooth", "stepped"])
 def test_a_pounding_row_that_leans_moves_as_scipy_says(scene, method, dt, near):
     got, want = simulate(scene, "linear", 126, 2.0, dt=dt, method=method), truth(scene, 126, 2.0)
@@ -130,7 +132,9 @@ def test_order_of_convergence(method, law, longest, low, high):
     assert low < slope < high, (slope, total)
 
 
-@pytest.mark.parametrize(("method", "near"), [("rk4", 1e-8), pytest.param("newmark", 1e-5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("method", "near"), [("exact", 1e-9), ("rk4", 1e-8), pytest.param("newmark", 1e-5, marks=pytest.mark.slow)]
+)
 def test_loading_for_the_first_time_follows_its_closed_form(method, near):
     """n = 2, beta + gamma = 1: z = dy tanh(d / dy), at whatever speed."""
     one = simulate(SMOOTH, "none", 251, dt=1e-3, method=method)
@@ -165,13 +169,13 @@ def lanes(scene, scales, law="none", dt=5e-3, twin=False, method="rk4", precisio
 @pytest.mark.parametrize(
     "factor", [1e-6, 1.0, 1e9, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (1e-3, 1e3))]
 )
-@pytest.mark.parametrize("method", ["rk4", pytest.param("newmark", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["exact", "rk4", pytest.param("newmark", marks=pytest.mark.slow)])
 def test_strengths_from_hardly_any_to_never(method, factor):
     """Where it yields too much within a step even for sub-steps, it says so."""
     row = [replace(b, yield_strengths=[factor * v for v in b.yield_strengths], p_delta=False) for b in SMOOTH.row]
     _, one = lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.0], "linear", method=method)
     if factor < 1e-4:
-        said = {"rk4": Status.DIVERGED, "newmark": Status.UNDER_RESOLVED_CONTACT}
+        said = {"exact": Status.DIVERGED, "rk4": Status.DIVERGED, "newmark": Status.UNDER_RESOLVED_CONTACT}
         assert one["status"].tolist() == [said[method]]
         return
     assert one["status"].tolist() == [Status.OK]
@@ -179,7 +183,7 @@ def test_strengths_from_hardly_any_to_never(method, factor):
     if factor >= 1e3:
         elastic = ps.Scene([replace(b, yield_strengths=None, bouc_wen=None, hardening=0.0) for b in row], [1e3])
         want = lanes(elastic, [1.0], twin=True, method=method)[1]
-        near = {"rk4": 1e-6, "newmark": 1e-4}[method]  # its steps are cut at kinks, small as they are
+        near = {"exact": 1e-6, "rk4": 1e-6, "newmark": 1e-4}[method]  # its steps are cut at kinks, small as they are
         np.testing.assert_allclose(one["drift_max"], want["drift_max"], rtol=max(2.0 / factor, near))
 
 
@@ -221,8 +225,34 @@ def test_newmark_has_its_order_whatever_stands_beside(kind):
     assert 1.7 < slope < 2.3, (slope, total)
 
 
-@pytest.mark.parametrize("method", ["exact", "central_difference"])
-def test_other_schemes_are_refused(method):
-    with pytest.raises(SweepError, match=rf"method: '{method}' does not follow (storeys of Bouc and Wen|storeys that)"):
-        ps.Sweep(SMOOTH, motion(11), "linear", method=method)
+@pytest.mark.parametrize("law", ["linear", pytest.param("none", marks=pytest.mark.slow)])
+def test_series_do_not_depend_on_the_step(law):
+    """Kinks and contacts are located, and what series leave out is of the size of rounding."""
+    moved = [
+        simulate(SMOOTH, law, 126, 2.0, dt=dt, method="exact").displacement.values[:: round(0.02 / dt)]
+        for dt in (5e-3, 2e-3)
+    ]
+    np.testing.assert_allclose(moved[0], moved[1], atol=1e-9 * np.abs(moved[1]).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "n"), [("hertz", 2.0), ("linear", 1.5), ("stereomechanical", 1.0)])
+def test_exact_goes_by_its_stages_where_forces_or_flow_are_no_polynomials(law, n):
+    scene = ps.Scene([replace(b, bouc_wen={"n": n}) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
+    options = {"law": law, "stiffness": {"hertz": 2e6, "linear": CONTACT}.get(law)}
+
+    def moved(method, dt):
+        one = ps.simulate(scene, motion(101, 1.5), method=method, dt=dt, **options)
+        assert int(one.impact_count.sum()) >= 2
+        return one.displacement.values[:: round(0.02 / dt)]
+
+    want = moved("rk4", 2.5e-4)
+    coarse, fine = (np.nanmax(np.abs(moved("exact", dt) - want)) / np.nanmax(np.abs(want)) for dt in (4e-3, 1e-3))
+    assert fine < 1e-6, (coarse, fine)
+    assert fine < 0.1 * coarse, (coarse, fine)
+
+
+def test_central_differences_are_refused():
+    with pytest.raises(SweepError, match=r"method: 'central_difference' does not follow storeys (of Bouc|that)"):
+        ps.Sweep(SMOOTH, motion(11), "linear", method="central_difference")
     assert ps.Sweep(SMOOTH, motion(11), "linear", accuracy=1e-2).plan().numerics.method == "rk4"

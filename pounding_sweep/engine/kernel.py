@@ -15,6 +15,7 @@ from pounding_sweep.kernel.flight import Flight, Layout
 from pounding_sweep.kernel.flight_tables import Blocks, Tables
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
+    Cell,
     Count,
     Ledger,
     Real,
@@ -34,7 +35,7 @@ from pounding_sweep.kernel.lanes import (
 from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.schemes.exact import Course, Flights, run_scenarios
+from pounding_sweep.schemes.exact import Course, Flights, Turns, run_scenarios
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
 #: Share of its largest size by which what flight watches is widened in windows, for rounding.
@@ -148,7 +149,7 @@ def _run(
     fly: Callable[[], None] | None = None,
 ) -> None:
     """Take all scenarios of a call over the record, or write what does; `fly` calls the flight of a kernel."""
-    lanes = LANES if trace is None and not spec.flies_exactly else width(spec.precision)
+    lanes = LANES if trace is None and not spec.at_own_pace else width(spec.precision)
     group = make_group(spec, trace, lanes, values["constants"], values.get("state"))
     ground, columns = Ground(trace, values, shapes["motion"][0]), shapes["history"][1]
     history = Table(trace, values["history"], 1, double=True)
@@ -156,17 +157,20 @@ def _run(
     def put(row: Any, column: int, value: Any) -> None:
         history.put_number(row * columns + column, lane_of(value, 0))
 
-    if not spec.flies_exactly:
+    if not spec.at_own_pace:
         _run_groups(group, ground, values, shapes["inputs"][0], put)
         return
     note = noter(group, put, True) if spec.history else None
+    if not spec.flies_exactly:
+        turns = Turns(group, ground, Course(group, Cell), *_scenarios(group, values), note)
+        run_scenarios(group, ground, turns.serve, turns.course, note)
+        return
     if trace is not None:  # flight's own rows come before those of the state
         group.state.table.pointer = trace.builder.gep(values["state"], [_I64(_own_size(group))], inbounds=True)
     if fly is not None and not spec.only_flight:
         run_scenarios(group, ground, fly, Course(group, ledger.cell), note)
         return
-    counts = values["rows"], values["scenarios"], values.get("passing", group.n_persistent_rows)
-    flights = make_flights(group, ground, values, counts, note, ledger)
+    flights = make_flights(group, ground, values, note, ledger)
     if spec.only_flight:
         flights.serve()
     else:
@@ -206,12 +210,18 @@ def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:
     return numbers[at:] if trace is None else trace.builder.gep(numbers, [at.value])
 
 
-def make_flights(
-    group: Group, ground: Any, arrays: dict[str, Any], counts: Sequence[Any], note: Any, ledger: Ledger
-) -> Flights:
+def _scenarios(group: Group, values: Mapping[str, Any]) -> tuple[tuple[Rows, Rows, Any], Any]:
+    """Return inputs, results and number of all scenarios of a call, and rows of the state that a step leaves."""
+    inputs, results = (
+        Rows(group.trace, slots.count, LANES, values[name], double=True)
+        for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
+    )
+    return (inputs, results, values["scenarios"]), values.get("passing", group.n_persistent_rows)
+
+
+def make_flights(group: Group, ground: Any, arrays: dict[str, Any], note: Any, ledger: Ledger) -> Flights:
     """Return the flight of all scenarios of a call."""
-    # `counts` are those of rows of buildings, of scenarios, and of rows of the state that a step leaves to the next
-    trace, spec, (rows, scenarios, kept) = group.trace, group.spec, counts
+    trace, spec, rows = group.trace, group.spec, arrays["rows"]
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays.get("state"))
     wide = None if trace is None else Tracer(trace.builder, "float64", flight.lanes)
@@ -220,12 +230,8 @@ def make_flights(
     if spec.blocks:
         flight.blocks = Blocks(*own, rows, ledger.cell)
     fill = flight.blocks.fill if spec.blocks else partial(Tables(*own).fill, rows)
-    inputs, results = (
-        Rows(trace, slots.count, LANES, arrays[name], double=True)
-        for slots, name in ((input_slots(spec), "inputs"), (output_slots(spec), "results"))
-    )
-    tables = fill, flight.blocks.blocks if spec.blocks else points
-    return Flights(group, ground, flight, course, (inputs, results, scenarios), tables, kept, note)
+    stops = flight.blocks.blocks if spec.blocks else points
+    return Flights(flight, fill, stops, group, ground, course, *_scenarios(group, arrays), note)
 
 
 def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Callable[[Any], None]:

@@ -111,7 +111,7 @@ def kernel_shape(
         scheme=numerics.method,
         order=numerics.scheme.order,
         implicit=numerics.scheme.implicit,
-        flies_exactly=numerics.scheme.flies_exactly,
+        by_series=numerics.scheme.flies_exactly,
         located=numerics.locate,
         reducers=wanted,
         history=history,
@@ -259,6 +259,7 @@ class RowKernel:
         if shape.flies_exactly:
             flight_substeps = int(self.flight_substeps(record, row).max())
             steps = flight_substeps if shape.series or shape.staged else steps
+        if shape.at_own_pace:
             track = _ground(record, steps).astype(shape.precision)
         results = np.zeros((groups, outputs.size * LANES))
         history = np.zeros((1, 1)) if history is None else history

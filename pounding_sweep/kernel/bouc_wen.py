@@ -5,7 +5,8 @@
 
 d is the drift, p its plastic part, r the hardening and dy = Vy / k. The shear is k d - (1 - r) k p, p flowing stage by
 stage, or, in an implicit step, by the trapezoid over the drift. Its rate has a kink where the drift turns and where z
-changes its sign: sub-steps end there, and are so short that z can't reach its limit from anywhere within one.
+changes its sign: sub-steps end there, and are so short that z can't reach its limit from anywhere within one. Between
+kinks p' is a polynomial of z and d' where n is whole: `exact` finds p by its series, term by term with the motion.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey, power_of
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
+from pounding_sweep.kernel.lanes import Cell, count_to, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import course, crossing, cubic
 
 #: Share of its limit, over n, by which a drift may move in a sub-step.
@@ -42,13 +43,14 @@ def _end(storey: Storey, end: str) -> tuple[Any, Any]:
     return z, storey.drift(f"v{end}")
 
 
-def shear(storey: Storey, name: str) -> Any:
+def shear(storey: Storey, name: Any) -> Any:
     """Storey shear at the displacements of that name; of rates, its rate."""
-    end = name[1:]
     k, (_, soft), moves = storey.stiffness, storey.hardened, storey.drift(name)
+    if not isinstance(name, str):  # a term of the series
+        return k * moves - soft * name.slip(storey)
     if name.startswith("v"):
-        return (k - soft * _share(storey, *_end(storey, end))) * moves
-    return k * moves - soft * getattr(storey, f"slip{end}")
+        return (k - soft * _share(storey, *_end(storey, name[1:]))) * moves
+    return k * moves - soft * getattr(storey, f"slip{name[1:]}")
 
 
 class Flow:
@@ -222,3 +224,71 @@ def locate_event(group: Group, asks: Any) -> Any:
                 inside = kinks & (t > group.limit.at_kink) & (t < 1.0 - group.limit.at_kink)
                 first.now = where(inside, minimum(first.now, t), first.now)
     return first.now
+
+
+# steps by series -----------------------------------------------------------------------------------------------------
+
+
+def begin_term(group: Group, k: Any, x: Any) -> None:
+    """Keep coefficient k of z and of drifts' rates, of floors' `x`, and make shears those of this coefficient."""
+    s, n = group.state, group.spec.n_moving
+    for storey in iter_storeys(group):
+        slip = x.slip(storey)
+        storey.ct = -storey.hardened[1] * slip
+        s["taylor_z1", storey.index + k * n] = storey.drift(x) - slip
+        s["taylor_rate", storey.index + k * n] = storey.drift(x.rates)
+
+
+def end_term(group: Group, k: Any, x: Any, per: Any) -> None:
+    """Find coefficient k + 1 of plastic drifts: that of p' = FLOW z^n d', FLOW following the signs of z and d'."""
+    s, n, storeys = group.state, group.spec.n_moving, list(iter_storeys(group))
+    for storey in storeys if x.constant else ():
+        _begin_signs(storey)
+
+    def products(some: Sequence[Storey], names: Sequence[str], other: str) -> Iterator[tuple[Storey, Any]]:
+        sums = [group.cell(0.0) for _ in some]
+        for q in range(k + 1) if isinstance(k, int) else count_to(k + 1):
+            for storey, name, total in zip(some, names, sums, strict=True):
+                total.now = fma(s[name, storey.index + q * n], s[other, storey.index + (k - q) * n], total.now)
+        yield from ((storey, total.now) for storey, total in zip(some, sums, strict=True))
+
+    for power in range(2, 1 + int(max(storey.exponent for storey in storeys))):
+        some = [storey for storey in storeys if storey.exponent >= power]
+        for storey, total in products(some, [f"taylor_z{power - 1}"] * len(some), "taylor_z1"):
+            s[f"taylor_z{power}", storey.index + k * n] = total
+    for storey, total in products(storeys, [f"taylor_z{storey.exponent:.0f}" for storey in storeys], "taylor_rate"):
+        s["taylor_slip", storey.index + (k + 1) * n] = per * (storey.flow * total)
+
+
+def _begin_signs(storey: Storey) -> None:
+    """Find what flows of z^n d' in the sub-step to come: the signs stay, once the storey moves, until the next kink."""
+
+    def sign(name: str, change: Any, otherwise: Any) -> Any:
+        by_more = size(change) > storey.group.limit.at_rest * storey.rounding(name)
+        return where(by_more, where(change < 0.0, -1.0, 1.0), otherwise)
+
+    way, side, n = storey.rate_sign, storey.z_sign, storey.exponent
+    # at rest the sign of what it begins to do, or none
+    starts = sign("v0", storey.drift("v0"), sign("y", storey.drift("y"), 0.0))
+    storey.rate_sign = way = where(way == 0.0, starts, way)
+    storey.z_sign = side = where(side == 0.0, sign("u0", _end(storey, "0")[0], way), side)
+    share = (storey.wen_gamma + side * way * storey.wen_beta) / power_of(storey.yield_drift, n)
+    storey.flow = share * side if n % 2.0 else share
+
+
+def kinks(storey: Storey) -> list[tuple[str, Any, Any, Any]]:
+    """Return what has a kink where it changes its sign, the drift's rate and z.
+
+    The rows of its coefficients, its sign, and sign times its values at the start and the end of the sub-step.
+    """
+    (z0, v0), (z1, v1) = _end(storey, "0"), _end(storey, "")
+    way, side = storey.rate_sign, storey.z_sign
+    return [("taylor_rate", way, way * v0, way * v1), ("taylor_z1", side, side * z0, side * z1)]
+
+
+def apply_events(group: Group, lands: Any) -> None:
+    """Change the signs that have a kink at the end of this sub-step."""
+    for storey in iter_storeys(group):
+        due = lands & (storey.turn <= group.state["fraction"])
+        for kind, name in enumerate(("rate_sign", "z_sign"), 1):
+            storey.put(due & (storey.then == float(kind)), **{name: -getattr(storey, name)})

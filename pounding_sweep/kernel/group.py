@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import groupby
+from operator import add, sub
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +28,7 @@ from pounding_sweep.kernel.lanes import (
     minimum,
     power,
     roughly_power,
+    size,
     sqrt,
     where,
 )
@@ -202,6 +204,7 @@ class Group:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
             rows |= {"slip0": n} if spec.smooth else {}
+            rows |= dict.fromkeys(("z_sign", "rate_sign"), n) if spec.smooth and spec.series else {}
             rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
             rows |= {"set": n} if spec.flies_exactly else {}
         if self.touching:
@@ -232,6 +235,10 @@ class Group:
             rows |= {"taylor_force": nc * order} if any(law.damper for law in laws) else {}
             rows |= {"taylor_pen_rate": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
+            if spec.smooth:  # plastic drifts, rates of drifts, powers of z; what flows over its product with the rate
+                rows |= {"taylor_slip": n * (order + 1), "taylor_rate": n * order}
+                rows |= {f"taylor_z{k}": n * order for k in range(1, 1 + int(max(m for _, m in spec.smooth)))}
+                rows |= {"flow": n, "event_row": 1, "event_sign": 1}
             rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
             rows |= {"ruled_out": 2 * (nc + n)}
             rows |= {"swing": nb} if "transfer" in self.requested and self.touching else {}
@@ -517,10 +524,17 @@ class Storey(Indexed):
 
     def drift(self, x: Any = "u") -> Any:
         """Drift (m), of a row's name or of values floor by floor."""
+        return reduce(sub, self._parts(x))
+
+    def rounding(self, x: Any) -> Any:
+        """Sizes of what its drift is the difference of, of a row's name: by these it is rounded."""
+        return reduce(add, map(size, self._parts(x)))
+
+    def _parts(self, x: Any) -> list[Any]:
+        """Motion of the floor above, of that below and by rocking, whose difference the drift is."""
         group, base = self.group, self.group.spec.base_of(self.index)
-        moved = group.floor(x, self.index)
-        moved = moved if self.below is None else moved - group.floor(x, self.below)
-        return moved if base is None else moved - self.height * group.floor(x, base[1])
+        parts = [group.floor(x, i) for i in (self.index, self.below) if i is not None]
+        return parts if base is None else [*parts, self.height * group.floor(x, base[1])]
 
 
 def part_of(force: Any, share: Any) -> Any:

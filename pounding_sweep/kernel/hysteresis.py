@@ -38,14 +38,7 @@ def shear(storey: Storey, name: Any = "u") -> Any:
 
 def drift_scale(storey: Storey) -> Any:
     """How far a storey's floors are at both ends of a step, and its plastic drift: what its drift is rounded by."""
-    group, i, below = storey.group, storey.index, storey.below
-    total, base = size(storey.slip), group.spec.base_of(i)
-    for name in ("u0", "u"):
-        for k in (i,) if below is None else (i, below):
-            total = total + size(group.floor(name, k))
-        if base is not None:
-            total = total + size(storey.height * group.floor(name, base[1]))
-    return total
+    return size(storey.slip) + storey.rounding("u0") + storey.rounding("u")
 
 
 def _limits(storey: Storey) -> tuple[Any, Any]:

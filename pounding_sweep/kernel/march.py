@@ -145,7 +145,7 @@ def look_ahead(group: Group, h: Any) -> None:
     s = group.state
     most = group.prop("longest") if group.spec.staged else h
     rest, longest = s["time_left"], forces.longest_substep(group, most) if group.touching else group.full(most)
-    if group.spec.smooth:
+    if group.spec.smooth and not group.spec.series:
         longest = minimum(longest, bouc_wen.longest(group, most))
     if group.spec.staged:  # two equal ones rather than a long one and what is left
         longest = where(longest < rest, minimum(longest, 0.5 * rest), longest)
@@ -290,6 +290,8 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         s.put(lands, 0.0, "land")
         if group.spec.yielding:
             switched.now |= hysteresis.apply_events(group, lands)
+        if group.spec.smooth and group.spec.series:
+            bouc_wen.apply_events(group, lands)
         if group.touching:
             switched.now |= kind.apply_events(group, lands, h)
     if implicit:

@@ -3,17 +3,19 @@
 While no contact changes its mode, and the ground acceleration is linear, the motion of a row whose contacts press by
 F = k d + c d', or by k d + c d d', is analytic: u(t) = sum over n of U_n (t / h)**n follows from the equation of motion
 by comparing powers (Moore 1966; Corliss & Chang 1982). Events, peaks and the motion at any instant are read from it.
+Rows with storeys of Bouc and Wen go by series all along.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import reduce
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Contact, Group, Indexed, Storey
 from pounding_sweep.kernel.lanes import (
@@ -22,12 +24,15 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     count_to,
     fma,
+    lane_of,
     maximum,
     minimum,
     not_,
     power,
     real,
     roughly_power,
+    rounded,
+    side_by_side,
     size,
     when,
     when_any,
@@ -64,6 +69,8 @@ def substep(group: Group, h: Any) -> None:
     s["span"] = s["h"]
     for i in group.indices(spec.n_moving):
         s["taylor_u", i] = s["u0", i]
+    for storey in bouc_wen.iter_storeys(group):
+        s["taylor_slip", storey.index] = storey.slip0
     if spec.yielding and group.touching and not group.looped:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
         for case, contacts in ((closed, True), (not_(closed), False)):
@@ -104,6 +111,8 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Loo
     for contact in group.iter_contacts(straight=True) if contacts else ():
         push.add_contact(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
+    if group.spec.smooth:
+        bouc_wen.begin_term(group, k, x)
     s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
     for part, moving in group.iter_parts():  # numbers are read building by building: there is room for few
         moved, sped = [x[i] for i in moving], [s[x.rates, i] for i in moving]
@@ -111,6 +120,8 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Loo
         for i, yi, ai in zip(moving, sped, a, strict=True):
             s["taylor_u", i + (k + 1) * n] = yi * per
             s["y", i] = ai * per
+    if group.spec.smooth:
+        bouc_wen.end_term(group, k, x, per)
 
 
 class _Term:
@@ -125,6 +136,10 @@ class _Term:
 
     def __getitem__(self, i: Any) -> Any:
         return self._state["taylor_u", i + self._begin]
+
+    def slip(self, storey: Storey) -> Any:
+        """Return that of a storey's plastic drift."""
+        return self._state["taylor_slip", storey.index + self._begin]
 
 
 class _Coefficients:
@@ -169,6 +184,12 @@ def _floor(group: Group, i: Any) -> Series:
     return Series(_Coefficients(group, "taylor_u", i, group.spec.n_moving).__getitem__, group.spec.series)
 
 
+def _slip(storey: Storey) -> Series:
+    """Plastic drift of a storey of Bouc and Wen."""
+    coefficients = _Coefficients(storey.group, "taylor_slip", storey.index, storey.group.spec.n_moving)
+    return Series(coefficients.__getitem__, storey.group.spec.series)
+
+
 def _depth(contact: Contact) -> Series:
     """Penetration of a contact."""
     group = contact.group
@@ -203,6 +224,8 @@ def _find_event(group: Group) -> None:
         contact.event, contact.next = group.full(NEVER), contact.mode
     for storey in hysteresis.iter_storeys(group):
         storey.turn, storey.then = group.full(NEVER), storey.phase
+    for storey in bouc_wen.iter_storeys(group):
+        storey.turn, storey.then = group.full(NEVER), group.full(0.0)
     for _, numbers, _ in _changes(group):
         for number in numbers:
             s["ruled_out", number] = 0.0
@@ -210,6 +233,11 @@ def _find_event(group: Group) -> None:
     if group.spec.yielding:
         _converge_floors(group)
     s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
+    for storey in bouc_wen.iter_storeys(group):
+        rests = ongoing & (storey.rate_sign == 0.0) & (storey.drift("v0") == 0.0)
+        with when_any(rests):  # the first instants of its motion tell its signs
+            moves = rests & ~(_drift(storey, storey.drift("u0"), 1.0).value(1.0) == 0.0)
+            s.put(moves, SOONEST, "fraction")
     if group.spec.yielding:
         _place(group)
     events = len(group.contacts) + len(group.spec.yielding)
@@ -235,7 +263,7 @@ def _changes(group: Group) -> Iterator[tuple[Indexed, list[Any], tuple[str, str]
         law = contact.law.shape
         kinds = 2 if law.approach_only or law.clips else 1
         yield contact, [group.change(contact.index, kind) for kind in range(kinds)], ("event", "next")
-    for storey in hysteresis.iter_storeys(group):
+    for storey in chain(hysteresis.iter_storeys(group), bouc_wen.iter_storeys(group)):
         first = storey.index + len(group.contacts)
         yield storey, [group.change(first, kind) for kind in range(2)], ("turn", "then")
 
@@ -261,24 +289,26 @@ def _converge(group: Group) -> None:
 
 
 def _converge_floors(group: Group) -> None:
-    """End the step where the series of a floor is left out too early."""
+    """End the step where the series of a floor, or of a plastic drift, is left out too early."""
     s, n, order = group.state, group.spec.n_moving, group.spec.series
+    share = LEFT_OUT_YIELDING[group.spec.precision]
 
-    def terms(i: Any) -> tuple[Any, Any]:
-        # the fourth of them too: a floor at rest begins with the ground's ramp
-        first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
-        return LEFT_OUT_YIELDING[group.spec.precision] * first, size(s["taylor_u", i + order * n])
+    def terms() -> Iterator[tuple[Any, Any]]:
+        for i in group.indices(n, straight=False):
+            # the fourth of them too: a floor at rest begins with the ground's ramp
+            first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
+            yield share * first, size(s["taylor_u", i + order * n])
+        for storey in bouc_wen.iter_storeys(group):
+            yield share * storey.yield_drift, size(_slip(storey).read(order))
 
     over = group.cell(0.0)
-    for i in group.indices(n):
-        most, last = terms(i)
+    for most, last in terms():
         over.now = maximum(over.now, last - most)
     with when_any(over.now > 0.0):
-        share = group.cell(1.0)
-        for i in group.indices(n, straight=False):
-            most, last = terms(i)
-            share.now = minimum(share.now, where(last > most, most / last, 1.0))
-        s["fraction"] = minimum(s["fraction"], power(share.now, 1.0 / order))
+        least = group.cell(1.0)
+        for most, last in terms():
+            least.now = minimum(least.now, where(last > most, most / last, 1.0))
+        s["fraction"] = minimum(s["fraction"], power(least.now, 1.0 / order))
 
 
 class _Choice:
@@ -289,7 +319,8 @@ class _Choice:
         self.soonest, self.located = group.cell(NEVER), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
-        group.state["bends"] = 0.0
+        for row in ("bends", *(["event_row"] if group.spec.smooth else [])):
+            group.state[row] = group.full(0.0)
 
     def propose(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
@@ -324,7 +355,8 @@ class _Choice:
             for k in range(group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
                 s["event_poly", k] = where(better, term, s["event_poly", k])
-            for row, x in (("event_number", number), ("event_target", target)):
+            by_row = [("event_row", 0.0)] if group.spec.smooth else []
+            for row, x in (("event_number", number), ("event_target", target), *by_row):
                 s[row] = where(better, x, s[row])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
@@ -343,6 +375,8 @@ def _choose(group: Group, asks: Any) -> _Choice:
             _propose_contact(contact, choice, mask, per)
     if group.spec.yielding:
         _propose_storeys(group, asks, choice)
+    if group.spec.smooth:
+        _propose_kinks(group, asks, choice)
     return choice
 
 
@@ -439,6 +473,36 @@ def _propose_storeys(group: Group, asks: Any, choice: Any) -> None:
                 choice.propose(real(sides[0]), turns, -phase, rate, 0.0)
 
 
+def _propose_kinks(group: Group, asks: Any, choice: Any) -> None:
+    """Consider kinks of storeys of Bouc and Wen before ``fraction``, in lanes that ask."""
+    s, first, n = group.state, len(group.contacts), group.spec.n_moving
+    for storey in bouc_wen.iter_storeys(group):
+        for kind, (name, sign, start, end) in enumerate(bouc_wen.kinks(storey)):
+            number = group.change(first + storey.index, kind)
+            is_next = (storey.then == kind + 1.0) & ~(storey.turn > s["fraction"])
+            allowed = asks & ~is_next
+            changes, begins = allowed & (end < 0.0), maximum(start, 0.0)
+            guess = s["fraction"] * (begins / (begins - end))
+            better = changes & (guess < choice.soonest.now)
+            choice.located.now |= changes
+            choice.soonest.now = where(better, guess, choice.soonest.now)
+            news = {"event_number": real(number), "event_target": kind + 1.0, "event_sign": -sign, "bends": 0.0}
+            for to, x in (news | {"event_row": real(s.first[name] + storey.index)}).items():
+                s.put(better, x, to)
+            if kind == 0:  # z turns where the drift does; that may turn twice if it would by its rate at the start
+                ahead = fma(s["fraction"], sign * s[name, storey.index + n], start)
+                twice = allowed & (end > 0.0) & (ahead < 0.0) & ~(s["ruled_out", number] > 0.0)
+                with when_any(twice):
+                    choice.propose(real(number), twice, -sign, _drift(storey, storey.drift("u0"), 1.0).rate, 1.0)
+    # each lane reads the series of its own kink once, however many storeys have one
+    lanes, rows = s["event_row"] > 0.0, [rounded(lane_of(s["event_row"], lane)) for lane in range(group.lanes)]
+    with when_any(lanes):
+        for k in range(group.spec.series):
+            x = s["event_sign"] * side_by_side(group.trace, [s.lane(row + k * n, i) for i, row in enumerate(rows)])
+            s.put(lanes, x if k else minimum(x, 0.0), "event_poly", k)
+        s.put(lanes, 0.0, "event_poly", group.spec.series)
+
+
 def _locate(group: Group, lanes: Any) -> None:
     """Find when the chosen event happens; one that does not is ruled out."""
     s = group.state
@@ -464,6 +528,8 @@ def _place(group: Group) -> None:
     for i in group.indices(group.spec.n_moving, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t, halves=not group.spec.yielding)
         s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
+    for storey in bouc_wen.iter_storeys(group):
+        storey.slip = _slip(storey).value(t)
 
 
 def _take_contacts(group: Group) -> None:
@@ -542,7 +608,7 @@ def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
 def _integrate(group: Group) -> None:
     """Add energies, work and impulse over the step (Gauss & Legendre)."""
     s, r, n = group.state, group.requested, group.spec.n_moving
-    if not r & {"energy", "work", "impulse", "transfer", "links"}:
+    if not r & {"energy", "work", "impulse", "transfer", "links", "hysteretic"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
     table = Lookup([*(0.5 + 0.5 * nodes), *(0.5 * weights)])
@@ -560,6 +626,10 @@ def _integrate(group: Group) -> None:
             for i in group.indices(n, straight=False):
                 s["x", i] = _floor(group, i).value(t)
             links.add_powers(group, "x", "y", weight, first=False)
+        for storey in bouc_wen.iter_storeys(group) if "hysteretic" in r else ():
+            slip, rate = _slip(storey).with_slope(t)
+            z = _drift(storey, storey.drift("u0"), 1.0).value(t) - slip
+            storey.travel = fma(weight * per, rate * (z / storey.yield_drift), storey.travel)
         if "energy" in r:
             ground = fma(t, s["g1"] - s["g0"], s["g0"])
             for part, moving in group.iter_parts():

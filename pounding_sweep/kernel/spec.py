@@ -28,6 +28,7 @@ _TOLERANCES = {
     "just_after": (1e-6, 1e-3),  # fraction of a sub-step after which a force differs from zero by more than rounding
     "at_release": (1e-9, 1e-5),  # and this close to a release, part of it
     "at_kink": (1e-6, 1e-3),  # kinks of a storey no farther (in sub-steps) from an end of a sub-step are at that end
+    "at_rest": (1e-13, 1e-6),  # rates of drifts that are none, beside those of their floors
     "done": (1e-13, 1e-6),  # remainder of a step (in steps) that is none
     "far": (1e300, 1e38),
     "tiny": (1e-300, 1e-37),
@@ -72,6 +73,9 @@ SERIES_ORDER = {"float64": 20, "float32": 12}
 #: The same where storeys yield: their events make steps short, and are told by the ends of a step.
 YIELDING_ORDER = 12
 
+
+#: Largest exponent of Bouc and Wen whose powers are worked out term by term.
+MOST_POWER = 8
 
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
 FUSED_DOF = 16
@@ -150,7 +154,7 @@ class KernelSpec:
     scheme: str  # time integration
     order: int  # order of the scheme, in contact
     implicit: bool  # contact forces are found together with the step that they act on
-    flies_exactly: bool  # steps without contact are exact, and as long as each lane can take them
+    by_series: bool  # steps are series, where forces are polynomials of the motion
     located: bool  # touches, releases and peaks are located inside the step
     reducers: frozenset[str]  # names of what is kept (see `pounding_sweep.outputs`)
     history: bool = False  # lane 0 leaves its state after every step
@@ -206,9 +210,20 @@ class KernelSpec:
     def series(self) -> int:
         """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
         polynomial = all(law.polynomial for law in self.laws) if self.laws else bool(self.yielding)
-        if not self.flies_exactly or not polynomial:
+        whole = all(n == round(n) <= MOST_POWER for _, n in self.smooth)
+        if not (self.by_series and polynomial and whole):
             return 0
         return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
+
+    @property
+    def flies_exactly(self) -> bool:
+        """Whether steps without contact are exact, and as long as each lane can take them."""
+        return self.by_series and not self.smooth
+
+    @property
+    def at_own_pace(self) -> bool:
+        """Whether each lane has a time and a scenario of its own."""
+        return self.flies_exactly or bool(self.series)
 
     @property
     def staged(self) -> bool:

@@ -130,6 +130,8 @@ CONTACT_MARGIN = 1.25
 #: Short exact steps in half a period of the highest mode where `refinement` is 1: those of Runge-Kutta where floors
 #: meet.
 EXACT_STEPS = 4.0
+#: Steps in a record interval that series of storeys of Bouc and Wen cost as much as: kinks end them, not steps.
+KINKED_STEPS = 7.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
 #: Part of what is allowed within which a scenario begins: to begin finer costs less than to be refined.
@@ -319,7 +321,9 @@ class Demand:
         total, refinement = 0.0, _refinement(method, need)
         for r, count, rows in self.table.by_step(steps):
             record, interval_steps = self.spec.records[r], np.full(len(rows), float(count))
-            if SCHEMES[method].flies_exactly:
+            if SCHEMES[method].flies_exactly and any(self.spec.scene.smooth):
+                interval_steps = np.maximum(interval_steps, KINKED_STEPS)
+            elif SCHEMES[method].flies_exactly:
                 numerics = Numerics(method, record.dt / count, refinement=refinement)
                 kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                 interval_steps = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])

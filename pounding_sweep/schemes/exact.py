@@ -2,7 +2,8 @@
 
 Only floors that touch, or may in the step to come, are stepped, scenarios side by side in the lanes, each at its own
 time. One whose contacts are all open at a point of flight's grid, and none about to close, flies on at once, and comes
-back to its lane where it may touch next; one at its end leaves its lane to the next scenario.
+back to its lane where it may touch next; one at its end leaves its lane to the next scenario. Rows with storeys of Bouc
+and Wen, which are never elastic, stay in their lanes throughout.
 """
 
 from __future__ import annotations
@@ -93,6 +94,7 @@ class Exact(Explicit):
     order = 4  # of contacts, whose forces begin with a root
     min_steps_located = 1.5
     flies_exactly = True
+    follows_smooth = True  # by series or stages alone: its plastic drifts flow all along
     step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
@@ -126,7 +128,7 @@ class Exact(Explicit):
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Rows whose modes are too near to each other for the number format."""
         why = super().refuses(scene, precision)
-        if why is not None or scene.has_classical_modes:
+        if why is not None or scene.has_classical_modes or any(scene.smooth):
             return why
         error = float(coupled_modes(variants_of(scene), precision).error[0])
         if error <= MAX_MODE_ERROR[precision]:
@@ -156,11 +158,10 @@ class Course:
         self.next = cell(0)
 
 
-class Flights:
-    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law."""
+class Turns:
+    """Which scenario of a kernel call each lane has: one at its end leaves its lane to the next."""
 
     # inputs, results: rows of `LANES` scenarios, one after another; `count` of them in all
-    # fill: fills flight's tables; `stops` are the points or blocks that these have
     # persistent: how many rows of the state a step leaves to the next
     # note: keeps the motion after so many short steps, of one scenario, in lane 0
 
@@ -168,54 +169,40 @@ class Flights:
         self,
         group: Group,
         ground: Any,
-        flight: Flight,
         course: Course,
         scenarios: tuple[Rows, Rows, Any],
-        tables: tuple[Callable[[], None], Any],
         persistent: Any,
         note: Callable[[Any], None] | None,
     ) -> None:
-        self.group, self.ground, self.flight, self.course, self.note = group, ground, flight, course, note
-        (self._inputs, self._results, self._count), (self._fill, self._stops) = scenarios, tables
+        self.group, self.ground, self.course, self.note = group, ground, course, note
+        self._inputs, self._results, self._count = scenarios
         self._persistent = persistent
         #: Short steps in one of flight's grid.
         self.short = ground.steps // ground.substeps
-        self.settled = Cell(False)
 
     def serve(self) -> None:
-        """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
-        group, flight, course, note = self.group, self.flight, self.course, self.note
-        note_point = None if note is None else lambda point: note(point * self.short)
-        for _ in when(course.next.now == 0):
-            self._fill()
+        """Give the lanes that leave their scenarios others."""
+        course = self.course
         for lane in iter_lanes(course.leaves.now):
-            has = Cell(course.busy.lane(lane) > 0.0)
-            self.settled.now = False
-            for _ in when(has.now):
-                self._leave(lane, course.at.lane(lane) // self.short)
-            for _ in while_any(lambda: not_(self.settled.now)):
-                for _ in when(not_(has.now)):
-                    none_left = not_(course.next.now < self._count)
-                    for _ in when(none_left):
-                        course.busy.put_lane(lane, 0.0)
-                        self.settled.now = True
-                    for _ in when(not_(none_left)):
-                        self._begin(lane)
-                        has.now = True
-                for _ in when(has.now):
-                    flight.advance_free(lane, note_point)
-                    flight.to_floors(lane, flight.at.now)
-                    # a record of one point has no step
-                    hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
-                    for _ in when(hits):
-                        course.at.put_lane(lane, flight.at.now * self.short)
-                        course.left.put_lane(lane, real(self.short))
-                        self.settled.now = True
-                    for _ in when(not_(hits)):
-                        march.conclude(group)
-                        for row, place, column in self._scenario_rows(self._results, course.scenario.lane(lane)):
-                            self._results.put_lane(place, column, group.state.lane(row, lane))
-                        has.now = False
+            for _ in when(course.busy.lane(lane) > 0.0):
+                self._finish(lane)
+            for _ in when(self._takes_next(lane)):
+                course.left.put_lane(lane, real(self.short))
+
+    def _takes_next(self, lane: Any) -> Any:
+        """Let the next scenario begin in a lane; returns whether there is one."""
+        has = self.course.next.now < self._count
+        for _ in when(has):
+            self._begin(lane)
+        for _ in when(not_(has)):
+            self.course.busy.put_lane(lane, 0.0)
+        return has
+
+    def _finish(self, lane: Any) -> None:
+        """Keep the results of the scenario of a lane, which is at its end."""
+        march.conclude(self.group)
+        for row, place, column in self._scenario_rows(self._results, self.course.scenario.lane(lane)):
+            self._results.put_lane(place, column, self.group.state.lane(row, lane))
 
     def _scenario_rows(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
         """Go through the rows of a scenario: the row of the state, its own, and its lane."""
@@ -223,17 +210,6 @@ class Flights:
         for name, n in rows.count.items():
             for i in count_to(n) if n > 8 else range(n):
                 yield first[name] + i, block * rows.size + rows.first[name] + i, number - block * LANES
-
-    def _leave(self, lane: Any, point: Any) -> None:
-        """Take the scenario of a lane into flight, by the tables of its row of buildings."""
-        s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self._inputs
-        flight.scale.now = s.lane(s.first["scale"], lane)
-        row, block = number * 0, number // LANES
-        if "tables" in inputs.first:
-            row = rounded(inputs.lane(block * inputs.size + inputs.first["tables"], number - block * LANES))
-        flight.base.now = flight.layout.base(row, self._stops)
-        flight.at.now = point
-        flight.to_modes(lane, point)
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
@@ -248,6 +224,58 @@ class Flights:
         march.begin(group, self.ground.start(), side_by_side(group.trace, range(group.lanes)) == real(lane))
         if self.note is not None:
             self.note(constant(0))
+
+
+class Flights(Turns):
+    """Turns of scenarios that fly from lane to lane: nothing in it depends on the contact law."""
+
+    def __init__(self, flight: Flight, fill: Callable[[], None], stops: Any, *turns: Any) -> None:
+        super().__init__(*turns)
+        # `fill` fills flight's tables; `stops` are the points or blocks that these have
+        self.flight, self._fill, self._stops = flight, fill, stops
+        self.settled = Cell(False)
+
+    def serve(self) -> None:
+        """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
+        flight, course, note = self.flight, self.course, self.note
+        note_point = None if note is None else lambda point: note(point * self.short)
+        for _ in when(course.next.now == 0):
+            self._fill()
+        for lane in iter_lanes(course.leaves.now):
+            has = Cell(course.busy.lane(lane) > 0.0)
+            self.settled.now = False
+            for _ in when(has.now):
+                self._leave(lane, course.at.lane(lane) // self.short)
+            for _ in while_any(lambda: not_(self.settled.now)):
+                for _ in when(not_(has.now)):
+                    has.now = self._takes_next(lane)
+                    self.settled.now = not_(has.now)
+                for _ in when(has.now):
+                    flight.advance_free(lane, note_point)
+                    flight.to_floors(lane, flight.at.now)
+                    # a record of one point has no step
+                    hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
+                    for _ in when(hits):
+                        course.at.put_lane(lane, flight.at.now * self.short)
+                        course.left.put_lane(lane, real(self.short))
+                        self.settled.now = True
+                    for _ in when(not_(hits)):
+                        self._finish(lane)
+                        has.now = False
+
+    def _leave(self, lane: Any, point: Any) -> None:
+        """Take the scenario of a lane into flight, by the tables of its row of buildings."""
+        s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self._inputs
+        flight.scale.now = s.lane(s.first["scale"], lane)
+        row, block = number * 0, number // LANES
+        if "tables" in inputs.first:
+            row = rounded(inputs.lane(block * inputs.size + inputs.first["tables"], number - block * LANES))
+        flight.base.now = flight.layout.base(row, self._stops)
+        flight.at.now = point
+        flight.to_modes(lane, point)
+
+    def _begin(self, lane: Any) -> None:
+        super()._begin(lane)
         self._leave(lane, constant(0))
 
 
@@ -292,7 +320,7 @@ def run_scenarios(
                 if note is not None:
                     for _ in when(any_lane(over)):
                         note(lane_of(at, 0))
-                course.leaves.now = ends | (full_step & ~stays.now)
+                course.leaves.now = ends | (full_step & ~stays.now) if group.spec.flies_exactly else ends
                 if march.needs_ends(group):
                     march.clear_forces(group, over & ~closed)
                 with when_any(ends):
