@@ -140,7 +140,6 @@ def test_what_cannot_be_drawn_or_written_is_said(tmp_path):
     for dataset, key, options, text in (
         (cube, "profile", {}, "did you mean 'profiles'"),
         *((cube, "force-gap", {"dpi": dpi}, f"dpi is {dpi:g}; it must be from 10 to 1200") for dpi in (5, 2000)),
-        (cube, "force-gap", {"y": "gap"}, "'force-gap' takes no y; it takes x, value, ax"),
         (cube, "force-gap", {"value": "drift_max"}, "valid: impact_count, impact_force_max"),
         (cube, "map", {"x": "gpa"}, "did you mean 'gap'"),
         (cube, "map", {"x": "gap", "y": "gap"}, "are the same, gap"),
@@ -601,7 +600,6 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
         ((), "give CUBE.nc FIGURE"),
         ((cube, "profiles"), "-o is missing"),
         ((cube, "profiles", "-o", picture, "--at", "gap"), "AXIS=VALUE"),
-        ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
         ((one, "histories", "-o", picture, "--x", "gap"), "'histories' takes no x; it takes start, end"),
     ):
         assert text in call("plot", *words, code=2).stderr
@@ -655,9 +653,6 @@ def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
         want = ps.simulate(scene, spec.records[0], law="kelvin_voigt")
         np.testing.assert_array_equal(cube.contact_force, want.contact_force)
     assert call("plot", one, "histories", "-o", tmp_path / "h.png").stdout.strip() == str(tmp_path / "h.png")
-    possible, others = call("plot", one).stdout.split("not possible")
-    assert re.search(r"^row ", possible, re.MULTILINE)
-    assert re.search(r"^force-gap +law, gap$", others, re.MULTILINE)
     call("animate", sweep, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1")
     with Image.open(gif) as picture:
         assert picture.n_frames == 3

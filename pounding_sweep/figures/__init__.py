@@ -76,15 +76,14 @@ class Kind:
         from pounding_sweep.figures.select import plot_axes
 
         laws = {*law_keys(dataset)} or {"", "none"}  # of both kinds if the dataset does not say
-        contact = laws - {"none"}
+        contact, status = laws - {"none"}, dataset.get("status")
+        grid, axes = ({axis.dim for axis in plot_axes(dataset, labels).values()} for labels in ((), LABELS))
         checks = {
             CONTACT: contact,
             NO_CONTACT: "none" in laws,
-            TWO_AXES: len({axis.dim for axis in plot_axes(dataset, LABELS).values()}) > 1,
+            TWO_AXES: len(axes) > 1,
             FIRST_STOREY: "storey" not in dataset.coords or 1 in dataset["storey"],
-            SALTELLI: not {"input", "design_block"}.isdisjoint(dataset.coords)
-            or {axis.dim for axis in plot_axes(dataset).values()}
-            & {*(dataset["status"].dims if "status" in dataset else ())},
+            SALTELLI: {"input", "design_block"} & {*dataset.coords} or (status is not None and grid & {*status.dims}),
         }
         present = {*dataset.variables, *dataset.sizes, *(text for text, is_met in checks.items() if is_met)}
         several = {dim for dim, size in dataset.sizes.items() if size > 1 and (dim != "law" or len(contact) > 1)}

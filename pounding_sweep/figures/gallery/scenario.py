@@ -48,7 +48,9 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     ground, top, *contacts = axes[:, 0]
     ground.set_xlim(part.time[0], part.time[-1])
     ground.plot(part.time, part.ground_acceleration, color="black", linewidth=0.7)
-    lines = [(top, "displacement", building, _top_floor(one, building)) for building in one.building.values]
+    lines = [
+        (top, "displacement", building, _top_floor(one.sel(building=building))) for building in one.building.values
+    ]
     for panel, pair in zip(contacts, pairs, strict=True):
         places = (one.sel(pair=pair, storey=storey) for storey in one.storey.values)
         lines += [(panel, "contact_force", f"storey {place.storey:d}", place) for place in places]
@@ -73,9 +75,9 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     return finish(axes, "time (s)", labels, scenario_title(one), legend=0)
 
 
-def _top_floor(one: xr.Dataset, building: str) -> xr.Dataset:
+def _top_floor(building: xr.Dataset) -> xr.Dataset:
     """Return the highest storey that a building has."""
-    return one.sel(building=building).dropna("storey", how="all", subset=["displacement"]).isel(storey=-1)
+    return building.dropna("storey", how="all", subset=["displacement"]).isel(storey=-1)
 
 
 def _say_no_contact(ax: Any) -> None:
@@ -129,11 +131,10 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
     members = [item.name for item in scene.row]
     axes = subplots(1, one.sizes["building"], (1.4, 2.6, 3.6, 0.0), ax)
     for panel, building in panels(axes[0], part, "building"):
-        name = building.building.item()
-        top = _top_floor(part, name)
+        top = _top_floor(building)
         panel.plot(1e3 * top.displacement, top.velocity, color="0.55", linewidth=0.7, label="apart")
         if "contact_force" in part:
-            right = members.index(name)  # number of the pair on its right
+            right = members.index(building.building.item())  # number of the pair on its right
             pairs = sorted({contact.place for contact in scene.contacts if contact.pair in (right - 1, right)})
             touches = (abs(part.contact_force.isel(pair=pairs)) > 0.0).any(["pair", "storey"])
             bold = {"color": COLOURS[2], "linewidth": 1.8, "label": "in contact"}
@@ -354,7 +355,7 @@ def animate(
         start = time[find_strongest(one)] - 0.25 * length if end is None else end - length
     part = time_slice(one, start, start + length if end is None else end)
     first, last = part.time.values[[0, -1]]
-    instants = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
+    instants = np.unique(np.searchsorted(time, np.linspace(first, last, frames)))
     forces_in_part = contact_forces(part)
     writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
     writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
