@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, make, motions, row, same
+from test_limits import At, stop
 
 from pounding_sweep import resume
 from pounding_sweep.base.errors import InputError, OutputError
@@ -237,14 +238,9 @@ def test_a_run_that_is_soon_over_writes_no_chunks(reference, tmp_path, held):
 
 @pytest.mark.usefixtures("small_chunks")
 def test_what_was_held_is_written_where_a_run_is_interrupted(reference, tmp_path, held):
-    class Stops(Progress):
-        def stage(self, name, total):
-            if name == "cube":
-                raise KeyboardInterrupt
-
     out, sweep = tmp_path / "out.nc", make()
     with pytest.raises(KeyboardInterrupt):
-        sweep.run(out, workers=2, progress=Stops())
+        sweep.run(out, workers=2, progress=At("cube", stop))
     finished = rows_in(held)
     same(sweep.run(out, workers=2), reference)
     assert sweep.last_outcome.reused == finished > 0

@@ -144,23 +144,12 @@ def test_a_scene_without_it_asks_for_the_kernel_that_it_had(name):
     assert not reducers & few.reducers
 
 
-def toml(value):
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{json.dumps(k)} = {toml(v)}' for k, v in value.items() if v is not None)}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(toml, value))}]"
-    return "inf" if value is None else json.dumps(value)
-
-
 @pytest.mark.parametrize("name", [*KINDS, "smooth"])
 def test_a_row_comes_back_from_files(name, tmp_path):
     scene = KINDS[name].scene if name in KINDS else INVARIANT[name][0]
-    data = json.loads(json.dumps(json_data(scene), allow_nan=False))
-    again = [scene_of(data)]
+    again = [scene_of(json.loads(json.dumps(json_data(scene), allow_nan=False)))]
     if not scene.bumpers:  # whose laws a sweep file names, and a pickle can't hold
-        path, laws = tmp_path / "sweep.toml", '[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
-        data |= {"storeys": dict(data["storeys"])} if "storeys" in data else {}
-        path.write_text("[scene]\n" + "".join(f"{key} = {toml(value)}\n" for key, value in data.items()) + laws)
+        path = ps.Sweep(scene, "el_centro", "linear").to_toml(tmp_path / "sweep.toml")
         again += [pickle.loads(pickle.dumps(scene)), ps.load_sweep(path).spec.scene]
     for each in again:
         assert each == scene

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scenes import make
 from test_cli import TINY, cli, write
+from test_limits import At, stop
 
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.run import execute
@@ -58,13 +59,8 @@ def test_a_log_of_the_command_line(tmp_path):
 def test_runs_stand_one_after_another_and_tell_how_they_ended(tmp_path, monkeypatch):
     out, log = tmp_path / "out.nc", tmp_path / "out.nc.log"
 
-    class Stop(Progress):
-        def stage(self, name, total):
-            if name == "audit":
-                raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        make().run(out, progress=Stop())
+        make().run(out, progress=At("audit", stop))
     assert lines(log)[-1].startswith("interrupted after ")
     with monkeypatch.context() as patch:
         patch.setattr(execute, "untouched", lambda plan, closing: 1 / 0)

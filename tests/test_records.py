@@ -254,7 +254,7 @@ def test_published_files(file):
         assert record == find_record("el_centro")
 
 
-# --- near-fault pulses -------------------------------------------------------------------------------------------
+# --- records that are made ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("cycles", "phase"), [(1.01, 0.0), (1.7, 45.0), (2.0, 90.0), (3.3, 215.0)])
@@ -276,9 +276,6 @@ def test_near_fault_pulse_is_the_published_velocity(cycles, phase):
     assert record_measures(record).pgv <= abs(amplitude) * (1 + 1e-5)
     if phase == 0.0:
         assert record_measures(record).pgv == pytest.approx(abs(amplitude), rel=1e-5)
-
-
-# --- synthetic records and pulses -------------------------------------------------------------------------------
 
 
 def test_synthetic_is_deterministic():

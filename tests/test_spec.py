@@ -138,18 +138,12 @@ def test_outputs():
     assert build(outputs="impulse").outputs == ("impulse",)
 
 
-# --- ranges ---------------------------------------------------------------------------------------------------------
-
-
 def test_ranges():
     assert Range(0.002, 0.024, 12).values() == tuple(round(0.002 * i, 3) for i in range(1, 13))
     assert Range(1.0, 1000.0, 4, "log").values() == (1.0, 10.0, 100.0, 1000.0)
     assert Range(0.5, 0.5, 1).values() == (0.5,)
     assert Range(-0.3, 0.3, 7).values() == (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
     assert build(gaps=Range(0.03, 0.01, 3)).gaps == (0.03, 0.02, 0.01)
-
-
-# --- cases ----------------------------------------------------------------------------------------------------------
 
 
 def cases(*listed, **change):
