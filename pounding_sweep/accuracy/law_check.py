@@ -100,11 +100,12 @@ def check_law(
             f"law {checked.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
         )
     certificate = certify(restitutions if checked.takes_restitution else [1.0], [checked], progress=progress)
-    solved = certificate.damping_number.copy(deep=True)
+    solved = xr.apply_ufunc(
+        lambda number, basis, e: solved_restitution(checked, e, basis=basis) if np.isfinite(number) else np.nan,
+        *(certificate.damping_number, certificate.basis, certificate.restitution),
+        vectorize=True,
+    )
     solved.attrs = {"units": "1", "long_name": "restitution by an independent solver"}
-    for place in np.argwhere(np.isfinite(solved.values)):
-        one = solved[tuple(place)]
-        solved[tuple(place)] = solved_restitution(checked, one.restitution.item(), basis=one.basis.item())
     certificate = certificate.assign(solved=solved)
     contact = ContactProperties(linear_stiffness=2e5, hertz_stiffness=2e6)
     scene = Scene([Wall(), Building("tower", [30.0], [2e4], damping_ratio=0.05)], gaps=[0.002], contact=contact)
