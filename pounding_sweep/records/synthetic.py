@@ -20,9 +20,10 @@ _NEAR_FAULT = "near-fault pulse of Mavroeidis and Papageorgiou (2003)"
 
 
 def _steps(
-    dt: float, duration: float, what: str = "", of: str = "", coarsest: float = math.inf, length: float = 0.0
+    dt: float, duration: float | None, what: str = "", of: str = "", coarsest: float = math.inf, length: float = 0.0
 ) -> np.ndarray:
     """Return the numbers of the points; raises `RecordError` if they are too many, or too coarse or few for a pulse."""
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
     if dt > coarsest * (1 + 1e-9):
         raise RecordError(f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {coarsest:g} s")
     if duration < length * (1 - 1e-9):
@@ -209,7 +210,6 @@ def pulse_record(
     dt = number(dt, "dt (s)", positive=True)
     periods, height = PULSES[shape]
     length = periods * period
-    duration = length if duration is None else number(duration, "duration (s)", positive=True)
     part = _steps(dt, duration, f"{shape} pulse", f"{length:g} s", length / 2, length) * (dt / period)
     motion = np.where(part <= periods * (1 + 1e-9), amplitude * height(np.minimum(part, periods)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
@@ -277,7 +277,6 @@ def near_fault_record(
     if cycles <= 1.0:
         raise RecordError(f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1")
     length = cycles * period
-    duration = length if duration is None else number(duration, "duration (s)", positive=True)
     time = _steps(dt, duration, "near-fault pulse", f"period {period:g} s", period / 8, length) * dt
     x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)
     rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)
