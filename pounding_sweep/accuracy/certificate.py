@@ -7,7 +7,6 @@ negligible, run by the same kernels as every sweep.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -16,14 +15,13 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, LawError
-from pounding_sweep.engine.compile import prepare, still_to_compile
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, damping_number, find_law, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.plan.advice import elastic_duration
 from pounding_sweep.records import Record
-from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler
 
 #: Nominal restitutions of the table, where none are given.
 RESTITUTIONS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.95)
@@ -54,8 +52,8 @@ def _closed_form(law: Law, basis: str, e: float) -> tuple[float, float]:
 def prepare_kernels(kernels: Iterable[RowKernel], workers: int | None, progress: Progress) -> None:
     """Make kernels ready to run, by one process per core where no number of `workers` is given."""
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels))
-    progress.stage("compiling" if still_to_compile(shapes)[0] else "kernels", len(shapes))
-    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
+    with Dispatcher("threads", check_scheduler("threads", workers), progress) as dispatcher:
+        dispatcher.prepare(shapes)
 
 
 def certify(

@@ -105,7 +105,7 @@ class ClusterWorkers:
         self._threads: dict[str, int] = {}  # of the workers that take part
         self._looked, self._alone_since = -np.inf, np.inf
 
-    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None]) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled."""
         try:
             self.client.run_on_scheduler(fingerprint)  # it unpacks what goes to the workers
@@ -127,8 +127,7 @@ class ClusterWorkers:
 
         # where it fails, the first chunk that needs a kernel says what is wrong
         counts = [result for _, result in self._complete(hosts.values(), submit) if isinstance(result, int)]
-        if advance:
-            advance(len(shapes))
+        advance(len(shapes))
         return sum(counts)
 
     def run(self, items: Iterable[Any], task_of: Callable[[Any], ChunkTask]) -> Iterator[tuple[Any, np.ndarray | str]]:

@@ -113,8 +113,10 @@ class Dispatcher(ExitStack):
         # who interrupts a run does not wait for its chunks
         self.callback(self._threads.shutdown, wait=False, cancel_futures=True)
 
-    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
-        """Make kernels ready where they will run; returns how many had to be compiled."""
+    def prepare(self, shapes: Sequence[KernelSpec]) -> int:
+        """Make kernels ready where they will run, a stage of its own; returns how many had to be compiled."""
+        self.progress.stage("compiling" if missing_kernels(shapes)[0] else "kernels", len(shapes))
+        advance = self.progress.advance
         return self.cluster.prepare(shapes, advance) if self.cluster else prepare(shapes, self.workers, advance)
 
     def run(self, items: Iterable[Any], task_of: Callable[[Any], ChunkTask]) -> Iterator[tuple[Any, np.ndarray | str]]:
@@ -147,9 +149,8 @@ def execute(
     outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, n), np.ones(n, bool))
     outcome.results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome.copied_from = None if earlier is None else earlier.origin
-    progress.stage("compiling" if missing_kernels(shapes)[0] else "kernels", len(shapes))
     started = time.perf_counter()
-    outcome.compiled = dispatcher.prepare(shapes, progress.advance) if shapes else 0
+    outcome.compiled = dispatcher.prepare(shapes) if shapes else 0
     begun = time.perf_counter()
     if shapes:
         run_stage = partial(_run_stage, plan, outcome, dispatcher, store, earlier)
