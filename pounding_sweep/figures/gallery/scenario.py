@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -258,13 +258,14 @@ def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, floa
     ax.spines["left"].set_bounds(0.0, 1.1 * top)
     ax.set(xticks=[], yticks=[tick for tick in ax.get_yticks() if 0.0 <= tick <= 1.1 * top])
     ax.axhline(0.0, color="black", linewidth=1.2)
-    lines, colours = [], iter(COLOURS * len(width))
+    lines, colours = [], cycle(COLOURS)
     for number, item in enumerate(scene.row):
         edges = left[number], right[number]
         if isinstance(item, Wall):
             ax.fill_between(edges, 0.0, 1.05 * top, facecolor="0.85", edgecolor="0.4", hatch="///")
             continue
-        columns = ax.plot([], [], [], [], color=(colour := next(colours)), linewidth=1.4)
+        colour = next(colours)
+        columns = ax.plot([], [], [], [], color=colour, linewidth=1.4)
         floors = ax.plot([], [], color=colour, linewidth=2.6, solid_capstyle="butt")
         lines.append((number, *columns, *floors))
         ax.text(sum(edges) / 2.0, -0.03 * top, item.name, ha="center", va="top")
