@@ -23,6 +23,7 @@ from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import relative_errors
 from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.resume import identity_of
 from pounding_sweep.spec.spec import digest, to_json
 
 MINE = """
@@ -204,6 +205,8 @@ def test_a_law_belongs_to_the_sweep_and_to_its_chunks(tmp_path):
     keys = [{chunk.key for chunk in make_plan(each).chunks(np.arange(2))} for each in (before, same, after)]
     assert keys[0] == keys[1]
     assert not keys[0] & keys[2]
+    named = [identity_of(make_plan(each))["law my_law"] for each in (before, same, after)]
+    assert named[0] == named[1] != named[2]
     assert json.loads(to_json(sweep(path, laws="linear").spec))["own_laws"] == {}
 
 
