@@ -256,10 +256,9 @@ class RowKernel:
         outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
         steps = flight_substeps = self.numerics.steps(record)
         track = np.zeros(1, shape.precision)
-        if shape.flies_exactly:
+        if shape.at_own_pace:
             flight_substeps = int(self.flight_substeps(record, row).max())
             steps = flight_substeps if shape.series or shape.staged else steps
-        if shape.at_own_pace:
             track = _ground(record, steps).astype(shape.precision)
         results = np.zeros((groups, outputs.size * LANES))
         history = np.zeros((1, 1)) if history is None else history

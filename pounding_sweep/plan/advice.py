@@ -321,12 +321,11 @@ class Demand:
         total, refinement = 0.0, _refinement(method, need)
         for r, count, rows in self.table.by_step(steps):
             record, interval_steps = self.spec.records[r], np.full(len(rows), float(count))
-            if SCHEMES[method].flies_exactly and any(self.spec.scene.smooth):
-                interval_steps = np.maximum(interval_steps, KINKED_STEPS)
-            elif SCHEMES[method].flies_exactly:
+            if SCHEMES[method].flies_exactly:
                 numerics = Numerics(method, record.dt / count, refinement=refinement)
                 kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                 interval_steps = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
+                interval_steps = np.maximum(interval_steps, KINKED_STEPS * any(self.spec.scene.smooth))
             total += (record.n_points - 1) * float((interval_steps * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
