@@ -235,6 +235,13 @@ def test_series_do_not_depend_on_the_step(law):
     np.testing.assert_allclose(moved[0], moved[1], atol=1e-9 * np.abs(moved[1]).max())
 
 
+def test_a_record_of_one_point_moves_nothing():
+    one = simulate(SMOOTH, "linear", 1, dt=5e-3, method="exact")
+    assert one.sizes["time"] == 1
+    assert (one.displacement_max.values == 0.0).all()
+    assert int(one.status) == Status.OK
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("law", "n"), [("hertz", 2.0), ("linear", 1.5), ("stereomechanical", 1.0)])
 def test_exact_goes_by_its_stages_where_forces_or_flow_are_no_polynomials(law, n):

@@ -299,7 +299,8 @@ def run_scenarios(
             serve()
         more.now = any_lane(course.busy.now > 0.0)
         for _ in when(more.now) if group.has_events else ():
-            starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+            more_steps = course.at.now < last  # a record of one point has none
+            starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0) & more_steps
             with when_any(starts):
                 march.begin_step(group, starts, ground_at(course.at.now), ground_at(course.at.now + 1), ground.h)
             (series if group.spec.series else march).substep(group, ground.h)
@@ -307,7 +308,7 @@ def run_scenarios(
             over = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
             course.leaves.now = over & ~over
             with when_any(over):
-                course.at.now = at = where(over, course.at.now + 1, course.at.now)
+                course.at.now = at = where(over & more_steps, course.at.now + 1, course.at.now)
                 left = course.left.now - 1.0
                 full_step = over & ~(left > 0.0)
                 course.left.now = where(full_step, real(short), where(over, left, course.left.now))
