@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import pounding_sweep as ps
+from benchmarks.timing import medians
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.outputs.variables import reducers_for
@@ -39,16 +40,9 @@ def by_engine(scene: ps.Scene, method: str, dt: float) -> tuple[np.ndarray, floa
     """Peak forces of all contacts, and processor time of a scenario (s), of 64."""
     kernel = RowKernel(scene, ps.get_law("linear"), Numerics(method, dt), reducers_for(["impact_force_max"]))
     gaps, k = np.tile(GAPS, 8), np.full(64, float(scene.contact.linear_stiffness or 0.0))
-    run = partial(
-        kernel.run, ps.find_record("el_centro"), scale=np.ones(64), gaps=np.stack([gaps, gaps], 1), stiffness=k,
-        restitution=np.ones(64),
-    )  # fmt: skip
-    force, times = run()["fmax"][:8], []
-    for _ in range(3):
-        start = time.process_time()
-        run()
-        times.append(time.process_time() - start)
-    return force, min(times) / 64
+    ones, record = np.ones(64), ps.find_record("el_centro")
+    run = partial(kernel.run, record, scale=ones, gaps=np.stack([gaps, gaps], 1), stiffness=k, restitution=ones)
+    return run()["fmax"][:8], medians(run, rounds=3)[0] / 64
 
 
 def by_heyoka(scene: ps.Scene, tolerance: float) -> tuple[np.ndarray, float]:
@@ -58,8 +52,7 @@ def by_heyoka(scene: ps.Scene, tolerance: float) -> tuple[np.ndarray, float]:
     row, n, contacts, record = variants_of(scene), scene.n_moving, scene.contacts, ps.find_record("el_centro")
     mass, stiff, damped = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
     for group in scene.linked_buildings:
-        dofs = scene.dofs_of(group)
-        at = np.ix_(dofs, dofs)
+        at = np.ix_(dofs := scene.dofs_of(group), dofs)
         mass[dofs], stiff[at], damped[at] = (each[0] for each in row.matrices(group))
     u, v, z = (hy.make_vars(*[f"{name}{i}" for i in range(n)]) for name in "uvz")
     ground, k = hy.par[0] + hy.par[1] * hy.time, float(scene.contact.linear_stiffness or 0.0)
@@ -105,8 +98,7 @@ def by_heyoka(scene: ps.Scene, tolerance: float) -> tuple[np.ndarray, float]:
     )  # fmt: skip
     forces, start = [], time.process_time()
     for first in range(0, len(GAPS), lanes):
-        force[:], ta.pars[:], ta.state[:] = 0.0, 0.0, 0.0
-        # floors start apart by next to nothing, so that drifts have signs
+        force[:], ta.pars[:], ta.state[:] = 0.0, 0.0, 0.0  # then apart by next to nothing, so that drifts have signs
         ta.state[n:] = -1e-13 * (1.0 + np.arange(n + len(flow)))[:, None]
         ta.pars[GAP], ta.pars[CLOSED + len(contacts) :] = GAPS[first : first + lanes], -1.0
         ta.reset_cooldowns()
@@ -133,5 +125,5 @@ def table() -> str:
 
 if __name__ == "__main__":
     print(text := table())
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text(text + "\n", "utf-8")
+    for path in sys.argv[1:]:
+        Path(path).write_text(text + "\n", "utf-8")

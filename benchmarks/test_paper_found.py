@@ -9,7 +9,7 @@ import pytest
 import pounding_sweep as ps
 from benchmarks.paper_found import report as paper_found
 from benchmarks.paper_found import search as paper_search
-from benchmarks.paper_found.fit import Squares, held_out, likelihood, of_paper, quantiles, resampled, rounding, squares
+from benchmarks.paper_found.fit import Squares, held_out, of_paper, quantiles, resampled, squares
 from benchmarks.paper_found.plain import plain_program
 from benchmarks.paper_found.report import figure, find, grids, verdict
 from benchmarks.paper_found.search import (
@@ -52,41 +52,11 @@ def test_numbers_of_the_paper_stand_at_their_places():
     assert "displacement" not in of_paper(RECORDS, "hertz")
 
 
-def test_rounding_is_that_of_a_millimetre():
-    found = rounding({"displacement": np.array([0.01, 0.01]), "contacts": np.array([0.0, 5.0])})
-    assert found["displacement"] == pytest.approx(0.1 / np.sqrt(12.0))
-    assert found["contacts"] == pytest.approx(0.2 / np.sqrt(24.0))
-
-
 def _made(values):
     """Squares of two records with three displacement groups and one each of force and samples."""
     quantity = np.array(["displacement"] * 6 + ["force"] * 2 + ["samples"] * 2)
     record = np.array(["a", "a", "a", "b", "b", "b", "a", "b", "a", "b"])
     return Squares(np.asarray(values, float), quantity, record)
-
-
-def test_times_count_groups_so_often():
-    rng = np.random.default_rng(2)
-    one = _made(rng.random((4, 10)))
-    times = np.array([2.0, 0, 1, 0, 0, 0, 1, 1, 0, 3])
-    v = one.values
-    by_hand = np.sqrt(((2 * v[:, 0] + v[:, 2]) / 3 + (v[:, 6] + v[:, 7]) / 2 + v[:, 9]) / 3)
-    np.testing.assert_allclose(one.weighed(times[:, None])[:, 0], by_hand, rtol=1e-14)
-    np.testing.assert_allclose(one.misfit(("force",), ["b"]), np.sqrt(v[:, 7]))
-
-
-def test_likelihood_is_that_of_errors_of_one_size():
-    weights = likelihood(np.array([0.2, 0.4, 0.2]), groups=3)
-    np.testing.assert_allclose(weights, np.array([8.0, 1.0, 8.0]) / 17.0)
-    assert likelihood(np.array([0.0, 0.4, 0.0]), groups=3).tolist() == [0.5, 0.0, 0.5]
-
-
-def test_quantiles_are_weighted():
-    values, weights = np.array([3.0, 1.0, 2.0]), np.array([0.25, 0.25, 0.5])
-    assert quantiles(values, weights, (0.5,)).item() == 2.0
-    many = np.random.default_rng(3).normal(size=4000)
-    found = quantiles(many, np.full(4000, 1 / 4000), (0.05, 0.95))
-    np.testing.assert_allclose(found, np.quantile(many, (0.05, 0.95)), atol=0.01)
 
 
 def test_points_are_judged_by_what_did_not_choose_them():
