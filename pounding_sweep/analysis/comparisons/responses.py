@@ -307,7 +307,6 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     if "sweep" in cube.attrs:
         scene = scene_of(stored_sweep(cube)["scene"])
         terms += [name for name, has in zip(BESIDE, (any(scene.yields), scene.links), strict=True) if has]
-        need_variables(cube, what, terms)
         # a selection that left buildings or pairs out does not balance
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
             if cube.sizes.get(dim, 0) != count:

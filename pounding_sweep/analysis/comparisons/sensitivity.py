@@ -43,19 +43,20 @@ _PARTS = ("samples", "first", "first_interval", "total", "total_interval", "mean
 
 def index_rows(result: xr.Dataset) -> list[Row]:
     """Return a row per input, output, place and group of scenarios; inputs that matter most come first."""
-    rows, count = [], result.sizes["input"]
+    rows, count = list[Row](), result.sizes["input"]
     dims = [dim for dim in INNER_DIMS if dim in result.dims]
+    labels = [key for key in ("law", "record", "beside") if key in result]
     for name in (str(name).removesuffix("_total") for name in result.data_vars if str(name).endswith("_total")):
         parts = {f"{name}_{part}": part for part in _PARTS if f"{name}_{part}" in result}
-        ends = [(part.removesuffix("_interval"), part.endswith("_interval")) for part in parts.values()]
-        numbers = [key for part, two in ends[1:] for key in ([f"{part}_{end}" for end in _BOUNDS] if two else [part])]
-        keys = (*(key for key in ("law", "record", "beside") if key in result), *dims, "samples", "input", *numbers)
         columns = result[[*parts]].rename(parts)
         table = plain_rows(columns.transpose("group", *dims, "input", ..., missing_dims="ignore"))
-        for part in (table[first : first + count] for first in range(0, len(table), count)):
+        first = {"variable": name, **dict.fromkeys([*labels, *dims, "samples", "input"])}
+        for start in range(0, len(table), count):
+            part = [first | row for row in table[start : start + count]]
             if all(row["total"] is not None for row in part):
-                ordered = sorted(part, key=lambda row: -row["total"])
-                rows += [{"variable": name, **{key: row.get(key) for key in keys}} for row in ordered]
+                rows += sorted(part, key=lambda row: -row["total"])
+    for row in rows:
+        del row["group"]
     return rows
 
 
