@@ -157,9 +157,9 @@ class Table:
                     if kind in column.kinds:
                         variable = part.variables[column.variable].isel(column.at)
                         if label == STATUS_NAME:
-                            variable = xr.Variable(variable.dims, _LABELS[variable.values.astype(int)])
+                            variable = variable.copy(data=_LABELS[variable.values.astype(int)])
                         if column.dtype.kind == "O":
-                            variable = xr.Variable(variable.dims, variable.values.astype(object))
+                            variable = variable.astype(object)
                         values[label] = variable.set_dims(sizes).values.reshape(n, -1)[selected][:, existing].ravel()
                 frames.append(pd.DataFrame(values, index=np.repeat(np.arange(selected.sum()), len(existing))))
             rows = frames[0] if len(frames) == 1 else pd.concat(frames).sort_index(kind="stable")
@@ -235,20 +235,20 @@ def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
     return any(TIME in cube[name].dims for name in list(names) or cube.data_vars if name in cube.data_vars)
 
 
-def _measures(cube: xr.Dataset) -> dict[str, xr.DataArray]:
+def _measures(cube: xr.Dataset) -> dict[str, xr.Variable]:
     """Return measures of the records as scaled."""
     records = {str(record["name"]): record for record in json.loads(cube.attrs.get("records", "[]"))}
     about = {item.name: item.metadata for item in fields(RecordMeasures)}
     measures = {}
     for name, power in _GROWS.items():
         if "record" in cube.coords and records and all(name in record for record in records.values()):
-            record = cube["record"]
+            record = cube["record"].variable
             values = [float(records[str(key)][name]) for key in np.ravel(record.values)]
-            measure = xr.DataArray(np.reshape(values, record.shape), dims=record.dims)
+            measure = record.copy(data=np.reshape(values, record.shape))
             if "scale" in cube.coords:
                 measure = measure * abs(cube["scale"].variable) ** power
-            text = f"{about[name]['long_name']}, of the record as scaled"
-            measures[f"ground_{name}"] = measure.assign_attrs({**about[name], "long_name": text})
+            measure.attrs = {**about[name], "long_name": f"{about[name]['long_name']}, of the record as scaled"}
+            measures[f"ground_{name}"] = measure
     return measures
 
 
