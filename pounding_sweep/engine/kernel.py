@@ -210,13 +210,11 @@ def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:
     return numbers[at:] if trace is None else trace.builder.gep(numbers, [at.value])
 
 
-def _scenarios(group: Group, values: Mapping[str, Any]) -> tuple[tuple[Rows, Rows, Any], Any]:
+def _scenarios(group: Group, values: Mapping[str, Any]) -> tuple[Rows, Rows, Any, Any]:
     """Return inputs, results and number of all scenarios of a call, and rows of the state that a step leaves."""
-    inputs, results = (
-        Rows(group.trace, slots.count, LANES, values[name], double=True)
-        for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
-    )
-    return (inputs, results, values["scenarios"]), values.get("passing", group.n_persistent_rows)
+    slots = {"inputs": input_slots(group.spec), "results": output_slots(group.spec)}
+    inputs, results = (Rows(group.trace, each.count, LANES, values[x], double=True) for x, each in slots.items())
+    return inputs, results, values["scenarios"], values.get("passing", group.n_persistent_rows)
 
 
 def make_flights(group: Group, ground: Any, arrays: dict[str, Any], note: Any, ledger: Ledger) -> Flights:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -158,27 +159,23 @@ class Course:
         self.next = cell(0)
 
 
+@dataclass
 class Turns:
     """Which scenario of a kernel call each lane has: one at its end leaves its lane to the next."""
 
-    # inputs, results: rows of `LANES` scenarios, one after another; `count` of them in all
-    # persistent: how many rows of the state a step leaves to the next
-    # note: keeps the motion after so many short steps, of one scenario, in lane 0
+    group: Group
+    ground: Any
+    course: Course
+    inputs: Rows  # of `LANES` scenarios, one block after another
+    results: Rows  # the same
+    count: Any  # scenarios in all
+    persistent: Any  # rows of the state that a step leaves to the next
+    note: Callable[[Any], None] | None  # keeps the motion after so many short steps, of one scenario, in lane 0
 
-    def __init__(
-        self,
-        group: Group,
-        ground: Any,
-        course: Course,
-        scenarios: tuple[Rows, Rows, Any],
-        persistent: Any,
-        note: Callable[[Any], None] | None,
-    ) -> None:
-        self.group, self.ground, self.course, self.note = group, ground, course, note
-        self._inputs, self._results, self._count = scenarios
-        self._persistent = persistent
-        #: Short steps in one of flight's grid.
-        self.short = ground.steps // ground.substeps
+    @property
+    def short(self) -> Any:
+        """Short steps in one of flight's grid."""
+        return self.ground.steps // self.ground.substeps
 
     def serve(self) -> None:
         """Give the lanes that leave their scenarios others."""
@@ -191,7 +188,7 @@ class Turns:
 
     def _takes_next(self, lane: Any) -> Any:
         """Let the next scenario begin in a lane; returns whether there is one."""
-        has = self.course.next.now < self._count
+        has = self.course.next.now < self.count
         for _ in when(has):
             self._begin(lane)
         for _ in when(not_(has)):
@@ -201,8 +198,8 @@ class Turns:
     def _finish(self, lane: Any) -> None:
         """Keep the results of the scenario of a lane, which is at its end."""
         march.conclude(self.group)
-        for row, place, column in self._scenario_rows(self._results, self.course.scenario.lane(lane)):
-            self._results.put_lane(place, column, self.group.state.lane(row, lane))
+        for row, place, column in self._scenario_rows(self.results, self.course.scenario.lane(lane)):
+            self.results.put_lane(place, column, self.group.state.lane(row, lane))
 
     def _scenario_rows(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
         """Go through the rows of a scenario: the row of the state, its own, and its lane."""
@@ -214,10 +211,10 @@ class Turns:
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
         group, course, number = self.group, self.course, self.course.next.now
-        for row in count_to(self._persistent):
+        for row in count_to(self.persistent):
             group.state.put_lane(row, lane, 0.0)
-        for row, place, column in self._scenario_rows(self._inputs, number):
-            group.state.put_lane(row, lane, self._inputs.lane(place, column))
+        for row, place, column in self._scenario_rows(self.inputs, number):
+            group.state.put_lane(row, lane, self.inputs.lane(place, column))
         for cell, x in ((course.scenario, number), (course.busy, 1.0), (course.at, 0)):
             cell.put_lane(lane, x)
         course.next.now = number + 1
@@ -265,7 +262,7 @@ class Flights(Turns):
 
     def _leave(self, lane: Any, point: Any) -> None:
         """Take the scenario of a lane into flight, by the tables of its row of buildings."""
-        s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self._inputs
+        s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self.inputs
         flight.scale.now = s.lane(s.first["scale"], lane)
         row, block = number * 0, number // LANES
         if "tables" in inputs.first:
