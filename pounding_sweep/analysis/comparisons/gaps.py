@@ -507,11 +507,11 @@ def gap_for_probability(
             )
         attributes |= {"hazard": site.source, "years": years}
     bounds = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
-    median, spread, count, never, gap, in_years, rate = xr.apply_ufunc(
+    median, spread, count, never, gap, in_years, rate, beyond = xr.apply_ufunc(
         partial(_of_pair, (*probabilities, *curve), bounds, site, years),
         *(exact, gaps.coords.get("row_gap", np.nan)),
         input_core_dims=[["record"], []],
-        output_core_dims=[[], [], [], [], ["number", "probability"], ["number", "probability"], ["part"]],
+        output_core_dims=[[], [], [], [], ["number", "probability"], ["number", "probability"], ["number"], []],
         vectorize=True,
     )
     variables = {
@@ -532,9 +532,8 @@ def gap_for_probability(
     if site is not None:
         numbers["gap_in_years"] = in_years
         if "row_gap" in gaps.coords:
-            numbers["rate"] = rate.isel(part=slice(len(_ENDS))).rename(part="number")
-            about = "share of the rate from intensities beyond the hazard's"
-            variables["beyond"] = described(rate.isel(part=-1), "1", about)
+            numbers["rate"] = rate
+            variables["beyond"] = described(beyond, "1", "share of the rate from intensities beyond the hazard's")
     n = len(probabilities)
     for stem, parts in numbers.items():
         for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=True):
@@ -605,8 +604,8 @@ def _of_pair(
 
     exact = exact[np.isfinite(exact)]
     n, never, probability = exact.size, int((exact <= 0.0).sum()), np.array(shares)
-    gaps, rates = np.full((2, len(_ENDS), len(shares)), np.nan), np.full(len(_ENDS) + 1, np.nan)
-    middle = spread = np.nan
+    gaps, rates = np.full((2, len(_ENDS), len(shares)), np.nan), np.full(len(_ENDS), np.nan)
+    middle = spread = beyond = np.nan
     if n > 1 and not never:
         middle, spread = np.log(exact).mean(), np.log(exact).std(ddof=1)
         gaps[0, :3] = np.exp(middle + spread * _deviates(shares, bounds, n))
@@ -625,6 +624,6 @@ def _of_pair(
         if row_gap > 0.0:
             median = row_gap / np.exp(middle)
             rates[1:3] = np.quantile(site.touching(median / np.exp(away), spreads), bounds)
-            rates[0], rates[4] = (part(median, np.array(spread)) for part in (site.touching, site.beyond))
+            rates[0], beyond = (float(part(median, np.array(spread))) for part in (site.touching, site.beyond))
             rates[3] = site.exceeded(row_gap * capacities).mean()
-    return np.exp(middle), spread, n, never, *gaps, rates
+    return np.exp(middle), spread, n, never, *gaps, rates, beyond
