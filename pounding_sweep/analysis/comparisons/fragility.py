@@ -210,10 +210,8 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     for q in result["quantile"].values.tolist() if "fractile" in result else []:
         table[f"at {q:g}"] = result["fractile"].sel(quantile=q, drop=True)
     table = table.assign(fit=result["fit_status"], between=result["median_between"]).reset_coords(drop=True)
-    units, dims = str(result["median"].attrs["units"]), result["median"].dims
-    rows = plain_rows(
-        table.transpose(*scenario_dims(result["median"]), *(dim for dim in ("pair", "building") if dim in dims), ...)
-    )
+    units, dims = str(result["median"].attrs["units"]), scenario_dims(result["median"])
+    rows = plain_rows(table.transpose(*dims, "pair", "building", ..., missing_dims="ignore"))
     for row in rows:
         wide = any((row.get(f"{name}_upper") or 0.0) > WIDE * (row.get(f"{name}_lower") or 0.0) for name in names[2:4])
         between = (np.nan if end is None else end for end in (row.pop("between_lower"), row.pop("between_upper")))
