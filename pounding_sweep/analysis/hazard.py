@@ -149,13 +149,7 @@ class Hazard:
         mu, beta = np.broadcast_arrays(np.asarray(log_median, float), np.maximum(dispersion, _SHARP))
         # of each stretch: its ends, a point of it, and the power
         ends = np.concatenate([[-np.inf], x, [np.inf]])
-        stretches = (
-            ends[:-1],
-            ends[1:],
-            np.append(x[0], x),
-            np.append(rates[0], rates),
-            slopes[[0, *range(len(slopes)), -1]],
-        )
+        stretches = ends[:-1], ends[1:], np.append(x[0], x), np.append(rates[0], rates), np.pad(slopes, 1, "edge")
         bottom, top, base, at, k = (part.reshape(-1, *[1] * mu.ndim) for part in stretches)
         shifted = mu - k * beta**2
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -89,9 +89,7 @@ def response_spectrum(
         )
     names = labelled("record", (record.name for record in records), "ground-motion record")
     signals = ((record.acceleration, record.dt) for record in records)
-    spectra = _spectra(
-        signals, periods, damping_ratio, xr.DataArray(np.ones(len(records)), {"record": names}, "record")
-    )
+    spectra = _spectra(signals, periods, damping_ratio, names)
     return (spectra.isel(record=0) if single else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence; peaks until the last point of the record"
     )
