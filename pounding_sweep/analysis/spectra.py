@@ -79,10 +79,9 @@ def response_spectrum(
     >>> (spectrum["pseudo_acceleration"] / 9.81).round(3).values.tolist()
     [0.319, 0.919, 0.455]
     """
-    single = isinstance(motion, Record)
-    records: list[Any] = [motion] if isinstance(motion, Record) else list(motion)
     if isinstance(motion, tuple) and len(motion) == 2 and not isinstance(motion[1], Record):
-        records, single = [Record("motion", dt=motion[1], acceleration=np.asarray(motion[0], float))], True
+        motion = Record("motion", dt=motion[1], acceleration=np.asarray(motion[0], float))
+    records: list[Any] = [motion] if isinstance(motion, Record) else list(motion)
     if not records or not all(isinstance(record, Record) for record in records):
         raise InputError(
             f"a motion must be a Record, a pair (acceleration in m/s2, dt in s) or several Records, not {motion!r}"
@@ -90,7 +89,7 @@ def response_spectrum(
     names = labelled("record", (record.name for record in records), "ground-motion record")
     signals = ((record.acceleration, record.dt) for record in records)
     spectra = _spectra(signals, periods, damping_ratio, names)
-    return (spectra.isel(record=0) if single else spectra).assign_attrs(
+    return (spectra.isel(record=0) if isinstance(motion, Record) else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence; peaks until the last point of the record"
     )
 
