@@ -47,8 +47,6 @@ FARTHEST = 10.0
 WIDEST = 5.0
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
-#: Axes along which scenarios are trials of one thing.
-TRIALS = MOTION_DIMS
 #: Curves are said to cross where the probability is farther from 0 and 1 than this.
 SEEN = 1e-3
 #: Ends of an interval.
@@ -297,7 +295,7 @@ def fragility(
         check_needs(cube, what, pairs=True, laws=1)
         cube = pounding_only(cube)
     strength = intensity_of(cube, intensity, records=records, folders=folders)
-    trials = ["record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale")]
+    trials = ["record", next((dim for dim in MOTION_DIMS[1:] if dim in cube.dims), "scale")]
     cube = cube.expand_dims([dim for dim in trials if dim not in cube.dims])
     strength = strength.expand_dims([dim for dim in trials if dim not in strength.dims]).transpose(*trials)
     if about.variable and level is not None:

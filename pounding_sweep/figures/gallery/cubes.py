@@ -23,7 +23,6 @@ from pounding_sweep.analysis.comparisons.fragility import (
     MEANINGS,
     NO_INTERVAL,
     TOO_WIDE,
-    TRIALS,
     WIDE,
     FitStatus,
     crossed,
@@ -541,7 +540,7 @@ def _name_records(result: xr.Dataset) -> str:
     return coord_text(result, "record") if "record" in result.coords else ""
 
 
-@figure_of("fragility", "cube", f"pair|building, several {'|'.join(TRIALS)}")
+@figure_of("fragility", "cube", f"pair|building, several {'|'.join(MOTION_DIMS)}")
 def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None = None) -> Figure:
     """Draw the probability of an event, by default that a pair touches, against intensity, with its confidence.
 
@@ -556,7 +555,7 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
         raise InputError(f"this file is of the event {result.attrs['event']!r}, not {event!r}; draw its cube instead")
     words, per = spell_units(result.attrs["event_in_words"]), EVENTS[result.attrs["event"]].per
     result = with_dims(result, *(dim for dim in ("law", per) if dim in result.coords))
-    keep = (*TRIALS, "bound", "intensity", "quantile")
+    keep = (*MOTION_DIMS, "bound", "intensity", "quantile")
     varied = choose_axis(result, None, keep)
     axis = varied.dim if varied else "law"
     if varied and "law" in result.dims and (result["law"] != "none").any():
