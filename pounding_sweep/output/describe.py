@@ -322,17 +322,17 @@ def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
     titles = {key: item.title for key, item in LAWS.items()}
     if "law_title" in arrays:
         titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
-    along = status.dimensions.index(arrays["law"].dimensions[0])
-    ok, largest = np.moveaxis(status[...], along, 0) == Status.OK, {}
+    across = tuple(axis for axis, dim in enumerate(status.dimensions) if dim not in arrays["law"].dimensions)
+    ok, law_of_scenario, largest = status[...] == Status.OK, np.expand_dims(laws, across), {}
     # the largest of all floors; missing where no floors meet
     for name in (name for name in ("impact_force_max", "impact_count") if name in arrays):
         array = arrays[name]
         most = SLAB_BYTES // max(1, array.dtype.itemsize * array.size // max(1, status.size))
         parts = [np.fmax.reduce(array[slab], axis=-1).reshape(-1, len(pairs)) for slab in slabs(status.shape, most)]
-        largest[name] = np.moveaxis(np.concatenate(parts).reshape(*status.shape, -1), along, 0)
+        largest[name] = np.concatenate(parts).reshape(*status.shape, -1)
     rows = []
     for law in dict.fromkeys(laws.tolist()):
-        mask = ok & (laws == law).reshape(-1, *[1] * (ok.ndim - 1))
+        mask = ok & (law_of_scenario == law)
         for p, pair in enumerate(pairs):
             values = {name: column[mask][:, p] for name, column in largest.items()}
             peak = np.fmax.reduce(values.get("impact_force_max", []), initial=-np.inf)
