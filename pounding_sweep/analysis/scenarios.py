@@ -10,7 +10,7 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, check_known
 from pounding_sweep.output.audited import AUDIT_DIMS
-from pounding_sweep.output.scenario_rows import scenario_keys
+from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, Status
 from pounding_sweep.spec.axes import DIMENSIONS
 
@@ -21,7 +21,7 @@ COMPARISON = "comparison"
 #: Axes that a run without pounding ignores.
 IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in DIMENSIONS[column])
 #: What tells listed cases apart that a run without pounding does not ignore.
-_CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
+_CASE_KEYS = ("record", "scale", *BUILDING_DEFAULTS)
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
 ROUND_OFF = 1e-9
 #: Dimensions of what is of no scenario alone: the audit of a cube, and histories.

@@ -23,6 +23,7 @@ from pounding_sweep.output.dataset import (
     unit_attributes,
 )
 from pounding_sweep.output.identity import library_versions, package_digest
+from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS
 from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
@@ -75,10 +76,10 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
 def row_coordinates(variants: Variants, dimension: str) -> Coordinates:
     """Return how the buildings vary along a dimension of listed scenarios, one of each row of `variants`."""
     result: Coordinates = {}
-    for name in ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"):
+    for name, default in BUILDING_DEFAULTS.items():
         if name not in ("strength_factor", "hardening") or any(variants.scene.yields):
             values, axis = getattr(variants, name), _AXES[name]
-            missing = "; missing where it is the building's own" if name in ("damping_ratio", "hardening") else ""
+            missing = "; missing where it is the building's own" if np.isnan(default) else ""
             dims = (dimension, "building")[: values.ndim]
             result[name] = coordinate(dims, values, axis.unit, f"{axis.long_name}{missing}")
     return result
