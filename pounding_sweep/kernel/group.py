@@ -264,6 +264,10 @@ class Group:
         """Whether the storey below floor i may yield; floors known at run time only have rows as those that may."""
         return bool(self.spec.yielding) and (not isinstance(i, int) or i in self.spec.yielding)
 
+    def flows_by_series(self, i: Any) -> bool:
+        """Whether the storey below floor i has a plastic drift whose every term is at hand: one of Bouc and Wen."""
+        return bool(self.spec.series and self.spec.smooth) and i in dict(self.spec.smooth)
+
     def dashed(self, i: Any) -> bool:
         """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
         return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)

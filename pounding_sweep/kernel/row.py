@@ -39,7 +39,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
                 elastic = k * drift
                 if group.yields(i):
                     kt, ct = group.state["kt", i], group.state["ct", i]
-                    elastic = fma(kt, drift, ct) if constant or i in dict(group.spec.smooth) else kt * drift
+                    elastic = fma(kt, drift, ct) if constant or group.flows_by_series(i) else kt * drift
                 coefficient = beta * damper_stiffness(group, i)
                 coefficient = coefficient + group.prop("dashpot", i) if group.dashed(i) else coefficient
                 forces.append(fma(coefficient, rate, elastic))
