@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernels_used import LAW_OF
+from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
@@ -116,6 +116,41 @@ SPEEDS = [[0.1, 0.4], [-0.05, 0.1]]
 CLOSING = np.array([0.15, 0.3])
 
 
+@pytest.mark.parametrize("method", ["rk4", *(pytest.param(m, marks=pytest.mark.slow) for m in ("newmark", "exact"))])
+def test_a_tall_row_that_never_touches_follows_its_exact_solution(method):
+    """The kernel of a long row, split over several lane loops, in flight."""
+    tower = ps.Building("tower", np.linspace(130.0, 80.0, 12), np.linspace(6e5, 3e5, 12))
+    annex = ps.Building("annex", [120.0] * 5, [3.5e5] * 5)
+    record = shaking(1.5)
+    row = ps.Scene([tower, annex], gaps=[5.0])
+    got = ps.simulate(row, record, law="kelvin_voigt", stiffness=8e5, restitution=0.6, method=method, dt=record.dt / 80)
+    assert int(got.impact_count.max()) == 0
+    for b in (tower, annex):
+        u, v = modal_exact(NaiveBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
+        tolerance = 1e-7 if method == "rk4" else 2e-3
+        mine = got.isel(time=slice(None, None, 80)).sel(building=b.name, storey=slice(1, b.n_storeys))
+        near(mine.displacement, u, tolerance)
+        near(mine.velocity, v, tolerance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_a_row_that_never_touches_is_the_row_without_contact_to_the_last_bit(method):
+    record = shaking()
+    wide = ps.Scene([A, B], gaps=[1.0])
+    free = ps.simulate(wide, record, law="none", method=method)
+    assert float(free.displacement_max.max()) > 0.005
+    for law in ("linear", "kelvin_voigt"):
+        stiffness, e = 8e5, 0.6 if LAWS[law].takes_restitution else None
+        open_row = ps.simulate(wide, record, law=law, stiffness=stiffness, restitution=e, method=method)
+        assert not open_row.impact_count.values.any()
+        assert np.isnan(open_row.first_impact_time.values).all()
+        assert np.isnan(float(open_row.steps_per_contact))
+        for name in free.data_vars:
+            if name != "steps_per_contact":
+                np.testing.assert_array_equal(open_row[name], free[name], err_msg=name)
+
+
 def collide(law, e, method="rk4", seconds=0.5, basis="published"):
     dt = 2.5e-4 if method == "rk4" else 1e-4
     k = 2.0e6 if LAWS[law].exponent == 1.0 else 1.88e7
@@ -198,6 +233,14 @@ def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
     assert abs(float(got.contact_work[0])) < 10 * tolerance * lost
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_first_impact_knows_no_law(method):
+    first = {law: shake(law, method=method).first_impact_time.values for law in SIMULATED[method]}
+    earliest = np.nanmin(first[LAW_OF[method]])
+    assert 0 < earliest < 2.0
+    near(np.array([np.nanmin(times) for times in first.values()]), earliest, 1e-9)  # roots of other polynomials
+
+
 @pytest.mark.parametrize(("beta", "gamma", "order"), [(1 / 6, 0.5, 1.8), (0.25, 0.5, 1.8), (0.3025, 0.6, 0.9)])
 def test_parameters_of_newmark(beta, gamma, order):
     """gamma = 1/2 is second order, more of it damps and is first order; all reach the exact answer."""
@@ -210,6 +253,30 @@ def test_parameters_of_newmark(beta, gamma, order):
         left.append(np.abs(got.displacement.sel(building="a").values[::n] - exact).max())
     found = -np.polyfit(np.log(steps), np.log(left), 1)[0]
     assert order <= found < order + 0.5, left
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+@pytest.mark.parametrize("method", METHODS)
+def test_energy_balance(method, law):
+    got = shake(law, method=method, dt=5e-4)
+    assert int(got.impact_count.sum()) >= 2
+    assert float(got.energy_residual) < (1e-6 if method == "rk4" else 4e-4)
+    # at every instant: what buildings gave away is what the contacts took, or hold
+    size = float(got.input.max())
+    gap = np.abs(got.transfer.sum("building") - got.work.sum("pair")).values
+    assert gap.max() < (2e-6 if method == "rk4" else 1e-3) * size
+    # the peaks over time are those of the history, or between its steps
+    for b in ("a", "b"):
+        here, top = got.transfer.sel(building=b), got.energy_transfer_max.sel(building=b)
+        low = got.energy_transfer_min.sel(building=b)
+        drift = (1e-6 if method == "rk4" else 1e-3) * size  # in flight, where nothing is exchanged
+        assert float(top) >= float(here.max()) - drift
+        assert float(low) <= float(here.min()) + drift
+        reach = float(top - low)
+        assert float(top) - float(here.max()) < 0.02 * reach
+        assert float(here.min()) - float(low) < 0.02 * reach
+    taken = float(got.contact_work.sum())
+    assert taken > 0.01 * reach if LAWS[law].takes_restitution else abs(taken) < 1e-3 * reach
 
 
 def test_histories_obey_the_equation_of_motion():

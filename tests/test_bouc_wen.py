@@ -166,6 +166,20 @@ def lanes(scene, scales, law="none", dt=5e-3, twin=False, method="rk4", precisio
     return lane_values(scene, law, OUTPUTS, motion(101), numerics, history=not twin, twin=twin, **given)
 
 
+@pytest.mark.slow
+def test_a_bilinear_neighbour_moves_as_without_it():
+    """Storeys of both kinds in one row, which don't touch: each as beside its own."""
+    a, b = SMOOTH.buildings
+    plain = [replace(x, bouc_wen=None) for x in (a, b)]
+    both, smooth, bilinear = (
+        lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.5])[1] for row in ([a, plain[1]], [a, b], plain)
+    )
+    for name in ("drift_max", "storey_shear_max", "hysteretic_energy", "acceleration_max"):
+        np.testing.assert_allclose(both[name][:, 0], smooth[name][:, 0], rtol=1e-6, err_msg=name)
+        np.testing.assert_allclose(both[name][:, 1], bilinear[name][:, 1], rtol=1e-6, err_msg=name)
+    assert np.isfinite(both["residual_drift"][:, 1]).all()
+
+
 @pytest.mark.parametrize(
     "factor", [1e-6, 1.0, 1e9, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (1e-3, 1e3))]
 )

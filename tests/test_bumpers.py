@@ -144,6 +144,18 @@ def test_a_gap_has_room_for_its_bumpers(make, given, said):
 PAD, STOP = BUMPED.bumpers
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
+def test_bumpers_of_the_law_of_the_sweep_change_nothing(method):
+    bare = replace(BUMPED, bumpers=())
+    same = replace(
+        BUMPED, bumpers=[ps.Bumper("a-b", "kelvin_voigt", 8e5, 0.6), ps.Bumper("c-wall", "kelvin_voigt", 8e5, 0.6)]
+    )
+    one, other = (simulate(scene, "kelvin_voigt", method=method, dt=1e-3) for scene in (bare, same))
+    for name in ("impact_force_max", "displacement_max", "energy_damping", "steps_per_contact"):
+        np.testing.assert_allclose(other[name], one[name], rtol=1e-9)
+
+
 def test_what_never_touches_is_told_by_the_gap_that_each_bumper_leaves():
     plan = row_sweep(gaps=[0.010, 0.014, 0.018]).plan()
     closing = np.full((len(plan.uncoupled_runs), *inner_shape("closing_max", BUMPED)), 0.006)

@@ -16,7 +16,7 @@ from scenes import OUTPUTS, call, motions, row
 from test_limits import At, stop
 
 from pounding_sweep import Sweep
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, WriteError
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
@@ -394,6 +394,15 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
+
+
+def test_a_disk_that_gets_full_while_results_are_taken(whole, earlier, tmp_path, monkeypatch):
+    new, full = tmp_path / "new.nc", OSError(28, "No space left on device")
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "save", lambda *_, **__: (_ for _ in ()).throw(full))
+        with pytest.raises(WriteError, match=r"writing chunk .* failed \(No space left on device\); free some space"):
+            sweep().run(new, extend=earlier[0], workers=1)
+    assert finished(whole, sweep(), new, extend=earlier[0])[2] == 32
 
 
 def finished(whole, job, out, **settings):

@@ -94,6 +94,15 @@ def test_tables_that_stay_are_those_of_their_record():
             np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
+def test_a_negative_scale_is_the_record_upside_down():
+    kernel, record, given = kernel_of(pair()), motions()[0], some_scenarios()
+    other = {**given, "scale": -given["scale"]}
+    found, want = kernel.run(record, **given), kernel.run(record.scaled(-1.0), **other)
+    np.testing.assert_array_equal(found["count"], want["count"])
+    for name in ("umax", "umin", "fmax", "acc", "e_in"):
+        np.testing.assert_allclose(found[name], want[name], rtol=1e-9, atol=1e-12 * np.abs(want[name]).max())
+
+
 def test_equal_buildings_never_touch():
     a, b = (Building(name, [100.0, 80.0], [1e5, 9e4]) for name in "ab")
     kernel = kernel_of(Scene([a, b], gaps=[1e-9]))

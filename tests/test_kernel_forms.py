@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -125,6 +128,39 @@ def forget_kernels():
     compile._COMPILED.clear()
     row_kernel._layout.cache_clear()
     row_kernel._MEMORY.__dict__.clear()
+
+
+MACHINES = {
+    "AVX2": ("haswell", "+avx2,+fma,+avx,+bmi,+bmi2,+popcnt,+lzcnt,+sse4.2"),
+    "no vector instructions beyond SSE2": ("x86-64", "+sse2"),
+}
+#: Prints all results of two kernels, bit by bit.
+RUN = """
+from test_kernel_forms import results
+for case in (("hertz_damped", "rk4", "float64"), ("linear", "newmark", "float64"), ("linear", "exact", "float32")):
+    for name, values in sorted(results(*case).items()):
+        print(name, values.tobytes().hex())
+"""
+
+
+def _printed(machine, folder):
+    environment = dict(
+        os.environ, POUNDING_SWEEP_CACHE=str(folder), PYTHONPATH=os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    )
+    environment.update(zip(("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"), machine, strict=False))
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_bits_are_those_of_any_machine(tmp_path):
+    here = _printed((), tmp_path)
+    assert "fmax" in here
+    for name, machine in MACHINES.items():
+        assert _printed(machine, tmp_path) == here, name
 
 
 @pytest.mark.slow

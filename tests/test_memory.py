@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections import namedtuple
@@ -129,3 +130,40 @@ def test_a_cube_that_does_not_fit_on_the_disk(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match=needs):
         make().run(tmp_path / "out.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[2])
+from pounding_sweep.output import netcdf as writing
+import stub_engine
+from scenes import make
+
+stub_engine.install()
+writing.SLAB_BYTES, writing.BLOCK_BYTES = 2000, 100
+true_slabs = writing.slabs
+
+def killed(*arguments):
+    for number, slab in enumerate(true_slabs(*arguments)):
+        if number == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield slab
+
+writing.slabs = killed
+make(stiffness_factors=[1.0, 1e3]).run(sys.argv[1])
+"""
+
+
+@pytest.mark.slow
+def test_killed_while_the_cube_is_written(reference, tmp_path):
+    out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
+    code = [sys.executable, "-c", KILLED, str(out), os.path.dirname(__file__)]
+    assert subprocess.run(code, check=False).returncode == -signal.SIGKILL
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc.log", parts.name]  # no half cube
+    assert [p for p in parts.iterdir() if p.name.startswith(".pounding_sweep")]
+    sweep = make(stiffness_factors=[1.0, 1e3])
+    with pytest.warns(RuntimeWarning, match="was killed .* goes on"), sweep.run(out) as cube:
+        same(cube.drop_attrs(), reference.drop_attrs())
+    assert sweep.last_outcome.run == 0
+    assert sweep.last_outcome.reused > 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == [out.name, "out.nc.log"]

@@ -24,6 +24,7 @@ from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.advice import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
 from pounding_sweep.run.sweep import Sweep
@@ -190,6 +191,16 @@ WHOLE = {
     "audit": 0,
     "outputs": EVERY,
 }
+
+
+def test_results_do_not_depend_on_how_scenarios_are_cut(stub_engine, monkeypatch):
+    axes = {"period_factors": {"a": ps.Range(0.5, 2.0, 9)}, "damping_ratios": RATIOS}
+    more = {**WHOLE, "records": motions()[0], "laws": "kelvin_voigt", "gaps": [0.0005, 0.002, 0.003]}
+    whole = Sweep(pair(), **more, **axes).run(scheduler="synchronous")
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-9)
+    sweep = Sweep(pair(), **more, **axes)
+    assert len(sweep.plan().chunks(np.arange(54))) == 4
+    xr.testing.assert_identical(sweep.run(scheduler="threads", workers=2).drop_attrs(), whole.drop_attrs())
 
 
 def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios(stub_engine):

@@ -121,6 +121,19 @@ def test_small_losses(loss):
         assert float(realised_number(get_law(law), e)) == pytest.approx(slope * left, rel=3 * loss + 1e-12), law
 
 
+def test_hard_damping():
+    """First terms of the relations towards e = 0."""
+    e = 1e-4
+    for law, number in {
+        "kelvin_voigt": 0.5 / np.sqrt(e),
+        "linear_viscoelastic": 0.5 / e,
+        "nonlinear_viscoelastic": np.sqrt(5) / 4 / e,
+        "hertz_damped": 1 / e,
+        "modified_kelvin_voigt": 2 / e**2,
+    }.items():
+        assert float(realised_number(get_law(law), e)) == pytest.approx(number, rel=1e-3), law
+
+
 @pytest.mark.parametrize("law", DAMPED)
 def test_less_restitution_needs_more_damping(law):
     e = np.concatenate([np.geomspace(1e-6, 0.01, 50), np.linspace(0.011, 1, 400)])

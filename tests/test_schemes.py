@@ -12,8 +12,11 @@ from scenes import row
 from scipy.linalg import expm
 
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.plan import advice
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
@@ -183,6 +186,24 @@ def test_the_stages_beside_exact_flight_are_stable_at_any_damping(zeta):
         assert growth(exact, oscillator(zeta=zeta), h) <= 1.0 + 1e-12
 
 
+@pytest.mark.parametrize(
+    ("damping", "dashpots", "radius"), [(0.0, None, 0.85), (0.0, [30.0], 0.85), (0.05, None, 1.25)]
+)
+@pytest.mark.parametrize("dt", [1e-3, 0.01, 0.5])
+def test_sub_steps_beside_exact_flight_keep_to_the_radius_at_any_step(dt, damping, dashpots, radius):
+    stiff = Building("b", [100.0], [3e4], damping, dashpots=dashpots)
+    scene = Scene([Building("a", [100.0], [1e4]), stiff], gaps=[0.01])
+    within = radius / math.sqrt(300.0)
+    for rough, outputs, least, most in (
+        (False, ["displacement_max"], 0.9, 2.001),
+        (True, ["displacement_max"], 0.9, 1.001),
+        (True, ["acceleration_max"], 0.45, 0.501),
+    ):
+        kernel = RowKernel(scene, get_law("hertz"), Numerics("exact", dt), reducers_for(outputs))
+        longest = kernel.constants(rough)[property_slots(kernel.shape).first["longest"]]
+        assert min(least * dt, 0.9 * within) < longest < min(most * dt, 1.001 * within)
+
+
 @pytest.mark.parametrize("scheme", [s for s in EXPLICIT if not s.flies_exactly], ids=lambda scheme: scheme.name)
 def test_the_limit_of_overdamped_contacts_beside_a_stiff_building(scheme):
     """The overdamped mode of a soft contact is not the mode that sets the highest frequency."""
@@ -215,6 +236,14 @@ def test_newmark_has_no_limit_unless_its_parameters_give_one():
             np.abs(np.linalg.eigvals(step(newmark, *system, h, beta=beta)[0])).max() for h in (limit, 2.1 * true)
         ]
         assert growths[0] <= 1.0 + 1e-9 < growths[1]
+
+
+def test_stiffer_linear_contacts_lower_the_limit():
+    rk4 = SCHEMES["rk4"]
+    assert limit_of(rk4, row(), get_law("linear"), 2e5, 1.0) < limit_of(rk4, row(), get_law("linear"), 1e5, 1.0)
+    # a Hertz-type contact has no stiffness before it closes, one beside exact flight has sub-steps of its own
+    for scheme, key in ((rk4, "hertz"), (SCHEMES["exact"], "linear")):
+        assert limit_of(scheme, row(), get_law(key), 1e9, 1.0) == limit_of(rk4, row(), get_law("none"), 0.0, 1.0)
 
 
 def test_where_central_differences_are_stable():

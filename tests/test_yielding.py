@@ -52,6 +52,18 @@ def scaled(scene, factor, **changes):
     return ps.Scene(row, scene.gaps, scene.contact)
 
 
+@pytest.mark.parametrize("method", YIELDING)
+def test_half_the_motion_at_half_the_strength_and_gap_is_half_the_answer(method):
+    _, whole = lanes(YIELDS, [1.5], method)
+    _, half = lanes(scaled(YIELDS, 0.5), [0.75], method, gaps=[[0.5 * YIELDS.gaps[0]]])
+    assert whole["impact_count"].sum() > 0
+    for name, power in (("displacement_max", 1), ("storey_shear_max", 1), ("residual_drift", 1), ("ductility_max", 0)):
+        np.testing.assert_allclose(half[name], 0.5**power * whole[name], rtol=1e-8, err_msg=name)
+    np.testing.assert_allclose(half["hysteretic_energy"], 0.25 * whole["hysteretic_energy"], rtol=1e-8)
+    _, twice = lanes(YIELDS, [0.75], method)  # and at the same strength it is not
+    assert np.abs(2.0 * twice["displacement_max"] - whole["displacement_max"]).max() > 1e-3
+
+
 def flying(scene=YIELDS, **numerics):
     """The kernel that leaves out windows of the record."""
     return RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-4, **numerics), reducers_for(EVERY))
