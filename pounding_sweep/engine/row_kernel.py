@@ -256,7 +256,7 @@ class RowKernel:
         outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
         steps = flight_substeps = self.numerics.steps(record)
         track = np.zeros(1, shape.precision)
-        if shape.at_own_pace:
+        if shape.by_series:
             flight_substeps = int(self.flight_substeps(record, row).max())
             steps = flight_substeps if shape.series or shape.staged else steps
             track = _ground(record, steps).astype(shape.precision)

@@ -36,7 +36,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import LawError, check_known
+from pounding_sweep.base.errors import LawError, unknown
 
 #: What a coefficient of restitution means: the damping formula of the literature, or the rebound of two free masses.
 RESTITUTION_BASES = ("published", "realised")
@@ -180,4 +180,5 @@ RELATIONS: dict[str, Relation] = {
 
 def check_basis(basis: str) -> None:
     """Raise `LawError` unless `basis` is one of `RESTITUTION_BASES`."""
-    check_known("restitution basis", basis, RESTITUTION_BASES, LawError)
+    if basis not in RESTITUTION_BASES:
+        raise LawError(unknown("restitution basis", basis, RESTITUTION_BASES))

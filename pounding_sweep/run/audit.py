@@ -19,7 +19,7 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.outputs.variables import CHANGE, WITH_VALUES, Status, comparable, relative_errors
+from pounding_sweep.outputs.variables import CHANGE, VARIABLES, WITH_VALUES, Status, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined, row_codes
 from pounding_sweep.run.execute import Dispatcher
@@ -112,8 +112,8 @@ def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
 
 def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
-    outputs = comparable(plan.spec.outputs)
     rows, accuracy = candidates(plan, outcome), plan.spec.accuracy
+    outputs = tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
     sample, share = draw(plan, rows) if outputs else (rows[:0], 0.0)
     if not len(sample):
         return None
@@ -143,7 +143,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
         sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
     measured = error, sensitivity, swept["status"], sensitive, undecided
     result = Audit(sample, outputs, *measured, len(rows), share, tolerance)
-    if result.exceeding.any():
+    if len(again) and result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 

@@ -36,10 +36,10 @@ def write_cube_of(
     from pounding_sweep.output.netcdf import write_in_slabs
 
     axes, extra = scenario_axes(plan)
-    scene, names = plan.spec.scene, outcome.results.names
+    scene, names, about = plan.spec.scene, outcome.results.names, global_attributes(plan, outcome)
     row_of = plan.inverse.reshape([len(values) for _, values, _ in axes.values()])
     data = {name: unfilled(name, (*row_of.shape, *inner_shape(name, scene))) for name in names}
-    cube = label(scene, axes, data, global_attributes(plan, outcome), extra)
+    cube = label(scene, axes, data, about, extra)
 
     def values_of(slab: Slab) -> dict[str, np.ndarray]:
         """Return values as they are stored; the scenarios count as done."""
