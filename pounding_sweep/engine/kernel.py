@@ -149,7 +149,8 @@ def _run(
     fly: Callable[[], None] | None = None,
 ) -> None:
     """Take all scenarios of a call over the record, or write what does; `fly` calls the flight of a kernel."""
-    lanes = LANES if trace is None and not spec.at_own_pace else width(spec.precision)
+    at_own_pace = spec.flies_exactly or spec.series  # each lane has a time and a scenario of its own
+    lanes = width(spec.precision) if trace is not None or at_own_pace else LANES
     group = make_group(spec, trace, lanes, values["constants"], values.get("state"))
     ground, columns = Ground(trace, values, shapes["motion"][0]), shapes["history"][1]
     history = Table(trace, values["history"], 1, double=True)
@@ -157,12 +158,12 @@ def _run(
     def put(row: Any, column: int, value: Any) -> None:
         history.put_number(row * columns + column, lane_of(value, 0))
 
-    if not spec.at_own_pace:
+    if not at_own_pace:
         _run_groups(group, ground, values, shapes["inputs"][0], put)
         return
     note = noter(group, put, True) if spec.history else None
     if not spec.flies_exactly:
-        turns = Turns(group, ground, Course(group, Cell), *_scenarios(group, values), note)
+        turns = Turns(group, ground, Course(group, Cell), *_scenarios(group, ground, values), note)
         run_scenarios(group, ground, turns.serve, turns.course, note)
         return
     if trace is not None:  # flight's own rows come before those of the state
@@ -210,11 +211,12 @@ def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:
     return numbers[at:] if trace is None else trace.builder.gep(numbers, [at.value])
 
 
-def _scenarios(group: Group, values: Mapping[str, Any]) -> tuple[Rows, Rows, Any, Any]:
-    """Return inputs, results and number of all scenarios of a call, and rows of the state that a step leaves."""
+def _scenarios(group: Group, ground: Ground, values: Mapping[str, Any]) -> tuple[Rows, Rows, Any, Any, Any]:
+    """Return what `Turns` takes of a call's scenarios: from their inputs to short steps in one of flight's grid."""
     slots = {"inputs": input_slots(group.spec), "results": output_slots(group.spec)}
     inputs, results = (Rows(group.trace, each.count, LANES, values[x], double=True) for x, each in slots.items())
-    return inputs, results, values["scenarios"], values.get("passing", group.n_persistent_rows)
+    persistent = values.get("passing", group.n_persistent_rows)
+    return inputs, results, values["scenarios"], persistent, ground.steps // ground.substeps
 
 
 def make_flights(group: Group, ground: Any, arrays: dict[str, Any], note: Any, ledger: Ledger) -> Flights:
@@ -229,7 +231,7 @@ def make_flights(group: Group, ground: Any, arrays: dict[str, Any], note: Any, l
         flight.blocks = Blocks(*own, rows, ledger.cell)
     fill = flight.blocks.fill if spec.blocks else partial(Tables(*own).fill, rows)
     stops = flight.blocks.blocks if spec.blocks else points
-    return Flights(flight, fill, stops, group, ground, course, *_scenarios(group, arrays), note)
+    return Flights(flight, fill, stops, group, ground, course, *_scenarios(group, ground, arrays), note)
 
 
 def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Callable[[Any], None]:

@@ -47,7 +47,7 @@ def shear(storey: Storey, name: Any) -> Any:
     """Storey shear at the displacements of that name; of rates, its rate."""
     k, (_, soft), moves = storey.stiffness, storey.hardened, storey.drift(name)
     if not isinstance(name, str):  # a term of the series
-        return k * moves - soft * name.slip(storey)
+        return k * moves - soft * storey.group.state["taylor_slip", storey.index + name.begin]
     if name.startswith("v"):
         return (k - soft * _share(storey, *_end(storey, name[1:]))) * moves
     return k * moves - soft * getattr(storey, f"slip{name[1:]}")
@@ -233,7 +233,7 @@ def begin_term(group: Group, k: Any, x: Any) -> None:
     """Keep coefficient k of z and of drifts' rates, of floors' `x`, and make shears those of this coefficient."""
     s, n = group.state, group.spec.n_moving
     for storey in iter_storeys(group):
-        slip = x.slip(storey)
+        slip = s["taylor_slip", storey.index + x.begin]
         storey.ct = -storey.hardened[1] * slip
         s["taylor_z1", storey.index + k * n] = storey.drift(x) - slip
         s["taylor_rate", storey.index + k * n] = storey.drift(x.rates)
@@ -264,7 +264,7 @@ def _begin_signs(storey: Storey) -> None:
     """Find what flows of z^n d' in the sub-step to come: the signs stay, once the storey moves, until the next kink."""
 
     def sign(name: str, change: Any, otherwise: Any) -> Any:
-        by_more = size(change) > storey.group.limit.at_rest * storey.rounding(name)
+        by_more = size(change) > storey.group.limit.at_rest * storey.drift(name, rounding=True)
         return where(by_more, where(change < 0.0, -1.0, 1.0), otherwise)
 
     way, side, n = storey.rate_sign, storey.z_sign, storey.exponent
@@ -274,16 +274,6 @@ def _begin_signs(storey: Storey) -> None:
     storey.z_sign = side = where(side == 0.0, sign("u0", _end(storey, "0")[0], way), side)
     share = (storey.wen_gamma + side * way * storey.wen_beta) / power_of(storey.yield_drift, n)
     storey.flow = share * side if n % 2.0 else share
-
-
-def kinks(storey: Storey) -> list[tuple[str, Any, Any, Any]]:
-    """Return what has a kink where it changes its sign, the drift's rate and z.
-
-    The rows of its coefficients, its sign, and sign times its values at the start and the end of the sub-step.
-    """
-    (z0, v0), (z1, v1) = _end(storey, "0"), _end(storey, "")
-    way, side = storey.rate_sign, storey.z_sign
-    return [("taylor_rate", way, way * v0, way * v1), ("taylor_z1", side, side * z0, side * z1)]
 
 
 def apply_events(group: Group, lands: Any) -> None:

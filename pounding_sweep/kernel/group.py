@@ -264,10 +264,6 @@ class Group:
         """Whether the storey below floor i may yield; floors known at run time only have rows as those that may."""
         return bool(self.spec.yielding) and (not isinstance(i, int) or i in self.spec.yielding)
 
-    def flows_by_series(self, i: Any) -> bool:
-        """Whether the storey below floor i has a plastic drift whose every term is at hand: one of Bouc and Wen."""
-        return bool(self.spec.series and self.spec.smooth) and i in dict(self.spec.smooth)
-
     def dashed(self, i: Any) -> bool:
         """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
         return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)
@@ -526,19 +522,12 @@ class Storey(Indexed):
         """Stiffness while it yields, and what that is less than the elastic one."""
         return self.hardening * self.stiffness, (1.0 - self.hardening) * self.stiffness
 
-    def drift(self, x: Any = "u") -> Any:
-        """Drift (m), of a row's name or of values floor by floor."""
-        return reduce(sub, self._parts(x))
-
-    def rounding(self, x: Any) -> Any:
-        """Sizes of what its drift is the difference of, of a row's name: by these it is rounded."""
-        return reduce(add, map(size, self._parts(x)))
-
-    def _parts(self, x: Any) -> list[Any]:
-        """Motion of the floor above, of that below and by rocking, whose difference the drift is."""
+    def drift(self, x: Any = "u", rounding: bool = False) -> Any:
+        """Drift (m), of a row's name or of values floor by floor; or the sum of sizes by which it is rounded."""
         group, base = self.group, self.group.spec.base_of(self.index)
         parts = [group.floor(x, i) for i in (self.index, self.below) if i is not None]
-        return parts if base is None else [*parts, self.height * group.floor(x, base[1])]
+        parts += [] if base is None else [self.height * group.floor(x, base[1])]
+        return reduce(add, map(size, parts)) if rounding else reduce(sub, parts)
 
 
 def part_of(force: Any, share: Any) -> Any:

@@ -38,7 +38,7 @@ def shear(storey: Storey, name: Any = "u") -> Any:
 
 def drift_scale(storey: Storey) -> Any:
     """How far a storey's floors are at both ends of a step, and its plastic drift: what its drift is rounded by."""
-    return size(storey.slip) + storey.rounding("u0") + storey.rounding("u")
+    return size(storey.slip) + storey.drift("u0", rounding=True) + storey.drift("u", rounding=True)
 
 
 def _limits(storey: Storey) -> tuple[Any, Any]:

@@ -25,7 +25,7 @@ Part = Sequence[tuple[Any, Sequence[Any]]]
 
 def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], constant: bool = True) -> list[Any]:
     """Storey forces f = k (w_i - w_(i-1)), w = x + beta y, by floors of the part; of rates without their `constant`."""
-    forces, at = [], 0
+    forces, at, smooth = [], 0, dict(group.spec.smooth) if group.spec.series else {}
     for b, floors in part:
         places = range(at, at + len(floors))
         # storeys have dampers of their own, or drifts that a foundation's rocking is part of
@@ -39,7 +39,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
                 elastic = k * drift
                 if group.yields(i):
                     kt, ct = group.state["kt", i], group.state["ct", i]
-                    elastic = fma(kt, drift, ct) if constant or group.flows_by_series(i) else kt * drift
+                    elastic = fma(kt, drift, ct) if constant or (smooth and i in smooth) else kt * drift
                 coefficient = beta * damper_stiffness(group, i)
                 coefficient = coefficient + group.prop("dashpot", i) if group.dashed(i) else coefficient
                 forces.append(fma(coefficient, rate, elastic))

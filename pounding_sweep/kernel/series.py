@@ -128,18 +128,16 @@ class _Term:
     """One coefficient of all floors."""
 
     def __init__(self, group: Group, k: Any) -> None:
-        self._state, self._begin = group.state, k * group.spec.n_moving
+        #: Where rows of the coefficient begin.
+        self.begin = k * group.spec.n_moving
+        self._state = group.state
         #: Whether what follows from it has the constants that rates are without.
         self.constant = isinstance(k, int) and k == 0
         #: Rows of the same coefficient of velocities, while coefficients are found.
         self.rates = "v0" if self.constant else "y"
 
     def __getitem__(self, i: Any) -> Any:
-        return self._state["taylor_u", i + self._begin]
-
-    def slip(self, storey: Storey) -> Any:
-        """Return that of a storey's plastic drift."""
-        return self._state["taylor_slip", storey.index + self._begin]
+        return self._state["taylor_u", i + self.begin]
 
 
 class _Coefficients:
@@ -477,7 +475,10 @@ def _propose_kinks(group: Group, asks: Any, choice: Any) -> None:
     """Consider kinks of storeys of Bouc and Wen before ``fraction``, in lanes that ask."""
     s, first, n = group.state, len(group.contacts), group.spec.n_moving
     for storey in bouc_wen.iter_storeys(group):
-        for kind, (name, sign, start, end) in enumerate(bouc_wen.kinks(storey)):
+        z0, z1 = storey.drift("u0") - storey.slip0, storey.drift("u") - storey.slip
+        rate = "taylor_rate", storey.rate_sign, storey.drift("v0"), storey.drift("v")
+        for kind, (name, sign, *ends) in enumerate((rate, ("taylor_z1", storey.z_sign, z0, z1))):
+            start, end = (sign * x for x in ends)
             number = group.change(first + storey.index, kind)
             is_next = (storey.then == kind + 1.0) & ~(storey.turn > s["fraction"])
             allowed = asks & ~is_next

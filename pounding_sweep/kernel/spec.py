@@ -221,11 +221,6 @@ class KernelSpec:
         return self.by_series and not self.smooth
 
     @property
-    def at_own_pace(self) -> bool:
-        """Whether each lane has a time and a scenario of its own."""
-        return self.flies_exactly or bool(self.series)
-
-    @property
     def staged(self) -> bool:
         """Whether exact flight goes on in sub-steps of the scheme's stages beside contacts."""
         return self.flies_exactly and not self.series and self.law is not None and not self.impulsive

@@ -339,14 +339,6 @@ def _count(contact: Contact, lanes: Any, fresh: Any, *_: Any) -> None:
     contact.count += where(fresh, 1.0, 0.0)
 
 
-def _first(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
-    contact.put(lanes & (contact.tfirst < 0.0), tfirst=time)
-
-
-def _fastest(contact: Contact, lanes: Any, fresh: Any, speed: Any, *_: Any) -> None:
-    contact.put(lanes, vmax=maximum(contact.vmax, speed))
-
-
 def _deepest(contact: Contact, closed: Any, d: Any, *_: Any) -> None:
     contact.dmax = maximum(contact.dmax, d)
 
@@ -520,8 +512,18 @@ REDUCERS: dict[str, Reducer] = {
         Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count),
         Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
         Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
-        Reducer("first_time", (Slot("tfirst", "contact", lambda group, j: -1.0),), where="touch", touch=_first),
-        Reducer("approach_speed", (Slot("vmax", "contact"),), where="touch", touch=_fastest),
+        Reducer(
+            "first_time",
+            (Slot("tfirst", "contact", lambda group, j: -1.0),),
+            where="touch",
+            touch=lambda contact, lanes, _, speed, time: contact.put(lanes & (contact.tfirst < 0.0), tfirst=time),
+        ),
+        Reducer(
+            "approach_speed",
+            (Slot("vmax", "contact"),),
+            where="touch",
+            touch=lambda contact, lanes, _, speed, time: contact.put(lanes, vmax=maximum(contact.vmax, speed)),
+        ),
         Reducer("time", (Slot("tclosed", "contact"),), where="touch", substep=_closed_substep, plain=_closed),
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
         Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),

@@ -247,12 +247,6 @@ class Demand:
             result[rows] = shortest_contact(variants[part.variant], self.laws[i], *contact)
         return result
 
-    def measured(self, scheme: SchemeAndFormat) -> bool:
-        """Whether the scheme's errors are those of this row: of `exact` where it flies or goes by series all along."""
-        numerics = Numerics(scheme[0], 1.0, precision=scheme[1])
-        shapes = [kernel_shape(self.spec.scene, law, numerics, ()) for law in self.laws]
-        return all(shape.at_own_pace or not shape.by_series for shape in shapes)
-
     def needs(self, measured: Measured, scheme: SchemeAndFormat) -> tuple[dict[str, float], tuple[float, str]]:
         """Return what laws need, `refinement` of exact flight, else steps in the shortest time, and the worst error."""
         method, precision = scheme
@@ -351,8 +345,12 @@ def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[
         wide = "energies" in classes_of(spec.outputs) or demand.accuracy < rounding(method)
         formats = (spec.precision,) if spec.precision else ("float64",) if wide else PRECISIONS
         fits = spec.method in (None, method) and precision in formats
-        if not fits or SCHEMES[method].refuses(spec.scene, precision) is not None or not demand.measured(scheme):
+        if not fits or SCHEMES[method].refuses(spec.scene, precision) is not None:
             continue
+        numerics = Numerics(method, 1.0, precision=precision)
+        shapes = [kernel_shape(spec.scene, law, numerics, ()) for law in demand.laws]
+        if any(shape.by_series and not (shape.flies_exactly or shape.series) for shape in shapes):
+            continue  # its errors where it goes by stages all along were not measured
         need, (error, law) = demand.needs(measured, scheme)
         if max(need.values()) == math.inf:
             reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")

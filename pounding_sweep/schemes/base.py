@@ -46,10 +46,6 @@ class Scheme(ABC):
         """Return by what the difference of a run to one at twice the step is divided, to be no less than its error."""
         return max(1.0, (2.0**self.order - 1.0) / SAFETY)
 
-    def min_steps_per_contact(self, located: bool) -> float:
-        """Return the steps that the fastest part of the shortest contact needs."""
-        return self.min_steps_located if located else self.min_steps_sampled
-
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Say why it can't take a row in a number format; None where it can."""
         del precision

@@ -170,12 +170,8 @@ class Turns:
     results: Rows  # the same
     count: Any  # scenarios in all
     persistent: Any  # rows of the state that a step leaves to the next
+    short: Any  # short steps in one of flight's grid
     note: Callable[[Any], None] | None  # keeps the motion after so many short steps, of one scenario, in lane 0
-
-    @property
-    def short(self) -> Any:
-        """Short steps in one of flight's grid."""
-        return self.ground.steps // self.ground.substeps
 
     def serve(self) -> None:
         """Give the lanes that leave their scenarios others."""

@@ -63,7 +63,11 @@ def largest_step(
         pulls = np.vstack([weights[floors], links[:, floors]]) / masses
         if building.foundation is not None:
             contact, *link = pulls.max(axis=1)
-            most, building_rate = np.square(variants.frequencies[index][:, -1]), _largest_rate(variants, index)
+            most = np.square(variants.frequencies[index][:, -1])
+            # C / M is bounded by the largest eigenvalues of its parts
+            root = 1.0 / np.sqrt(building.inertias)
+            parts = np.linalg.eigvalsh(building.damping_matrices * np.outer(root, root))[:, -1].tolist()
+            building_rate = a * parts[0] + b * parts[1] / np.square(period) + parts[2] / period
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, building_rate + (link[1] + contact_c * contact) / mass)
             continue
@@ -76,14 +80,6 @@ def largest_step(
             w2 = np.maximum(w2, stiff + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, a + b * stiff + damper / period + (link[1] + contact_c * contact) / mass)
     return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
-
-
-def _largest_rate(variants: Variants, index: int) -> np.ndarray:
-    """Bound of M^-1 C of a building on its foundation (1/s), by the largest eigenvalues of its parts, shape (n,)."""
-    building, (a, b), period = variants.scene.buildings[index], variants.rayleigh(index), variants.period_factor
-    root = 1.0 / np.sqrt(building.inertias)
-    mass, stiff, dashed = np.linalg.eigvalsh(building.damping_matrices * np.outer(root, root))[:, -1].tolist()
-    return np.asarray(a * mass + b * stiff / np.square(period[:, index]) + dashed / period[:, index])
 
 
 def _row_sums(scene: Scene, elements: Iterable[tuple[Iterable[tuple[int, float]], float, float]]) -> np.ndarray:

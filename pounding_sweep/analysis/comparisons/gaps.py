@@ -68,13 +68,6 @@ class BehaviourFactors:
             )
         return float(value)
 
-    @property
-    def in_words(self) -> str:
-        """Those that are not 1, and what is reduced by none."""
-        factors = {name: str(value).strip("{}").replace("'", "") for name, value in vars(self).items() if value != 1.0}
-        words = [f"{name} = {value}" for name, value in factors.items()]
-        return "; ".join([*words, "others 1" if words else "1 (elastic displacements)"])
-
 
 def read_factors(texts: Mapping[str, Sequence[str]]) -> BehaviourFactors:
     """Return factors from texts by name: "1.5" for all buildings, or "BUILDING=1.5" for each.
@@ -264,7 +257,9 @@ def required_gap(
     result.coords["row_gap"] = ("pair", gaps, {"units": "m", "long_name": "gap of the row"})
     if ends.thickness.any():
         result.coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
-    return result.assign_attrs(factors=factors.in_words)
+    other = {name: str(value).strip("{}").replace("'", "") for name, value in vars(factors).items() if value != 1.0}
+    words = [f"{name} = {value}" for name, value in other.items()]
+    return result.assign_attrs(factors="; ".join([*words, "others 1" if words else "1 (elastic displacements)"]))
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
