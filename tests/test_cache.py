@@ -73,6 +73,15 @@ def folder(tmp_path, monkeypatch, forgetful):
     return tmp_path / "kernels"
 
 
+def test_kernels_stay_in_their_folder_whatever_numbas_own_variable_says(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "numba"))
+    shape = kernel_of().shape
+    get_kernel(shape)
+    forget()
+    assert is_cached([shape])
+    assert not (tmp_path / "numba").exists()
+
+
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     """A cache of the kernels of both laws, for copies."""

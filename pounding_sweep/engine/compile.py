@@ -165,10 +165,14 @@ def _own_folder() -> Path:
 
 def compile_piece(piece: KernelSpec) -> Any:
     """Return what is compiled by itself, numba's function of the address of a frame: a kernel, or a flight."""
+    import numba
+
+    config: Any = numba.config
     with _LOCK:
         if piece not in _COMPILED:
-            folder, often = cache_folder(), gc.get_threshold()
+            folder, often, elsewhere = cache_folder(), gc.get_threshold(), config.CACHE_DIR
             gc.set_threshold(50_000, 20, 100)  # compiling makes millions of objects, and most of them stay
+            config.CACHE_DIR = ""  # kernels stay in their own folder, whatever NUMBA_CACHE_DIR says
             try:
                 _COMPILED[piece] = _load(folder, piece)
             except OSError as error:
@@ -181,6 +185,7 @@ def compile_piece(piece: KernelSpec) -> Any:
                 _COMPILED[piece] = _load(_own_folder(), piece)
             finally:
                 gc.set_threshold(*often)
+                config.CACHE_DIR = elsewhere
         return _COMPILED[piece]
 
 
