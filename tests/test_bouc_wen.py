@@ -249,6 +249,13 @@ def test_series_do_not_depend_on_the_step(law):
     np.testing.assert_allclose(moved[0], moved[1], atol=1e-9 * np.abs(moved[1]).max())
 
 
+@pytest.mark.parametrize(("method", "dt", "near"), [("rk4", 1e-3, 4e-6), ("newmark", 2.5e-4, 2e-5)])
+def test_peaks_are_those_of_series(method, dt, near):
+    got, want = (simulate(SMOOTH, "linear", 126, 2.0, dt=h, method=m) for m, h in ((method, dt), ("exact", 5e-3)))
+    for name in ("acceleration_max", "storey_shear_max", "drift_max", "impact_force_max"):
+        np.testing.assert_allclose(got[name], want[name], rtol=near, err_msg=name)
+
+
 def test_a_record_of_one_point_moves_nothing():
     one = simulate(SMOOTH, "linear", 1, dt=5e-3, method="exact")
     assert one.sizes["time"] == 1
