@@ -18,7 +18,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -576,7 +576,7 @@ def run_extremes(
     valid = [*all_families(), RANDOM]
     keys = dict.fromkeys(valid if families is None else families)
     for key in keys:
-        check_known("family", key, valid)
+        check_choice("family", key, valid)
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
     kernels = [

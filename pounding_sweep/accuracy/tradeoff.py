@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
@@ -427,7 +427,7 @@ def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[
     """Return the names asked for, in the order of `valid`."""
     names = set(requested)
     for name in names:
-        check_known(kind, name, valid)
+        check_choice(kind, name, valid)
     if not names:
         raise InputError(f"no {kind} is given; valid: {', '.join(valid)}")
     return tuple(name for name in valid if name in names)

@@ -18,7 +18,7 @@ from pounding_sweep.analysis.comparisons.fragility import fragility, sentence
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variables, scenario_dims, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import InputError, OutputError, check_known
+from pounding_sweep.base.errors import InputError, OutputError, check_choice
 from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.output.netcdf import check_output
 
@@ -176,7 +176,7 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
     """
     cube = cube.drop_dims(OTHER_DIMS, errors="ignore")
     stored = need_variables(cube, "a file of demands", list(_DEMANDS.values()), one=True)
-    check_known("building", building, cube["building"].values.tolist())
+    check_choice("building", building, cube["building"].values.tolist())
     mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*MOTION_DIMS, "case")]
     mixed += ["law"] if "law" not in mixed and len(law_keys(cube)) > 1 else []
     if mixed:

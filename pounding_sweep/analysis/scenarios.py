@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, Status
@@ -63,7 +63,7 @@ def chosen_variables(
     """Return `names`, which must be among `valid`; by default all of these that the cube has."""
     names = None if names is None else list(names)
     for name in names or ():
-        check_known(kind, name, valid)
+        check_choice(kind, name, valid)
     return need_variables(cube, what, valid if names is None else names, one=names is None)
 
 

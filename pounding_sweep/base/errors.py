@@ -107,7 +107,7 @@ def unknown(kind: str, value: object, valid: Iterable[str]) -> str:
     return f"unknown {kind} {repr_short(value)}{hint}{', '.join(names[:MAX_NAMES])}{more}"
 
 
-def check_known(kind: str, value: Any, valid: Collection[Any], error: type[InputError] = InputError) -> None:
+def check_choice(kind: str, value: Any, valid: Collection[Any], error: type[InputError] = InputError) -> None:
     """Raise an error with the text of `unknown` unless `value` is among the `valid` values."""
     if value not in valid:
         raise error(unknown(kind, value, map(str, valid)))

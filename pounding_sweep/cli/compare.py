@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
 
@@ -80,9 +80,9 @@ class CompareOptions:
 
         keys = list(dict.fromkeys(self.what or COMPARISONS))
         for name in keys:
-            check_known("comparison", name, COMPARISONS)
+            check_choice("comparison", name, COMPARISONS)
         for name in self.over or ():
-            check_known("axis to take together", name, MOTION_DIMS)
+            check_choice("axis to take together", name, MOTION_DIMS)
         options = {name: value for name, value in vars(self).items() if value is not None}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
         if factors := {name: options[name] for name in _FACTORS if name in options}:
@@ -148,7 +148,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     with open_cube(options.cube) as cube:
         laws = law_keys(pounding_only(cube))
         if options.reference is not None and laws:
-            check_known("reference law", options.reference, laws)
+            check_choice("reference law", options.reference, laws)
         selection = select(cube, at)
         ends = statuses(selection.get("status", []))
         left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}

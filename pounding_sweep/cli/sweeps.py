@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Exit
 
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli import app
 from pounding_sweep.cli.app import (
@@ -54,7 +54,7 @@ def init_command(
         return
     if example is None:
         example = out.stem if out is not None and out.stem in examples() else "quickstart"
-    check_known("example", example, examples())
+    check_choice("example", example, examples())
     target = out or Path(f"{example}.toml")
     text = examples()[example].read_text(encoding="utf-8").replace(f"sweeps/{example}.toml", str(target))
     files = {target: text} | {target.parent / file.name: file.read_text("utf-8") for file in example_files(example)}

@@ -149,8 +149,8 @@ def _run(
     fly: Callable[[], None] | None = None,
 ) -> None:
     """Take all scenarios of a call over the record, or write what does; `fly` calls the flight of a kernel."""
-    at_own_pace = spec.flies_exactly or spec.series  # each lane has a time and a scenario of its own
-    lanes = width(spec.precision) if trace is not None or at_own_pace else LANES
+    free_running = spec.flies_exactly or spec.series  # each lane has a time and a scenario of its own
+    lanes = width(spec.precision) if trace is not None or free_running else LANES
     group = make_group(spec, trace, lanes, values["constants"], values.get("state"))
     ground, columns = Ground(trace, values, shapes["motion"][0]), shapes["history"][1]
     history = Table(trace, values["history"], 1, double=True)
@@ -158,7 +158,7 @@ def _run(
     def put(row: Any, column: int, value: Any) -> None:
         history.put_number(row * columns + column, lane_of(value, 0))
 
-    if not at_own_pace:
+    if not free_running:
         _run_groups(group, ground, values, shapes["inputs"][0], put)
         return
     note = noter(group, put, True) if spec.history else None
@@ -214,7 +214,7 @@ def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:
 def _scenarios(group: Group, ground: Ground, values: Mapping[str, Any]) -> tuple[Rows, Rows, Any, Any, Any]:
     """Return what `Turns` takes of a call's scenarios: from their inputs to short steps in one of flight's grid."""
     slots = {"inputs": input_slots(group.spec), "results": output_slots(group.spec)}
-    inputs, results = (Rows(group.trace, each.count, LANES, values[x], double=True) for x, each in slots.items())
+    inputs, results = (Rows(group.trace, x.count, LANES, values[name], double=True) for name, x in slots.items())
     persistent = values.get("passing", group.n_persistent_rows)
     return inputs, results, values["scenarios"], persistent, ground.steps // ground.substeps
 
@@ -225,11 +225,11 @@ def make_flights(group: Group, ground: Any, arrays: dict[str, Any], note: Any, l
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays.get("state"))
     wide = None if trace is None else Tracer(trace.builder, "float64", flight.lanes)
-    own = flight, Table(wide, arrays["decays"], flight.lanes), MARGIN[spec.precision]
+    common = flight, Table(wide, arrays["decays"], flight.lanes), MARGIN[spec.precision]
     course = Course(group, ledger.cell)
     if spec.blocks:
-        flight.blocks = Blocks(*own, rows, ledger.cell)
-    fill = flight.blocks.fill if spec.blocks else partial(Tables(*own).fill, rows)
+        flight.blocks = Blocks(*common, rows, ledger.cell)
+    fill = flight.blocks.fill if spec.blocks else partial(Tables(*common).fill, rows)
     stops = flight.blocks.blocks if spec.blocks else points
     return Flights(flight, fill, stops, group, ground, course, *_scenarios(group, ground, arrays), note)
 

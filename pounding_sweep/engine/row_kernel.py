@@ -101,8 +101,8 @@ def kernel_shape(
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
     contacts = scene.contacts if meets else ()
     smooth = [building.bouc_wen for building in buildings for _ in building.masses]
-    own = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
-    bumpers = tuple(dict.fromkeys(filter(None, own)))
+    of_contacts = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
+    bumpers = tuple(dict.fromkeys(filter(None, of_contacts)))
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in buildings),
         contacts=tuple((c.left, c.right, j if bumpers else c.pair) for j, c in enumerate(contacts)),
@@ -127,7 +127,7 @@ def kernel_shape(
         links=tuple((link.left, link.right) for link in scene.linked_floors),
         foundations=scene.foundations,
         bumpers=bumpers,
-        bumped=tuple(1 + bumpers.index(law) if law else 0 for law in own) if bumpers else (),
+        bumped=tuple(1 + bumpers.index(law) if law else 0 for law in of_contacts) if bumpers else (),
     )
 
 

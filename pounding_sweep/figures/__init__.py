@@ -14,7 +14,7 @@ from inspect import cleandoc, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import InputError, OutputError, check_known
+from pounding_sweep.base.errors import InputError, OutputError, check_choice
 from pounding_sweep.base.files import FilePath, expanded
 
 if TYPE_CHECKING:
@@ -227,7 +227,7 @@ def plot(
     from pounding_sweep.figures.select import OTHERS
 
     figures = _figures()
-    check_known("figure", kind, figures)
+    check_choice("figure", kind, figures)
     if not _DPI[0] <= dpi <= _DPI[1]:
         raise InputError(f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}")
     options = {name: value for name, value in options.items() if value is not None and value is not False}

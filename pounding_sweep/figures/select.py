@@ -12,7 +12,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, long_name, scenario_dims
-from pounding_sweep.base.errors import InputError, check_known, unknown
+from pounding_sweep.base.errors import InputError, check_choice, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import INNER_DIMS
@@ -263,7 +263,7 @@ def choose_axis(
         raise InputError(
             f"{name} varies with {varied}; choose one value of all but one of them with --at, such as {dims[0]}=..."
         )
-    check_known("axis to draw along", name, axes)
+    check_choice("axis to draw along", name, axes)
     if axes[name].dim in but:
         raise InputError(f"{name} and the other axis are the same, {axes[name].dim}; valid: {', '.join(axes)}")
     return axes[name]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, OutputError, WriteError, check_known, unknown
+from pounding_sweep.base.errors import InputError, OutputError, WriteError, check_choice, unknown
 from pounding_sweep.base.files import FilePath, expanded, failure, replacing
 from pounding_sweep.base.text import bytes_text
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
@@ -61,7 +61,7 @@ def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
         cube = cube.drop_dims(AUDIT_DIMS)
     requested: list[Any] = list(dict.fromkeys(names))
     for name in requested:
-        check_known("variable", name, cube.data_vars)
+        check_choice("variable", name, cube.data_vars)
     if not cube.data_vars:
         raise InputError("the cube has no variables; give one made by 'pounding-sweep run'")
     return cube[requested or list(cube.data_vars)]

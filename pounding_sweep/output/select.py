@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, check_known, repr_short
+from pounding_sweep.base.errors import InputError, check_choice, repr_short
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 
 #: Relative difference from a value of an axis at which a number still means it.
@@ -61,7 +61,7 @@ def select(
     for axis, raw in values.items():
         of_cases = [str(name) for name, label in cube.coords.items() if label.dims == (_CASE,) and name != _CASE]
         valid = [*(str(dim) for dim in cube.sizes if dim not in audit), *of_cases]
-        check_known("axis", axis, valid)
+        check_choice("axis", axis, valid)
         wanted = [raw] if isinstance(raw, str) or not isinstance(raw, Sequence | np.ndarray) else raw
         if not len(wanted):
             raise InputError(f"no value of {axis} is given; give one or several")
@@ -78,7 +78,7 @@ def select(
 def _place(axis: str, labels: np.ndarray, value: str | float) -> int:
     """Index of a value on an axis."""
     if labels.dtype.kind not in "iuf":
-        check_known(axis, value, labels.tolist())
+        check_choice(axis, value, labels.tolist())
         return labels.tolist().index(value)
     rising = np.sort(labels).tolist()
     try:

@@ -135,8 +135,8 @@ class Variable:
     def __post_init__(self) -> None:
         #: What exactly is reported.
         self.definition = DEFINITIONS[self.name]
-        own = [REDUCER_OF[self.source]] if self.source in REDUCER_OF else []
-        self.needs = frozenset([*self.needs, *own])
+        of_slot = [REDUCER_OF[self.source]] if self.source in REDUCER_OF else []
+        self.needs = frozenset([*self.needs, *of_slot])
         #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
         self.dims = DIMS[self.per]
         #: What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing.

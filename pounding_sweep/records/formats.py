@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pounding_sweep.base.errors import MissingRecordError, RecordError, check_known, unknown
+from pounding_sweep.base.errors import MissingRecordError, RecordError, check_choice, unknown
 from pounding_sweep.base.files import FilePath, expanded, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.reader import (
@@ -477,7 +477,7 @@ def read_record(
         raise RecordError(unknown("acceleration unit", units, [*UNITS, "gal", "m/s^2", "m/s**2", "cm/s^2", "cm/s/s"]))
     dt = None if dt is None else number(dt, f"{label}: dt (s)", positive=True)
     if layout is not None:
-        check_known("layout", layout, _LAYOUTS, RecordError)
+        check_choice("layout", layout, _LAYOUTS, RecordError)
     try:
         text = load_text(file, file.stem if name is None else name)
         head, flags = "\n".join(text.lines[:_HEAD]), re.IGNORECASE | re.MULTILINE

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import RecordError, check_known, repr_short
+from pounding_sweep.base.errors import RecordError, check_choice, repr_short
 from pounding_sweep.records.reader import MOST_POINTS, Array
 from pounding_sweep.records.record import Record, number
 
@@ -204,7 +204,7 @@ def pulse_record(
     >>> pulse_record("triangular", amplitude=2.0, period=0.4, dt=0.1).acceleration.tolist()
     [0.0, 1.0, 2.0, 1.0, 0.0]
     """
-    check_known("pulse shape", shape, PULSES, RecordError)
+    check_choice("pulse shape", shape, PULSES, RecordError)
     amplitude = number(amplitude, "amplitude (m/s2)")
     period = number(period, "period (s)", positive=True)
     dt = number(dt, "dt (s)", positive=True)

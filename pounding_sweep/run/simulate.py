@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError, StabilityError, check_known
+from pounding_sweep.base.errors import InputError, StabilityError, check_choice
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
@@ -274,7 +274,7 @@ def simulate_one(
     scenario, fields = scenario_of(spec, case), dict[str, Any]()
     selected = selectors(spec)
     for name in choice:
-        check_known("choice", name, selected)
+        check_choice("choice", name, selected)
     choice = {name: value for name, value in choice.items() if value is not None}
     for argument, axis in AXES.items():
         for name in choice if axis.of_buildings else ():
@@ -291,7 +291,7 @@ def simulate_one(
             fields[field] = values[name] if building is None else fields.get(field, {}) | {building: values[name]}
     names = [record.name for record in spec.records]
     chosen = Case(**{"record": names[0], **fields})
-    check_known("record of this sweep", chosen.record, names)
+    check_choice("record of this sweep", chosen.record, names)
     variants, index = case_variants(spec.scene, [chosen])
     scene, gap = variants.scene_of(index[0]), chosen.gap
     if gap is not None:

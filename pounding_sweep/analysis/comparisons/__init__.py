@@ -14,7 +14,7 @@ from importlib import import_module
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import counts_text, finite
 
 if TYPE_CHECKING:
@@ -362,7 +362,7 @@ EVENTS: dict[str, Event] = {
 
 def get_event(key: str, level: float | None) -> Event:
     """Return an event by key; its level must be one that it takes."""
-    check_known("event", key, EVENTS)
+    check_choice("event", key, EVENTS)
     event = EVENTS[key]
     if event.variable and (level is None or not math.isfinite(level) or level < 0.0):
         raise InputError(

@@ -36,7 +36,7 @@ from pounding_sweep.analysis.scenarios import (
     trusted,
     values,
 )
-from pounding_sweep.base.errors import InputError, PoundingSweepError, check_known
+from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
 from pounding_sweep.base.text import counts_text
 
 #: Intensities that differ by less than this share are one.
@@ -307,7 +307,7 @@ def fragility(
     happened = (happened.max("storey") if "storey" in happened.dims else happened).transpose(..., *trials)
     dims = happened.dims[:-2]
     for axis in one_dispersion:
-        check_known("axis of one dispersion", axis, dims)
+        check_choice("axis of one dispersion", axis, dims)
     x = np.asarray(strength.values, dtype=float)
     if levels is None and x.max() <= 0.0:
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")

@@ -32,7 +32,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
     without_pounding,
 )
-from pounding_sweep.base.errors import InputError, check_known
+from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import STATUS, VARIABLES
 from pounding_sweep.spec.axes import DIMENSIONS
@@ -163,7 +163,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     laws = law_keys(cube)
     if reference is None:
         reference = next((law for law in laws if law in LAWS and LAWS[law].takes_restitution), laws[0])
-    check_known("reference law", reference, laws)
+    check_choice("reference law", reference, laws)
     names = chosen_variables(cube, "the comparison of laws", outputs, _COMPARED, "output to compare laws by")
     several = cube.sizes.get("restitution", 1) > 1
     how = "linear between the restitutions of the sweep, each at its realised value"

@@ -686,8 +686,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if years else ():
         _draw_gaps(ax, pair, "gap_in_years", {"color": COLOURS[0]}, "lognormal")
         if "rate" in pair:
-            own, share = 1e3 * pair["row_gap"].item(), -np.expm1(-years * pair["rate"])
-            ax.plot(own, share, "kX", clip_on=False, label=f"the row's gap: {own:.3g} mm")
+            row_gap, share = 1e3 * pair["row_gap"].item(), -np.expm1(-years * pair["rate"])
+            ax.plot(row_gap, share, "kX", clip_on=False, label=f"the row's gap: {row_gap:.3g} mm")
         for name, number in _group_rules(pair).items() if "rule_gap" in pair else ():
             gap = 1e3 * pair["rule_gap"].values[number]
             ax.axvline(gap, 0.0, 0.2, color=COLOURS[1 + number], linewidth=2.0, label=f"{name}: {gap:.3g} mm")
