@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from against_twin import motion
+from kinds import KINDS
 from llvmlite import ir
 from scenes import EVERY, pair
 
@@ -44,6 +45,17 @@ def test_lanes_compute_nothing_in_double(method, monkeypatch):
     assert {x.split(" = ")[1].split()[0] for x in doubles} <= {"fadd", "fmul"}
     assert len(doubles) <= 4
     assert sum(f"<{width('float32')} x float>" in x for x in lines) > 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("a long row that yields", "rk4"), ("linked towers", "exact"), ("long and bumped", "newmark")],
+)
+def test_rows_gone_through_at_run_time_are_traced(name, method):
+    """They are run by night."""
+    kernel = RowKernel(KINDS[name].scene, LAWS["kelvin_voigt"], Numerics(method, 1e-3), frozenset(REDUCERS))
+    assert not kernel.shape.fused
+    assert "fmul" in llvm(kernel)
 
 
 def test_a_sweep_in_single_precision():
