@@ -348,7 +348,7 @@ def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[
         if not fits or SCHEMES[method].refuses(spec.scene, precision) is not None:
             continue
         numerics = Numerics(method, 1.0, precision=precision)
-        shapes = [kernel_shape(spec.scene, law, numerics, ()) for law in demand.laws]
+        shapes = [kernel_shape(spec.scene, law, numerics, ()) for law in demand.laws if any(spec.scene.smooth)]
         if any(shape.by_series and not (shape.flies_exactly or shape.series) for shape in shapes):
             continue  # its errors where it goes by stages all along were not measured
         need, (error, law) = demand.needs(measured, scheme)
