@@ -229,14 +229,15 @@ def locate_event(group: Group, asks: Any) -> Any:
 # steps by series -----------------------------------------------------------------------------------------------------
 
 
-def begin_term(group: Group, k: Any, x: Any) -> None:
-    """Keep coefficient k of z and of drifts' rates, of floors' `x`, and make shears those of this coefficient."""
-    s, n = group.state, group.spec.n_moving
+def begin_term(group: Group, x: Any) -> None:
+    """Keep a coefficient of z and of drifts' rates, by that of floors, and make shears those of this coefficient."""
+    s = group.state
     for storey in iter_storeys(group):
-        slip = s["taylor_slip", storey.index + x.begin]
+        row = storey.index + x.begin
+        slip = s["taylor_slip", row]
         storey.ct = -storey.hardened[1] * slip
-        s["taylor_z1", storey.index + k * n] = storey.drift(x) - slip
-        s["taylor_rate", storey.index + k * n] = storey.drift(x.rates)
+        s["taylor_z1", row] = storey.drift(x) - slip
+        s["taylor_rate", row] = storey.drift(x.rates)
 
 
 def end_term(group: Group, k: Any, x: Any, per: Any) -> None:

@@ -112,7 +112,7 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Loo
         push.add_contact(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
     if group.spec.smooth:
-        bouc_wen.begin_term(group, k, x)
+        bouc_wen.begin_term(group, x)
     s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
     for part, moving in group.iter_parts():  # numbers are read building by building: there is room for few
         moved, sped = [x[i] for i in moving], [s[x.rates, i] for i in moving]
