@@ -141,6 +141,20 @@ def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
     return (surest > 0.0).astype(np.float64).where(surest.notnull())
 
 
+def exceeds(cube: xr.Dataset, what: str, variable: str, level: float | None) -> xr.DataArray:
+    """Return 1 where an output exceeds a level at any storey, or floors touch ("" for the output), 0 where not.
+
+    Missing where the scenario is not ok, or there is nothing of the kind.
+    """
+    if not variable:
+        happened = touched(cube, what)
+    else:
+        need_variables(cube, what, [variable])
+        response = values(cube, variable)
+        happened = (response > (level or 0.0)).astype(np.float64).where(response.notnull())
+    return happened.max("storey") if "storey" in happened.dims else happened
+
+
 def peak_displacement(cube: xr.Dataset) -> xr.DataArray:
     """Return the largest absolute displacement of each floor (m), from its largest and smallest."""
     low, high = abs(values(cube, "displacement_min")), abs(values(cube, "displacement_max"))

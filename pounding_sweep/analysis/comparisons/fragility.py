@@ -27,14 +27,12 @@ from pounding_sweep.analysis.comparisons import (
 from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.analysis.scenarios import (
     described,
+    exceeds,
     labelled,
-    need_variables,
     numbers_in,
     pounding_only,
     scenario_dims,
-    touched,
     trusted,
-    values,
 )
 from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
 from pounding_sweep.base.text import counts_text
@@ -298,13 +296,7 @@ def fragility(
     trials = ["record", next((dim for dim in MOTION_DIMS[1:] if dim in cube.dims), "scale")]
     cube = cube.expand_dims([dim for dim in trials if dim not in cube.dims])
     strength = strength.expand_dims([dim for dim in trials if dim not in strength.dims]).transpose(*trials)
-    if about.variable and level is not None:
-        need_variables(cube, what, [about.variable])
-        response = values(cube, about.variable)
-        happened = (response > level).astype(np.float64).where(response.notnull())
-    else:
-        happened = touched(cube, what)
-    happened = (happened.max("storey") if "storey" in happened.dims else happened).transpose(..., *trials)
+    happened = exceeds(cube, what, about.variable, level).transpose(..., *trials)
     dims = happened.dims[:-2]
     for axis in one_dispersion:
         check_choice("axis of one dispersion", axis, dims)
