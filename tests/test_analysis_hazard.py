@@ -95,7 +95,24 @@ def test_headings_tell_intensity_and_unit(tmp_path, heading, measure, units):
     assert site.intensity == pytest.approx((0.1 * size, 0.5 * size))
 
 
-@pytest.mark.parametrize("heading", ["", "pga,annual rate\n", "Sa(0.6),rate\n", "a_g,rate\n"])
+@pytest.mark.parametrize(
+    ("heading", "years"),
+    [
+        *(("poe in 50 years", 50.0), ("PoE (50 yr)", 50.0), ("probability of exceedance in 2,5 y", 2.5)),
+        *(("annual probability of exceedance", 1.0), ("poe-50y", 50.0), ("exceedance probability per year", 1.0)),
+        *(("Annual Frequency of Exceedance", 0.0), ("annual_rate", 0.0), ("rate of exceedance in 50 years", 0.0)),
+    ],
+)
+def test_second_heading_tells_probabilities_from_rates(tmp_path, heading, years):
+    """A probability in N years is that of a Poisson process: 1 - exp(-rate N)."""
+    path = tmp_path / "site.csv"
+    path.write_text(f"PGA (g);{heading}\n0,1;0,6\n1,0;0,005\n")
+    rates = np.array(read_hazard(path).rate)
+    shares = 1.0 - np.exp(-rates * years) if years else rates
+    np.testing.assert_allclose(shares, [0.6, 0.005], rtol=1e-12)
+
+
+@pytest.mark.parametrize("heading", ["x,rate\n", "pga,annual rate\n", "Sa(0.6),rate\n", "a_g,rate\n"])
 def test_a_curve_without_a_unit_is_refused(tmp_path, heading):
     path = tmp_path / "site.csv"
     path.write_text(f"{heading}0.05,1e-2\n0.8,1e-3\n")
@@ -108,11 +125,16 @@ def test_a_curve_without_a_unit_is_refused(tmp_path, heading):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0.1,1e-2\n0.2,2e-2\n", "site.csv:2: rate 0.02 follows 0.01: a stronger motion must be rarer"),
-        ("x (g),y\n0.1,1e-2\n0.2,1e-2\n", "site.csv:3: rate 0.01 follows 0.01"),
-        ("0.2,1e-2\n0.1,1e-3\n", "site.csv:2: intensity 0.1 follows 0.2; sort the points"),
-        ("0.1,1e-2\n0.2,0\n", "site.csv:2: annual rate 0.0 is no number above 0; leave out"),
-        ("nan,1e-2\n0.2,1e-3\n", "site.csv:1: intensity nan is no number above 0"),
+        ("x,rate\n0.1,1e-2\n0.2,2e-2\n", "site.csv:3: annual rate 0.02 follows 0.01: a stronger motion must be rarer"),
+        ("x (g),AFE\n0.1,1e-2\n0.2,1e-2\n", "site.csv:3: annual rate 0.01 follows 0.01"),
+        ("x,rate\n0.2,1e-2\n0.1,1e-3\n", "site.csv:3: intensity 0.1 follows 0.2; sort the points"),
+        ("x,rate\n0.1,1e-2\n0.2,0\n", "site.csv:3: annual rate 0.0 is no number above 0; leave out"),
+        ("x,rate\nnan,1e-2\n0.2,1e-3\n", "site.csv:2: intensity nan is no number above 0"),
+        ("pga (g),poe in 50 years\n0.1,1\n0.2,0.1\n", "site.csv:2: probability 1.0 is no number in (0, 1); leave out"),
+        ("pga (g),poe\n0.1,0.5\n0.2,0.1\n", "site.csv:1: the second column is a probability in an unknown time"),
+        ("pga (g),poe in 0 years\n0.1,0.5\n0.2,0.1\n", "site.csv:1: the second column is a probability in an unknown"),
+        ("pga (g),value\n0.1,0.5\n0.2,0.1\n", "site.csv:1: the second column is no rate and no probability by its"),
+        ("0.1,0.5\n0.2,0.1\n", "site.csv:1: the second column is no rate and no probability by its heading ''"),
         ("0.1,1e-2\n0.2;1e-3\n", "site.csv:2: '0.2;1e-3' won't do; give two numbers"),
         ("", "site.csv: 0 points; a hazard curve has 2 or more"),
         ("pga (kg),rate\n1,1\n2,0.5\n", "site.csv:1: the unit 'kg' of the intensity is unknown; head the intensities"),
@@ -134,7 +156,7 @@ def test_files_that_are_no_hazard_are_told_with_their_line(tmp_path, text, said)
         (lambda: hazard_of("k0=a,kappa=2"), "won't do; give a CSV file, or k0=RATE,kappa=SLOPE"),
         (lambda: hazard_of("k0=1,kappa=-1"), r"kappa of the hazard: -1 is not in \(0, inf\)"),
         (lambda: hazard_of("/nowhere/none.csv"), "can't read the hazard curve"),
-        (lambda: Hazard((1.0, 2.0), (1, 2)), "point 2 of the hazard: rate 2 follows 1"),
+        (lambda: Hazard((1.0, 2.0), (1, 2)), "point 2 of the hazard: annual rate 2 follows 1"),
         (lambda: Hazard((1.0,), (1.0, 0.5)), "1 intensities and 2 rates"),
     ],
 )

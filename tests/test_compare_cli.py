@@ -271,6 +271,6 @@ def test_the_question_of_a_gap_for_one_percent(tmp_path):
     assert "intensity: peak ground acceleration (m s-2)" in run(*asked, "--at", "pair=a-b").stdout
     said = "'gap-for-probability' does not tell one building from another, only pair; leave building out"
     assert said in run(*asked, "--at", "building=a", code=2).stderr
-    (tmp_path / "site.csv").write_text("1,1e-3\n2,2e-3\n")
+    (tmp_path / "site.csv").write_text("x,rate\n1,1e-3\n2,2e-3\n")
     refused = run(*asked, "--hazard", tmp_path / "site.csv", code=2)
-    assert "site.csv:2: rate 0.002 follows 0.001: a stronger motion must be rarer" in refused.stderr
+    assert "site.csv:3: annual rate 0.002 follows 0.001: a stronger motion must be rarer" in refused.stderr

@@ -28,6 +28,10 @@ _UNITS = {unit: (size, "m s-2") for unit, size in UNITS.items()} | {"m/s": (1.0,
 _MEASURE = re.compile(
     r"(pga|pgv|p?sa)(?![^\W_])(?:\W*(?:t1?\s*=\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)\s*s?\s*\))?", re.IGNORECASE
 )
+#: What a second heading says its column is; probabilities need their years: "poe in 50 years", "annual probability".
+_RATE = re.compile(r"(?<![a-z])(?:rate|freq|m?afe(?![a-z])|lambda)", re.IGNORECASE)
+_PROBABILITY = re.compile(r"(?<![a-z])(?:poe|prob|exceedance)", re.IGNORECASE)
+_SPAN = re.compile(r"(\d+(?:[.,]\d+)?)[\s_-]*y|(annual|yearly|per year)", re.IGNORECASE)
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 #: Least dispersion that is told from none.
 _SHARP = 1e-9
@@ -160,32 +164,37 @@ class Hazard:
             return np.exp(at - k * (mu - base) + 0.5 * (k * beta) ** 2 + share)
 
 
-def _check_points(points: Iterable[tuple[str, float, float]]) -> None:
-    """Raise `InputError` at the first place whose intensity and rate are no point of a hazard."""
+def _check_points(
+    points: Iterable[tuple[str, float, float]], what: str = "annual rate", most: float = math.inf
+) -> None:
+    """Raise `InputError` at the first place whose intensity and rate, or probability, are no point of a hazard."""
     before = (0.0, math.inf)
     for place, x, y in points:
         fault = ""
         if not 0.0 < x < math.inf:
             fault = f"intensity {x!r} is no number above 0"
-        elif not 0.0 < y < math.inf:
-            fault = f"annual rate {y!r} is no number above 0; leave out points that are never exceeded"
+        elif not 0.0 < y < most:
+            interval = "above 0" if most == math.inf else "in (0, 1)"
+            fault = f"{what} {y!r} is no number {interval}; leave out points that are never or certainly exceeded"
         elif x <= before[0]:
             fault = f"intensity {x!r} follows {before[0]!r}; sort the points by rising intensity"
         elif y >= before[1]:
-            fault = f"rate {y!r} follows {before[1]!r}: a stronger motion must be rarer, rates fall as intensities rise"
+            fault = f"{what} {y!r} follows {before[1]!r}: a stronger motion must be rarer"
         if fault:
             raise InputError(f"{place}: {fault}")
         before = x, y
 
 
 def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
-    """Read a hazard curve from a CSV file of two columns: intensity and annual rate of exceedance.
+    """Read a hazard curve from a CSV file of two columns: intensity, and how often or how likely it is exceeded.
 
     Parameters
     ----------
     path : path
         Columns are separated by commas, or by semicolons or tabs, with decimal commas or points. The heading of the
-        intensity has its unit in brackets: "PGA (g)", "Sa(0.6 s) [g]".
+        intensity has its unit in brackets: "PGA (g)", "Sa(0.6 s) [g]"; that of the second column says whether it has
+        annual rates ("annual rate", "frequency of exceedance") or probabilities p in N years ("poe in 50 years",
+        "annual probability"), which are rates of -ln(1 - p) / N.
     units : str, optional
         Unit of the intensities: one of `pounding_sweep.records.UNITS`, "m/s" or "cm/s". Needed where no heading has it.
 
@@ -197,8 +206,8 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
     Raises
     ------
     InputError
-        The file can't be read, has no unit, a line is none of two numbers, or intensities do not rise or rates do not
-        fall.
+        The file can't be read, its headings do not say the unit or what the second column is, a line is none of two
+        numbers, or intensities do not rise or rates do not fall.
     """
     target = expanded(path)
     try:
@@ -206,11 +215,11 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(
-            f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file of intensities and annual rates"
+            f"can't read the hazard curve {str(target)!r} ({why}); give a CSV file headed 'PGA (g),annual rate'"
         ) from None
     rows = [(f"{target.name}:{n}", line) for n, line in enumerate(lines, 1) if line.strip()[:1] not in ("", "#")]
     separator = next((sign for sign in ";\t" if rows and sign in rows[0][1]), ",")
-    heading, points = "", []
+    heading, second, points = "", "", []
     for place, line in rows:
         cells = [cell.strip(" \t\"'") for cell in line.strip().split(separator)]
         try:
@@ -218,14 +227,15 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
         except ValueError:
             if place != rows[0][0] or re.match(r"[\d.]", cells[0]):
                 raise InputError(
-                    f"{place}: {line.strip()[:80]!r} won't do; give two numbers, intensity and annual rate"
+                    f"{place}: {line.strip()[:80]!r} won't do; give two numbers, intensity and rate or probability"
                 ) from None
-            heading = cells[0]
+            heading, second = cells[0], " ".join(cells[1:])
         else:
             points.append((place, x, y))
     if len(points) < 2:
         raise InputError(f"{target.name}: {len(points)} points; a hazard curve has 2 or more")
-    _check_points(points)
+    years = _years_of(second, rows[0][0])
+    _check_points(points, *(("probability", 1.0) if years else ()))
     match, measure = _MEASURE.match(heading), ""
     if match:
         period = f"({float(match[2].replace(',', '.')):g})" if match[2] else ""
@@ -236,7 +246,23 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
     if measure and metric != ("m s-1" if measure == "pgv" else "m s-2"):
         raise InputError(f"{rows[0][0]}: {measure} is not measured in {unit}; mend the heading {heading!r}")
     _, intensity, rate = zip(*points, strict=True)
-    return Hazard(tuple(factor * x for x in intensity), rate, target.name, metric, measure=measure)
+    rates = tuple(-math.log1p(-p) / years for p in rate) if years else rate
+    return Hazard(tuple(factor * x for x in intensity), rates, target.name, metric, measure=measure)
+
+
+def _years_of(heading: str, place: str) -> float:
+    """Return the years of the probabilities under a heading, 0 where it is of annual rates."""
+    if _RATE.search(heading):
+        return 0.0
+    span, likely = _SPAN.search(heading), bool(_PROBABILITY.search(heading))
+    years = float((span[1] or "1").replace(",", ".")) if span else 0.0
+    if not years or not likely:
+        what = "a probability in an unknown time" if likely else "no rate and no probability"
+        raise InputError(
+            f"{place}: the second column is {what} by its heading {heading!r}; head it 'annual rate' or, of "
+            "probabilities of exceedance, 'poe in 50 years' with their own years"
+        )
+    return years
 
 
 def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:

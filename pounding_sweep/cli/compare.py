@@ -60,7 +60,8 @@ class CompareOptions:
     )
     levels: list[float] | None = option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given")
     hazard: str | None = option(
-        "CURVE", "CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa."
+        "CURVE",
+        "CSV file of intensities and annual rates, or 'poe in 50 years', or k0=RATE,kappa=SLOPE of k0 x^-kappa.",
     )
     hazard_units: str | None = option("UNIT", "Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")
     years: float | None = option("N", "Years of the probability with --hazard; 50 by default.")
