@@ -96,6 +96,7 @@ FLOOR, CONTACT = (
     for dims in (("building", "storey"), ("pair", "storey"))
 )
 BUILDING = {
+    "roof_drift_ratio_max": "roof_drift_ratio_max",
     "energy_input": "energy_input",
     "energy_damping": "energy_damping",
     "energy_kinetic": "kinetic_final",

@@ -948,11 +948,19 @@ def run(
     up, down, drift, acc, force, pen, shear, pull, tr_max, tr_min = np.split(s.peak, cuts)
     kinetic, strain, transfer = s.energies(y)
     first = iter(s.first)
+    levels = [np.zeros(0) if isinstance(b, str) else b.elevations() for b in buildings]
     return {
         "floors": row.met,
         "displacement_max": row.by_building(up),
         "displacement_min": row.by_building(-down),
         "drift_max": row.by_building(drift),
+        "drift_ratio_max": row.by_building(drift / np.concatenate([np.diff(z, prepend=0.0) for z in levels])),
+        "roof_drift_ratio_max": np.array(
+            [
+                u[-1] / z[-1] if len(z) else 0.0
+                for u, z in zip(row.by_building(np.maximum(up, down)), levels, strict=True)
+            ]
+        ),
         "storey_shear_max": row.by_building(shear),
         "acceleration_max": row.by_building(acc),
         "impact_force_max": row.by_pair(force),

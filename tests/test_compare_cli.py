@@ -18,7 +18,15 @@ from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
 
-NAMES = ("displacement_max", "displacement_min", "drift_max", "acceleration_max", "impact_count", "impact_force_max")
+NAMES = (
+    "displacement_max",
+    "displacement_min",
+    "drift_max",
+    "acceleration_max",
+    "impact_count",
+    "impact_force_max",
+    "drift_ratio_max",
+)
 
 
 def sines(names):
@@ -138,6 +146,8 @@ def test_data_that_are_there_are_replaced_only_when_told(cube_file, tmp_path):
     [
         ("laws --reference linear", ("reference_law", "linear")),
         ("fragility --event force --level 50", ("event_in_words", "contact force above 50 kN")),
+        ("fragility --event drift_ratio --level 1.5%", ("event_in_words", "interstorey drift ratio above 1.5 %")),
+        ("fragility --event drift_ratio --level 0.015", ("event_in_words", "interstorey drift ratio above 1.5 %")),
     ],
 )
 def test_settings(cube_file, words, attribute):
@@ -160,6 +170,9 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--event tuch", "unknown event 'tuch'; did you mean 'touch'? Valid: "),
         ("--event force", "event 'force' needs a level"),
         ("--level 3", "event 'touch' takes no level"),
+        ("--event drift --level 1%", "level '1%' is in per cent, which is for drift_ratio and roof_drift_ratio"),
+        ("--event drift --level x", "level 'x' is no number; give one, such as 0.01, or 1% for a drift ratio"),
+        ("--event drift_ratio --level 2", "level 2 of event 'drift_ratio' is 200%; give a ratio below 1"),
         ("--reference liner", "unknown reference law 'liner'; did you mean 'linear'? Valid: "),
         ("--reference none", "unknown reference law 'none'"),
         ("--what impacts --event touch", "--event is for the comparison 'fragility'; leave it out, or add"),

@@ -94,7 +94,12 @@ def test_what_figures_need():
     bare = cube[["status", "impact_count", "floor_elevation"]]
     for key, dataset, missing in (
         ("profiles", cube.drop_vars(["displacement_max", "drift_max", "acceleration_max"]), ""),
-        ("profiles", bare, "displacement_max or displacement_min or drift_max or storey_shear_max or acceleration_max"),
+        (
+            "profiles",
+            bare,
+            "displacement_max or displacement_min or drift_max or storey_shear_max or acceleration_max"
+            " or drift_ratio_max",
+        ),
         ("law-comparison", cube, ""),
         ("law-comparison", cube.sel(law=["linear", "none"]), "several laws with contact"),
         ("incremental", made.cube(scale=3), ""),
@@ -320,6 +325,17 @@ def test_panels_show_all_of_their_lines(key):
 def cells(ax):
     """Values of the grey cells of a panel of a map, and of the coloured ones."""
     return [np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections if hasattr(mesh, "get_coordinates")]
+
+
+def test_drift_ratios_are_drawn_in_per_cent():
+    cube = made.cube(scale=3)
+    cube["drift_ratio_max"] = (cube["drift_max"] / 3.0).assign_attrs(
+        long_name="largest interstorey drift ratio", units="1"
+    )
+    drawn = {name: draw("incremental", cube, value=name) for name in ("drift_max", "drift_ratio_max")}
+    assert "largest interstorey drift ratio (%)" in " ".join(drawn["drift_ratio_max"].axes[-1].get_xlabel().split())
+    x, y = (figure.axes[0].lines[0].get_xdata() for figure in drawn.values())  # mm and %
+    np.testing.assert_allclose(y, 100.0 * x / 3000.0)
 
 
 def test_maps_over_records_and_heights_of_impact_say_what_is_hatched():

@@ -125,6 +125,11 @@ def number_text(value: float | None) -> str:
     return f"{value:.3g}"
 
 
+def read_share(text: str) -> float:
+    """Return a number from a text, which may be in per cent: 0.01 of "1%"; raises `ValueError` if it is none."""
+    return float(text.rstrip("% ")) / (100.0 if "%" in text else 1.0)
+
+
 def seconds_text(value: float) -> str:
     """Return a duration (s) in words."""
     if value < 120:

@@ -43,7 +43,7 @@ class CompareOptions:
     overwrite: bool = flag("--overwrite", "Replace tables and results that exist in FOLDER; figures always are.")
     reference: str | None = option("LAW", "Law that the others are compared with.")
     event: str | None = option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")
-    level: float | None = option("X", "What the event must exceed, in its own unit.")
+    level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%.")
     one_dispersion: list[str] | None = option(
         "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
     )
@@ -73,6 +73,7 @@ class CompareOptions:
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
+        from pounding_sweep.analysis.comparisons import read_level
         from pounding_sweep.analysis.comparisons.gaps import read_factors
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
@@ -110,7 +111,9 @@ class CompareOptions:
         if self.hazard is not None:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
         if "fragility" in keys:
-            get_event(self.event or "touch", self.level)
+            event = self.event or "touch"
+            arguments["level"] = read_level(event, self.level)
+            get_event(event, arguments["level"])
         for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
             if os.path.exists(path):  # Path.exists raises where the folder can't be read
                 check_output(path, self.overwrite, netcdf=path.suffix == ".nc")
@@ -119,8 +122,10 @@ class CompareOptions:
 
 def _read_probability(text: str) -> float:
     """Return a probability from a number or, with a sign, per cent."""
+    from pounding_sweep.base.text import read_share
+
     try:
-        number = float(text.rstrip("%")) / (100.0 if "%" in text else 1.0)
+        number = read_share(text)
     except ValueError:
         number = 0.0
     if not 0.0 < number < 1.0:

@@ -116,7 +116,7 @@ def plot_command(
     y: str | None = option("AXIS", "Of a map, the other axis."),
     value: str | None = option("NAME", "What to draw: a variable, or its amplification NAME_ratio."),
     event: str | None = option("EVENT", "Of a fragility, such as drift; touch by default."),
-    level: float | None = option("X", "What the event must exceed, in its own unit."),
+    level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%."),
     start: float | None = option("S", "Of histories, the first instant drawn (s)."),
     end: float | None = option("S", "Of histories, the last instant (s)."),
     contours: bool = flag("--contours", "Of a map, lines of equal value as well."),
@@ -126,6 +126,7 @@ def plot_command(
     only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
+    from pounding_sweep.analysis.comparisons import read_level
     from pounding_sweep.figures import FIGURES, SOURCES, plot
     from pounding_sweep.output.netcdf import open_cube
 
@@ -143,7 +144,8 @@ def plot_command(
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
             settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-            settings |= {"contours": contours, "turn": turn, "names": names, "event": event, "level": level}
+            settings |= {"contours": contours, "turn": turn, "names": names, "event": event}
+            settings["level"] = read_level(event or "touch", level)
             print(plot(chosen, kind, out, report=say, **settings))
 
 
@@ -248,14 +250,14 @@ def export_command(
 
 def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
     """Read NAME=EVENT[:LEVEL]."""
+    from pounding_sweep.analysis.comparisons import read_level
+
     name, _, rest = text.partition("=")
     event, _, level = rest.partition(":")
     try:
-        return name, (event, float(level) if level else None)
-    except ValueError:
-        raise InputError(
-            f"--limit-state {text!r}: {level!r} is no level; give NAME=EVENT or NAME=EVENT:LEVEL, severe=drift:0.03"
-        ) from None
+        return name, (event, read_level(event, level or None))
+    except InputError as error:
+        raise InputError(f"--limit-state {text!r}: {error}; give NAME=EVENT or NAME=EVENT:LEVEL") from None
 
 
 @command("merge")

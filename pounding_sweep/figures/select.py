@@ -15,14 +15,19 @@ from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, long_
 from pounding_sweep.base.errors import InputError, check_choice, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import INNER_DIMS
+from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.spec.axes import AXES, DIMENSIONS
 
 #: Lines in a panel at most.
 _LINES_SHOWN = 5
 #: Responses that are drawn, the first that is there.
-RESPONSES = ("impact_force_max", "drift_max", "displacement_max", "acceleration_max", "storey_shear_max")
+RESPONSES = (
+    *("impact_force_max", "drift_max", "displacement_max", "acceleration_max", "storey_shear_max"),
+    *("drift_ratio_max", "roof_drift_ratio_max"),
+)
+#: Ratios that are drawn in per cent, by their long names.
+_PERCENT = {VARIABLES[name].long_name for name in ("drift_ratio_max", "roof_drift_ratio_max")}
 #: Names of axes in titles, and beginnings of those that are there for each building.
 _AXES = {*INNER_DIMS, "law", "record", "case", *(dim for dims in DIMENSIONS.values() for dim in dims)}
 _BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_building)
@@ -170,7 +175,9 @@ def choose_response(cube: xr.Dataset, key: str, value: str | None = None) -> tup
 
 
 def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
-    """Return the unit in which figures show a variable, and the factor that brings it there: mm for m, else its own."""
+    """Return the unit in which figures show a variable, and the factor that brings it there: mm for m, % of drifts."""
+    if attributes.get("long_name") in _PERCENT:
+        return "%", 100.0
     return ("mm", 1e3) if attributes.get("units") == "m" else (unit_text(attributes), 1.0)
 
 

@@ -297,6 +297,12 @@ def _ductility(results: KernelResults) -> np.ndarray:
     return np.asarray(results.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
 
 
+def _roof_ratio(results: KernelResults) -> np.ndarray:
+    """Largest absolute displacement of each building's highest floor over its height."""
+    peaks = np.maximum(results.slots["umax"], -results.slots["umin"])[:, np.subtract(results.scene.offsets[1:], 1)]
+    return np.asarray(peaks / [building.elevations[-1] for building in results.scene.buildings])
+
+
 def _residual(results: KernelResults) -> np.ndarray:
     """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
     if "slip" not in results.slots:
@@ -390,6 +396,9 @@ DEFINITIONS = {
     "displacement_min": "Smallest signed displacement of the floor relative to the ground, negative to the left.",
     "drift_max": "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on "
     "a foundation relative to it, and less what its rotation gives.",
+    "drift_ratio_max": "Largest absolute interstorey displacement, as of drift_max, over the storey's height.",
+    "roof_drift_ratio_max": "Largest absolute displacement of the building's highest floor relative to the ground, a "
+    "foundation's sway and rotation included, over the height of that floor.",
     "storey_shear_max": "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its"
     " hysteresis; dampers not included; with P-Delta what the columns bear, the push of the weights included.",
     "acceleration_max": "Largest absolute total acceleration of the floor (relative + ground); where the contact "
@@ -541,6 +550,16 @@ _VARIABLES = (
     _floor("displacement_max", "m", "largest floor displacement", "umax", relative_to=_EXTREMES, default=True),
     _floor("displacement_min", "m", "smallest floor displacement", "umin", relative_to=_EXTREMES, default=True),
     _floor("drift_max", "m", "largest interstorey drift", "drift", default=True),
+    _floor(
+        "drift_ratio_max",
+        "1",
+        "largest interstorey drift ratio",
+        lambda results: results.slots["drift"] / results.variants.storey_heights,
+        needs=["drift"],
+    ),
+    Variable(
+        "roof_drift_ratio_max", "1", "largest roof drift ratio", _roof_ratio, "building", ["displacement"], "motions"
+    ),
     _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
     _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
     _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),

@@ -15,7 +15,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pounding_sweep.base.errors import InputError, check_choice
-from pounding_sweep.base.text import counts_text, finite
+from pounding_sweep.base.text import counts_text, finite, read_share
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -343,6 +343,12 @@ class Event:
     variable: str  # output that must exceed the level; "" for a touch, which needs none
     per: str  # whom it happens to, "pair" or "building"; any storey counts
     units: str = ""  # unit of the level
+    percent: bool = False  # the level is a ratio that texts give in per cent
+
+    def in_words(self, level: float | None) -> str:
+        """Return what happens, with its level."""
+        number, units = (100.0 * (level or 0.0), "%") if self.percent else (level or 0.0, self.units)
+        return self.title.format(level=f"{number:g} {units}".removesuffix(" 1"))
 
 
 #: Every event by key.
@@ -353,6 +359,10 @@ EVENTS: dict[str, Event] = {
         Event("force", "contact force above {level}", "impact_force_max", "pair", "kN"),
         Event("penetration", "penetration above {level}", "penetration_max", "pair", "m"),
         Event("drift", "interstorey drift above {level}", "drift_max", "building", "m"),
+        Event("drift_ratio", "interstorey drift ratio above {level}", "drift_ratio_max", "building", "1", percent=True),
+        Event(
+            "roof_drift_ratio", "roof drift ratio above {level}", "roof_drift_ratio_max", "building", "1", percent=True
+        ),
         Event("ductility", "storey ductility above {level}", "ductility_max", "building", "1"),
         Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
         Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
@@ -368,6 +378,20 @@ def get_event(key: str, level: float | None) -> Event:
         raise InputError(
             f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
         )
+    if event.percent and level is not None and level >= 1.0:
+        raise InputError(f"level {level:g} of event {key!r} is {level:.0%}; give a ratio below 1, such as 0.01, or 1%")
     if not event.variable and level is not None:
         raise InputError(f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one")
     return event
+
+
+def read_level(key: str, text: str | None) -> float | None:
+    """Return the level of an event from a text: a number in its unit, of a drift ratio also per cent."""
+    check_choice("event", key, EVENTS)
+    if text is not None and "%" in text and not EVENTS[key].percent:
+        ratios = " and ".join(name for name, event in EVENTS.items() if event.percent)
+        raise InputError(f"level {text!r} is in per cent, which is for {ratios}; event {key!r} has another unit")
+    try:
+        return None if text is None else read_share(text)
+    except ValueError:
+        raise InputError(f"level {text!r} is no number; give one, such as 0.01, or 1% for a drift ratio") from None

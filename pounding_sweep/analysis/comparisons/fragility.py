@@ -304,7 +304,7 @@ def fragility(
     if levels is None and x.max() <= 0.0:
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name = strength.attrs["units"], strength.attrs["long_name"]
-    words = about.title.format(level=f"{level or 0.0:g} {about.units}".removesuffix(" 1"))
+    words = about.in_words(level)
     at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")

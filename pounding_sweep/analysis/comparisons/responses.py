@@ -43,6 +43,7 @@ from pounding_sweep.spec.spec import scene_of
 #: Responses of which a ratio says something: those of a building that are not zero without pounding.
 RESPONSES = (
     *("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max"),
+    *("drift_ratio_max", "roof_drift_ratio_max"),
     *("energy_input", "energy_damping"),
 )
 #: What the ratio of largest absolute displacements is called, and what it is made of.
@@ -114,7 +115,7 @@ _IMPACTS = ("impact_count", "impact_force_max", "impulse", "approach_speed_max",
 #: What laws are compared by, where a cube has it.
 _COMPARED = (
     *("impact_force_max", "impact_count", "penetration_max", "impulse", "approach_speed_max"),
-    *(*RESPONSES[:5], "contact_work"),
+    *(*RESPONSES[:7], "contact_work"),
 )
 #: Shares of the largest value in the row below which one is no divisor: the work of laws without damping is what their
 #: steps err by.

@@ -88,7 +88,7 @@ _AMPLIFIED = (
 #: Lines of records, what a title says of them, and the number of impacts from which their axis is logarithmic.
 _EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
 _THIN, _MANY = " (thin: each)", 100
-_RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
+_RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|drift_ratio_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 #: Outputs by which laws are compared, the first that is there.
 _COMPARED = ("impact_force_max", "penetration_max", "impulse", "approach_speed_max", "impact_count")
@@ -396,6 +396,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
 _ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("displacement_max", "displacement_min"), "displacement", "floors and base"),
     (("drift_max",), "interstorey drift", "storeys"),
+    (("drift_ratio_max",), "interstorey drift ratio", "storeys"),
     (("storey_shear_max",), "storey shear", "storeys"),
     (("acceleration_max",), "total acceleration", "floors"),
 )
