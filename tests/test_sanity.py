@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ import pytest
 from scenes import call
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SweepError, UnlikelyWarning
-from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.base.errors import SceneError, SweepError, UnlikelyWarning
+from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Scene, Wall
+from pounding_sweep.model.variants import variants_of
 from pounding_sweep.plan.sanity import doubts, doubts_of, record_doubts
 from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.spec import scene_variants
 
 ROOT = Path(__file__).parents[1]
 STEEL = Building("steel", [170.0] * 3, [5.5e5] * 3)
@@ -56,6 +59,18 @@ def told(scene=None, laws=("linear", "hertz"), **axes):
         ({}, {"stiffness_factors": [1.0, 1000.0]}, "contact stiffness 2e+09 kN/m: .* N/m given for kN/m (2e+06 kN/m)"),
         ({"contact": (2e6, 1.9e10, 0.6)}, {}, "contact stiffness of Hertz 1.9e+10 kN/m^1.5: .* (1.9e+07 kN/m^1.5)"),
         ({}, {"period_factors": {"b": [1.0, 100.0]}}, "first period 19.87 s (b)"),
+        ({}, {"scales": [0, 5, 1, 6]}, "scales [0.0, 5.0, 1.0, 6.0]: decimals have a point: give [0.5, 1.6]"),
+        ({"stiffnesses": [0.4]}, {}, "storey stiffness 0.4 kN/m (b, .* or a period in s given for a stiffness"),
+        (
+            {"yield_strengths": [3e5]},
+            {"strength_factors": {"b": [1e-3]}},
+            "yield strength over the weight carried 305.8 (b, storey 1): real ones lie up to 3; likely N given for kN",
+        ),
+        (
+            {"contact": (2e3, 1.9e7, 0.6)},
+            {},
+            "softest storey struck 0.02 (steel-b): .* likely MN/m given for kN/m (20)",
+        ),
         ({}, {"mass_factors": {"b": [1.0, 500.0]}}, "floor mass 5e+04 t (b, floor 1)"),
         ({}, {"damping_ratios": [0.05, 0.9]}, "damping ratio 0.9 (steel)"),
     ],
@@ -151,11 +166,52 @@ def test_no_ready_sweep_is_doubted(path):
 
 
 def test_drifts_are_doubted_once_they_are_known():
-    scene = row(masses=[100.0, 100.0], stiffnesses=[1e5, 1e5], storey_heights=[4.0, 3.0])
+    variants = variants_of(row(masses=[100.0, 100.0], stiffnesses=[1e5, 1e5], storey_heights=[4.0, 3.0]))
     drift = np.array([[0.1, 0.1, 0.29], [0.39, 0.31, np.nan]])
-    (text,) = doubts_of(scene, drift)
+    (text,) = doubts_of(variants, {"drift_max": drift})
     assert "over the storey's height 0.1033 (b, storey 2): real ones lie up to 0.1; a linear spring knows" in text
-    assert doubts_of(scene, 0.5 * drift) == []
+    assert [*doubts_of(variants, {"drift_max": 0.5 * drift})] == []
+
+
+def test_a_row_that_may_yield_and_does_not_is_doubted():
+    scene, drift = row(stiffnesses=[1e5], yield_strengths=[300.0]), np.array([[0.1] * 3, [2.9e-5] * 3])  # 3 mm at yield
+    (text,) = doubts_of(variants_of(scene), {"drift_max": drift})
+    assert text.startswith("no storey reaches 1% of its yield drift: the largest share is 0.0097 (b, storey 1)")
+    weak = scene_variants(scene, 1, [("strength_factor", "b", np.array([0.5]))])
+    assert [*doubts_of(weak, {"drift_max": drift})] == [*doubts_of(variants_of(row()), {"drift_max": drift})] == []
+
+
+def test_deep_penetration_of_bare_floors_is_doubted():
+    scene = row(masses=[100.0, 100.0], stiffnesses=[1e5, 1e5])
+    depth = np.array([[0.02, 0.06, np.nan]])
+    (text,) = doubts_of(variants_of(scene), {"penetration_max": depth})
+    assert text.startswith(
+        "penetration of floors without bumpers 0.06 m (steel-b, storey 2): real ones lie up to 0.05 m"
+    )
+    padded = replace(
+        scene, bumpers=[Bumper("steel-b", "rubber_bumper", stiffness=2e6, restitution=0.5, thickness=0.05)]
+    )
+    assert [*doubts_of(variants_of(padded), {"penetration_max": depth})] == []
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene([STEEL, Wall()], [0.01], ContactProperties(2e3, restitution=0.6)),
+        replace(ps.get_preset("mate2015"), contact=ContactProperties(2e3, restitution=0.6)),
+    ],
+)
+def test_a_soft_contact_of_walls_and_presets_is_not_doubted(scene):
+    assert not any("softest" in text for text in told(scene, "linear"))
+
+
+def test_one_number_stands_for_all_storeys_and_gaps():
+    one = Building("b", [100.0] * 3, 1e5, storey_heights=4.0, yield_strengths=500.0, slab_depths=0.3, dashpots=2.0)
+    lists = {"storey_heights": [4.0] * 3, "yield_strengths": [500.0] * 3, "slab_depths": [0.3] * 3}
+    assert one == Building("b", [100.0] * 3, [1e5] * 3, **lists, dashpots=[2.0] * 3)
+    assert Scene([one, STEEL, Wall()], 0.02, allow_unmet=True).gaps == (0.02, 0.02)
+    with pytest.raises(SceneError, match="1 values for 3 masses"):
+        Building("b", [100.0] * 3, [1e5])
 
 
 @pytest.mark.usefixtures("stub_engine")

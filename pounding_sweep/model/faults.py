@@ -124,7 +124,14 @@ def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | Non
     if kind.startswith("missing"):
         return place, f"is missing; give {what}"
     must = "it must be " if doc else re.sub("^[A-Z][a-z]+ should", "it must", error["msg"]) + ": "
-    return place, f"{repr_short(error['input'])} won't do{' in ' if doc and len(place) > 1 else f'; {must}'}{what}"
+    how = " in " if doc and len(place) > 1 else f"; {must}"
+    return place, f"{repr_short(error['input'])} won't do{how}{what}{_per_cent(error)}"
+
+
+def _per_cent(error: ErrorDetails) -> str:
+    """Say what a number that may be in per cent is as a share; "" for other faults."""
+    value, most = error["input"], (bounds := error.get("ctx", {})).get("lt", bounds.get("le"))
+    return f"; {value / 100:g} for {value:g} %" if most == 1 and is_number(value) and 1 < value <= 100 else ""
 
 
 @contextmanager
@@ -236,7 +243,7 @@ Integer = Annotated[
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:
-    if not isinstance(value, (list, tuple, np.ndarray)):
+    if not (isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim)):
         raise InputError(f"must be a list, not {repr_short(value)}")
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
@@ -297,8 +304,9 @@ def number_check(what: str, **bounds: float) -> Callable[[Any], float]:
     def check(value: Any) -> float:
         try:
             return validate(value)
-        except ValidationError:
-            raise InputError(f"{repr_short(value)} won't do; it must be a {field.description}") from None
+        except ValidationError as error:
+            hint = _per_cent(error.errors()[0])
+            raise InputError(f"{repr_short(value)} won't do; it must be a {field.description}{hint}") from None
 
     return check
 

@@ -61,12 +61,13 @@ def _label(name: Any) -> str:
 #: A name of a building or wall, values of storeys, and one value or several.
 Label = Annotated[str, BeforeValidator(_label)]
 Positives = Annotated[Sequence[Positive], Listed]
-NotNegatives = Annotated[Sequence[NotNegative], Listed]
+#: Values of storeys, or one number for all of them.
+OfStoreys = Annotated[Sequence[float], one_or_several(Positive, Sequence[Positive])]
+OfStoreysOrZero = Annotated[Sequence[float], one_or_several(NotNegative, Sequence[NotNegative])]
 #: Strengths of storeys, infinite (null in JSON) where they never yield.
-Strengths = Annotated[
-    Sequence[Annotated[Number, BeforeValidator(lambda value: math.inf if value is None else value), Field(gt=0.0)]],
-    Listed,
-]
+_Strength = Annotated[Number, Field(gt=0.0)]
+_Strengths = Sequence[Annotated[_Strength, BeforeValidator(lambda value: math.inf if value is None else value)]]
+Strengths = Annotated[Sequence[float], one_or_several(_Strength, _Strengths)]
 
 
 @checked
@@ -179,13 +180,13 @@ class Building:
         Coordinate label in every result.
     masses : sequence of float
         Floor masses (t), bottom first.
-    stiffnesses : sequence of float
-        Storey stiffnesses (kN/m), bottom first.
+    stiffnesses : float or sequence of float
+        Storey stiffnesses (kN/m), bottom first; one number is that of every storey, here and below.
     damping_ratio : float or (float, float)
         Rayleigh damping ratio of the first two modes, or one each. A one-storey building has c = 2 zeta w m.
-    storey_heights : sequence of float, optional
+    storey_heights : float or sequence of float, optional
         Storey heights (m), 3 m each where not given.
-    yield_strengths : sequence of float, optional
+    yield_strengths : float or sequence of float, optional
         Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
         is elastic.
     hardening : float or sequence of float
@@ -193,10 +194,10 @@ class Building:
         for all storeys, or one per storey, bottom first.
     damping_stiffness : {"initial", "tangent"}
         Stiffness that Rayleigh damping follows in storeys that yield.
-    slab_depths : sequence of float, optional
+    slab_depths : float or sequence of float, optional
         Depths of the floors' slabs (m), from the floor's elevation down, each less than its
         storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
-    column_stiffnesses : sequence of float, optional
+    column_stiffnesses : float or sequence of float, optional
         Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
         neighbour's floor strikes; those of the storeys where not given.
     p_delta : bool
@@ -204,7 +205,7 @@ class Building:
         (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
     bouc_wen : BoucWen or mapping, optional
         Smooth hysteresis of the storeys that yield, in place of the bilinear one.
-    dashpots : sequence of float, optional
+    dashpots : float or sequence of float, optional
         Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
         Rayleigh's damping; zero where a storey has none.
     foundation : Foundation or mapping, optional
@@ -227,17 +228,17 @@ class Building:
 
     name: Label
     masses: Annotated[Positives, Field(min_length=1)]
-    stiffnesses: Positives
+    stiffnesses: OfStoreys
     damping_ratio: Annotated[float | Sequence[float], one_or_several(Fraction, tuple[Fraction, Fraction])] = 0.05
-    storey_heights: Positives | None = None
+    storey_heights: OfStoreys | None = None
     yield_strengths: Strengths | None = None
     hardening: Annotated[float | Sequence[float], one_or_several(Fraction, Sequence[Fraction])] = 0.0
     damping_stiffness: Annotated[str, one_of("damping_stiffness", DAMPING_STIFFNESSES)] = "initial"
-    slab_depths: NotNegatives | None = field(default=None, kw_only=True)
-    column_stiffnesses: Positives | None = field(default=None, kw_only=True)
+    slab_depths: OfStoreysOrZero | None = field(default=None, kw_only=True)
+    column_stiffnesses: OfStoreys | None = field(default=None, kw_only=True)
     p_delta: Flag = field(default=False, kw_only=True)
     bouc_wen: BoucWen | None = field(default=None, kw_only=True)
-    dashpots: NotNegatives | None = field(default=None, kw_only=True)
+    dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
     n_storeys: int = derived()
     #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
@@ -254,6 +255,8 @@ class Building:
 
     def __post_init__(self) -> None:
         n, hardening = len(self.masses), self.hardening
+        single = [name for name in _LISTS if isinstance(getattr(self, name), float) and name != "hardening"]
+        set_fields(self, **{name: (getattr(self, name),) * n for name in single})
         hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
         set_fields(
             self,
@@ -705,8 +708,8 @@ class Scene:
     ----------
     row : sequence of Building or Wall
         From left to right. A `Wall` may be the first or the last.
-    gaps : sequence of float
-        Gap of each pair of neighbours (m), ``len(row) - 1`` of them.
+    gaps : float or sequence of float
+        Gap of each pair of neighbours (m), ``len(row) - 1`` of them, or one number for all.
     contact : ContactProperties, optional
         Reference contact stiffnesses and restitution.
     tolerance : float
@@ -744,7 +747,7 @@ class Scene:
     """
 
     row: Annotated[Sequence[_Item], Listed]
-    gaps: NotNegatives = ()
+    gaps: OfStoreysOrZero = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
     tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
@@ -789,6 +792,7 @@ class Scene:
         set_fields(
             self,
             row=row,
+            gaps=(self.gaps,) * (len(row) - 1) if isinstance(self.gaps, float) else self.gaps,
             buildings=buildings,
             pair_names=tuple(f"{a.name}-{b.name}" for a, b in itertools.pairwise(row)),
             n_storeys=max(building.n_storeys for building in buildings),
@@ -875,9 +879,12 @@ class Scene:
             if not meeting and not self.allow_unmet:
                 pairs = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
                 where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in pairs)
+                likely = (
+                    "; likely storey_heights in mm given for m" if max(b.elevations[0] for b in pairs) > 100.0 else ""
+                )
                 raise SceneError(
-                    f"pair {name!r} has no floors that meet: {', '.join(where)}; give slab_depths by which they do, "
-                    'contacts = "floors and columns", or allow_unmet = true where they are meant to miss each other'
+                    f"pair {name!r} has no floors that meet: {', '.join(where)}{likely}; give slab_depths by which "
+                    'they do, contacts = "floors and columns", or allow_unmet = true where they shall miss each other'
                 )
             for label, group in groups:
                 remaining = [contact for contact in group if contact.storey in limits.get(name, meeting)]

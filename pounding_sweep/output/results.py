@@ -16,6 +16,9 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.variables import Status, get_variable, inner_shape
 
+#: Outputs whose largest values plausibility checks look at after a run.
+LARGEST = ("drift_max", "penetration_max")
+
 
 def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
     """Return the type of a table of results: one row per scenario, one field per variable."""
@@ -37,8 +40,8 @@ class Results:
         self.names, self.scene = tuple(names), scene
         self.status = np.full(n, int(Status.NOT_RUN), np.int8)
         self.touched = np.zeros(n, bool)
-        #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
-        self.largest_drift = np.zeros(inner_shape("drift_max", scene))
+        #: Largest storey drifts and penetrations (m) of all scenarios that are ok, of those that are asked for.
+        self.largest = {name: np.zeros(inner_shape(name, scene)) for name in LARGEST if name in self.names}
         missing = {name: np.full((1, *inner_shape(name, scene)), get_variable(name).fill or 0) for name in self.names}
         # the first has what stands for scenarios without an answer
         self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
@@ -46,9 +49,9 @@ class Results:
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> np.ndarray:
         """Take up a table, or what reads it from a file; returns where its rows stand."""
-        if "drift_max" in self.names:
-            drifts = table["drift_max"][table["status"] == Status.OK]
-            self.largest_drift = np.fmax(self.largest_drift, np.fmax.reduce(drifts, axis=0, initial=0.0))
+        for name, largest in self.largest.items():
+            values = table[name][table["status"] == Status.OK]
+            self.largest[name] = np.fmax(largest, np.fmax.reduce(values, axis=0, initial=0.0))
         self._tables.append(table if read is None else read)
         self._first.append(self._first[-1] + len(table))
         return np.arange(self._first[-2], self._first[-1])

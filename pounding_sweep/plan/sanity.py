@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import read_data
+from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures
+from pounding_sweep.spec.axes import AXES, comma_hint
 from pounding_sweep.spec.spec import SweepSpec
 
 #: Factors that turn g, m/s2 or cm/s2 into another unit, which records as they are read do not need.
@@ -25,6 +29,8 @@ UNIT_FACTORS = (9.81, 9.80665, 981.0, 980.665, 386.4, 386.09, 32.2, 32.174, 0.10
 MARKS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 999999.0, -32768.0)
 #: A shear building whose floors have more mass (t) and period (s) a storey may have its weights (kN) for masses.
 WEIGHT_LIKE = (400.0, 0.24)
+#: Share of its yield drift that some storey of a row that may yield reaches.
+_ELASTIC = 0.01
 #: Values that one warning names.
 _NAMED = 3
 
@@ -39,6 +45,8 @@ class Limit:
     high: float
     #: slips of units that are common, each with the factor that mends the value
     slips: Mapping[str, float] = field(default_factory=dict)
+    #: other quantities that are given for it, each with the range of their values
+    mistaken: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     real: str = "real ones"  # what lies between the limits
 
     def doubt(self, named: Iterable[tuple[str, float]]) -> str:
@@ -54,6 +62,7 @@ class Limit:
         worst = max((v for _, v in outside), key=lambda value: max(value / self.high, self.low / max(value, 1e-30)))
         mended = {slip: worst * factor for slip, factor in self.slips.items()}
         slips = [f"{slip} ({value:.4g}{unit})" for slip, value in mended.items() if self.low <= value <= self.high]
+        slips += [slip for slip, (low, high) in self.mistaken.items() if low <= worst <= high]
         likely = f"; likely {', or '.join(slips)}" if slips else ""
         return f"{self.what} {values}{more}: {self.real} lie {span}{likely}"
 
@@ -65,6 +74,9 @@ LIMITS = {kind: Limit(**entry) for kind, entry in read_data("limits.toml").items
 def doubts(spec: SweepSpec) -> list[str]:
     """Return what of a sweep is outside any real building, one text each."""
     scene, requested, texts = spec.scene, requested_scenarios(spec), list[str]()
+    for name in AXES:
+        if hint := comma_hint(getattr(spec, name) or ()):
+            texts.append(f"{name} {repr_short(list(getattr(spec, name)))}: {hint}")
     used = requested.variants[np.unique(requested.variant)]
 
     def check(kind: str, named: Iterable[tuple[str, float]]) -> None:
@@ -87,6 +99,9 @@ def doubts(spec: SweepSpec) -> list[str]:
         for p in periods if building.p_delta else ():
             shares = zip(storeys, building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
             check("stability", [(at, g / (k / p**2 + g)) for at, k, g in shares])
+        carried = np.cumsum(building.masses[::-1])[::-1] * STANDARD_GRAVITY
+        ratios = np.divide(building.yield_strengths or np.inf, carried).tolist()
+        check("strength", [named for named in zip(storeys, ratios, strict=True) if math.isfinite(named[1])])
         texts += _weight_like(building)
         check("period", [(name, p * float(building.periods[0])) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
@@ -104,7 +119,20 @@ def doubts(spec: SweepSpec) -> list[str]:
     exponent = np.array([spec.law(key).exponent or 0.0 for key in spec.laws])[law]
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
         check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
+    if (exponent == 1.0).any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
+        softest = float(stiffness[exponent == 1.0].min())
+        check("contact", [(pair, softest / storey) for pair, storey in _softest_struck(scene).items()])
     return texts
+
+
+def _softest_struck(scene: Scene) -> dict[str, float]:
+    """Return the stiffness (kN/m) of the softest storey below floors that meet without bumpers, by pair."""
+    stiffnesses, softest = np.concatenate([building.stiffnesses for building in scene.buildings]), dict[str, float]()
+    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
+        if bumper is None and min(contact.left, contact.right) >= 0:  # not of a wall
+            name, struck = scene.pair_names[contact.pair], stiffnesses[[contact.left, contact.right]].min()
+            softest[name] = min(float(struck), softest.get(name, math.inf))
+    return softest
 
 
 def record_doubts(record: Record) -> list[str]:
@@ -135,7 +163,7 @@ def _converts(scale: float) -> bool:
 _ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
     (_converts, "converts units, but records are in m/s2 already; leave it out"),
     (lambda scale: scale < 0.0, "is negative: it turns the ground motion round; was a range or a sign meant?"),
-    (lambda scale: not scale, "leaves the ground standing still"),
+    (lambda scale: not scale, "leaves the ground standing still; decimals have a point, 0.5 for 0,5"),
 )
 
 
@@ -156,12 +184,25 @@ def _weight_like(building: Building) -> list[str]:
     ]
 
 
-def doubts_of(scene: Scene, largest_drift: np.ndarray) -> list[str]:
-    """Say of the largest storey drifts (m, shape (building, storey)) what is outside any real building."""
-    ratios = (
-        (f"{building.name}, storey {i}", float(drift) / height)
-        for building, drifts in zip(scene.buildings, largest_drift, strict=True)
-        for i, (drift, height) in enumerate(zip(drifts, building.storey_heights or (), strict=False), 1)
-    )
-    text = LIMITS["drift"].doubt(ratios)
-    return [f"{text}; a linear spring knows nothing of a storey that has failed"] if text else []
+def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Say of the largest values of outputs, shape (building or pair, storey), what is outside any real building."""
+    scene, drifts = variants.scene, largest.get("drift_max")
+    if drifts is not None:
+        floors = np.concatenate([d[: b.n_storeys] for b, d in zip(scene.buildings, drifts, strict=True)])
+        places = [f"{b.name}, storey {i}" for b in scene.buildings for i in range(1, b.n_storeys + 1)]
+        if text := LIMITS["drift"].doubt(zip(places, (floors / variants.storey_heights).tolist(), strict=True)):
+            yield f"{text}; a linear spring knows nothing of a storey that has failed"
+        shares = floors / variants.yield_drifts.min(axis=0)
+        if any(scene.yields) and 0.0 < (most := float(shares.max())) < _ELASTIC:
+            yield (
+                f"no storey reaches {_ELASTIC:.0%} of its yield drift: the largest share is {most:.2g} "
+                f"({places[int(shares.argmax())]}), and the row stays elastic; likely yield_strengths in N given for kN"
+            )
+    depths = largest.get("penetration_max")
+    bare = [contact for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True) if bumper is None]
+    if depths is not None and (
+        text := LIMITS["penetration"].doubt(
+            (f"{scene.pair_labels[c.place]}, storey {c.storey}", float(depths[c.place, c.storey - 1])) for c in bare
+        )
+    ):
+        yield f"{text}; give floors a stiffer contact, or bumpers"

@@ -107,7 +107,7 @@ def simulate(
     motion = resolve_record(record)
     row = get_preset(scene) if isinstance(scene, str) else scene
     if gaps is not None:
-        row = replace(row, gaps=[gaps] * len(row.gaps) if isinstance(gaps, int | float) else gaps)
+        row = replace(row, gaps=gaps)  # type: ignore[arg-type]  # one number is that of all pairs
     if law is None and row.gaps:
         raise InputError(
             f"simulate needs law=, one of {', '.join(LAWS)}; law='none' runs the buildings without contact"

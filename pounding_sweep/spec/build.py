@@ -62,7 +62,18 @@ from pounding_sweep.records import (
 )
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
+from pounding_sweep.spec.axes import (
+    AXES,
+    COLUMNS,
+    FACTOR_KINDS,
+    MAX_AXIS,
+    Axis,
+    AxisValues,
+    Case,
+    Range,
+    by_exponent,
+    comma_hint,
+)
 from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
@@ -424,7 +435,8 @@ class _Reader:
             axis = AXES[name]
             read = functools.partial(axis.check, laws=laws, basis=self.basis)
             numbers = sequence.values() if isinstance(sequence, Range) else sequence
-            checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy="the values of an axis must differ"))
+            remedy = "; ".join(["the values of an axis must differ", *filter(None, [comma_hint(numbers)])])
+            checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy=remedy))
             values[name] = (*values.get(name, ()), (building, checked)) if building else checked
         chosen = stated | {name for name, _ in drawn}
         faults.entries += [

@@ -68,16 +68,29 @@ _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH
 _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
 
+#: What is wrong in a line, its complete texts and comments left out, and how it is mended.
+_SLIPS = {
+    "[\"']": 'a text lacks a quote: give one before and one after it, such as "linear"',
+    r"\d,0\d|= *-?\d+,\d": "decimals have a point: give 0.01 for 0,01",
+    r"\b(True|False)\b": "truth values are true and false",
+    r"[=,] *\[* *(?!true|false|inf|nan|[\w.-]* *=)[A-Za-z]": 'texts stand in quotes: give "linear" for linear',
+}
+_TEXTS = re.compile(r"""\"(?:\\.|[^"\\])*\"|'[^']*'|#.*""")
+
+
 def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepError:
     """Put the place of a TOML syntax error in front of what it says."""
-    fault = str(error)
+    fault, lines, quote = str(error), [_TEXTS.sub("", line) for line in text.splitlines()] or [""], next(iter(_SLIPS))
     match = re.search(r" \(at line (\d+), column (\d+)\)$", fault)
     if match:
-        place, fault = f"{path}:{match[1]}:{match[2]}", fault[: match.start()]
-    else:
-        place, fault = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", fault)
+        place, fault, number = f"{path}:{match[1]}:{match[2]}", fault[: match.start()], int(match[1])
+    else:  # a text without its end goes on to that of the file
+        number = next((n for n, line in enumerate(lines, 1) if re.search(quote, line)), len(lines))
+        place, fault = f"{path}:{number}", re.sub(r" \(at (end of document)\)$", r" at \1", fault)
     if _BACKSLASH.search(text) and re.search("hex|scalar|Unescaped|string|llegal", fault):
         fault += f"; {ESCAPE_HINT}"
+    elif hint := next((hint for slip, hint in _SLIPS.items() if re.search(slip, lines[number - 1])), ""):
+        fault = hint
     return sweep_error([f"{place}: no valid TOML: {fault[:1].lower()}{fault[1:]}"])
 
 
