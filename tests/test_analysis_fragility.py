@@ -79,9 +79,13 @@ NEAR = 2.0 * (1 + 1e-15)
         ([0.0, 0.0], [0, 1], FitStatus.NO_DATA, None, None),
         ([1.0, 3.0], [0, 0], FitStatus.NEVER, 3.0, None),
         ([1.0, 3.0], [1, 1], FitStatus.ALWAYS, None, 1.0),
-        ([2.0, NEAR], [1, 0], FitStatus.ONE_LEVEL, 2.0, None),
+        ([2.0, NEAR], [1, 0], FitStatus.ONE_LEVEL, 2.0, 2.0),
+        ([2.0, 2.0, 2.0], [1, 0, 1], FitStatus.ONE_LEVEL, None, 2.0),
         ([1.0, 2.0, 3.0], [0, 0, 1], FitStatus.SEPARATED, 2.0, 3.0),
         ([1.0, NEAR, 2.0, 3.0], [0, 0, 1, 1], FitStatus.SEPARATED, 2.0, 2.0),
+        ([1.0, *[2.0] * 88, 3.0], [0, *[1] * 87, 0, 1], FitStatus.SEPARATED, 1.0, 2.0),
+        ([1.0, *[2.0] * 88, 3.0], [0, *[0] * 87, 1, 1], FitStatus.SEPARATED, 2.0, 3.0),
+        ([2.0, 2.0, 2.0, 3.0], [1, 0, 1, 1], FitStatus.SEPARATED, None, 2.0),
         ([1.0, 2.0, 3.0], [1, 0, 0], FitStatus.NOT_RISING, None, None),
         ([1.0, 1.0, 2.0, 2.0], [0, 1, 0, 1], FitStatus.NOT_RISING, None, None),
         ([1.0, 2.0, 3.0, 4.0], [1, 0, 1, 0], FitStatus.NOT_RISING, None, None),
@@ -103,7 +107,7 @@ def test_degenerate_trials_are_told(x, happened, status, low, high):
             "so there is no dispersion; the median is between 0.85 and 1.56 m s-2",
         ),
         ("SEPARATED", (2.0, 2.0), "the median is about 2 m s-2"),
-        ("ONE_LEVEL", (4.0, np.nan), "one intensity, so there is no curve"),
+        ("ONE_LEVEL", (np.nan, 4.0), "one intensity, so there is no curve; the median is below 4 m s-2"),
         ("NEVER", (4.0, np.nan), "never happened, even under the strongest motion tried; the median is above 4 m s-2"),
     ],
 )
@@ -261,6 +265,17 @@ def test_rows_are_the_fits():
             for key, value in zip((name, f"{name}_lower", f"{name}_upper"), values, strict=True):
                 assert row[key] == value if np.isfinite(value) else row[key] is None
     assert "median_lower" not in fit_rows(fragility(cube, confidence=None))[0]
+
+
+def test_axes_that_a_fit_does_not_depend_on_have_one_row():
+    """One pair alone touches from the same intensity on, whatever the stiffness; of a gap that none closes likewise."""
+    cube, _ = suite()
+    several = xr.concat([cube, cube], xr.Variable("stiffness", [1e5, 1e6], {"units": "kN m-1"}))
+    curves = fragility(several, confidence=None)
+    assert (curves.attrs["equal_along"], curves.sizes["stiffness"]) == ("stiffness", 2)
+    assert fit_rows(curves) == fit_rows(fragility(cube, confidence=None))
+    several["impact_count"][1, 1, 0, 0, 0] = 1.0
+    assert "equal_along" not in fragility(several, confidence=None).attrs
 
 
 def test_events_are_outputs():

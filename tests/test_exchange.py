@@ -81,6 +81,20 @@ def test_nrml_by_hand(cube, tmp_path):
     assert numbers(imls, "minIML", "maxIML") == pytest.approx([pga.min(), pga.max()])
 
 
+def test_nrml_of_a_part_of_the_row(cube, tmp_path):
+    """A building or storey that was selected; functions that the law does not change are written once."""
+    alike = cube.assign(drift_max=cube["drift_max"].where(cube["law"] == "linear", 0.0).sum("law").clip(min=1e-9))
+    alike["drift_max"] = alike["drift_max"].expand_dims(law=cube["law"]).assign_attrs(cube["drift_max"].attrs)
+    alike["status"] = 0 * cube["status"]
+    export_nrml(alike.sel(building="a"), tmp_path / "a.xml", STATES)
+    export_nrml(cube.sel(building="a", law="linear"), tmp_path / "b.xml", STATES)
+    once, one = (functions(tmp_path / f"{name}.xml")[1] for name in "ab")
+    assert [*once] == [*one] == ["a"]
+    assert ElementTree.tostring(once["a"]) == ElementTree.tostring(one["a"])
+    export_nrml(cube.sel(pair="a-b"), tmp_path / "p.xml", {"touch": ("touch", None)})
+    assert [*functions(tmp_path / "p.xml")[1]] == ["a-b_linear", "a-b_hertz"]
+
+
 def test_nrml_by_openquake(cube, tmp_path):
     """Its own probabilities at intensities between, against ours."""
     export_nrml(cube, tmp_path / "f.xml", STATES)
@@ -155,6 +169,8 @@ def test_demands_by_hand(cube, tmp_path):
     assert header == ["", "1-PID-1-1", "1-PID-2-1", "1-PFA-0-1", "1-PFA-1-1", "1-PFA-2-1"]
     assert units == ["Units", "rad", "rad", "g", "g", "g"]
     assert n == len(rows) == 8 * 12 - 1  # without the one that diverged
+    export_pelicun(part.sel(building="a"), tmp_path / "one.csv", "a")
+    assert read(tmp_path / "one.csv") == [header, units, *rows]
     table, ok = np.array(rows, float), (part["status"] == 0).values
     assert table[:, 0].tolist() == list(range(n))
     heights = np.diff(part["floor_elevation"].sel(building="a").values, prepend=0.0)
@@ -190,6 +206,8 @@ print(json.dumps([names, own.demand.sample.iloc[5].tolist(), len(own.demand.samp
     [
         (lambda cube: cube, "a", r"several values of law would be mixed; choose one of each \(--at law=\.\.\.\)"),
         (lambda cube: cube, "c", "unknown building 'c'; valid: a, b"),
+        (lambda cube: cube.sel(law="linear", storey=2), "a", "of all storeys, and this cube has .2.; leave storey out"),
+        (lambda cube: cube.sel(law="linear", storey=[2]), "a", "of all storeys, and this cube has .2.; leave storey"),
         (lambda cube: cube[["impact_force_max", "status"]].sel(law="linear"), "a", r"needs 'drift_max' or"),
     ],
 )

@@ -135,6 +135,23 @@ def test_audited_errors_stand_with_their_scenarios(cube, tmp_path):
     assert {i for i, text in enumerate(texts["displacement_max"]) if text} == held
 
 
+def test_a_part_of_the_row_leaves_out_columns_alone(tmp_path):
+    """Scenarios are known by the whole row, here by a factor on the other building; a part alone tells no errors."""
+    cube = made("buildings")
+    path, whole = write_cube(cube, tmp_path / "a.nc"), read(export_cube(cube, tmp_path / "t.csv", table=True))
+    for at, gone in (("building=a", "_b"), ("pair=a-b", ""), ("storey=1", "_2")):
+        call("export", path, "-o", tmp_path / "p.csv", "--table", "--overwrite", "--at", at)
+        rows = read(tmp_path / "p.csv")
+        left_out = [name for name in whole[0] if name not in rows[0]]
+        assert all(gone in name for name in left_out)
+        assert bool(left_out) == bool(gone)
+        assert rows == [{name: text for name, text in row.items() if name in rows[0]} for row in whole]
+        assert any(row["audited_error_displacement_max"] for row in rows)
+    alone = read(export_cube(cube.sel(building="a"), tmp_path / "p.csv", table=True, overwrite=True))
+    assert [row["displacement_max_1"] for row in alone] == [row["displacement_max_a_1"] for row in whole]
+    assert not [name for name in alone[0] if name.startswith("audited")]
+
+
 def test_inputs_are_columns(tmp_path):
     cube = made("design")
     export_cube(cube, tmp_path / "t.csv", ["impact_force_max"], table=True)

@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS, get_event
-from pounding_sweep.analysis.comparisons.fragility import fragility, sentence
+from pounding_sweep.analysis.comparisons.fragility import equal_axes, fragility, sentence
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variables, scenario_dims, trusted, values
 from pounding_sweep.base import STANDARD_GRAVITY
@@ -73,8 +73,9 @@ def export_nrml(
     Notes
     -----
     One function, with all limit states, for each pair or building and each combination of the cube's axes but records
-    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Accelerations are in g (9.81 m/s2), PGV in
-    cm/s; with median theta and dispersion beta, `mean` = theta exp(beta^2 / 2), `stddev` = mean sqrt(exp(beta^2) - 1).
+    and scales: ``left-middle_linear_gap=0.01``, without axes of one value or that the fragility does not depend on.
+    Accelerations are in g (9.81 m/s2), PGV in cm/s; with median theta and dispersion beta, `mean` = theta
+    exp(beta^2 / 2), `stddev` = mean sqrt(exp(beta^2) - 1).
     `minIML` and `maxIML` are the weakest and the strongest motion tried.
     """
     if not limit_states:
@@ -97,6 +98,10 @@ def export_nrml(
         name: fragility(cube, event, level, intensity=intensity, folders=folders, confidence=None)
         for name, (event, level) in limit_states.items()
     }
+    equal = set.intersection(*({*equal_axes(fit)} for fit in fits.values()))
+    for name, fit in fits.items():  # a part of the row may have been taken
+        one = fit.isel(dict.fromkeys(equal, 0), drop=True)
+        fits[name] = one if per in one.dims else one.expand_dims(per)
     first = next(iter(fits.values()))
     tried = np.abs(first["trial_intensity"].values) * factor
     tried = tried[np.isfinite(tried) & (tried != 0.0)]
@@ -176,7 +181,10 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
     """
     cube = cube.drop_dims(OTHER_DIMS, errors="ignore")
     stored = need_variables(cube, "a file of demands", list(_DEMANDS.values()), one=True)
-    check_choice("building", building, cube["building"].values.tolist())
+    check_choice("building", building, np.atleast_1d(cube["building"].values).tolist())
+    storeys = np.atleast_1d(cube["storey"].values).tolist()
+    if "storey" not in cube.dims or storeys != list(range(1, len(storeys) + 1)):
+        raise InputError(f"a file of demands is of all storeys, and this cube has {storeys}; leave storey out of --at")
     mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*MOTION_DIMS, "case")]
     mixed += ["law"] if "law" not in mixed and len(law_keys(cube)) > 1 else []
     if mixed:
@@ -184,7 +192,7 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
             f"samples of several values of {', '.join(mixed)} would be mixed; choose one of each (--at {mixed[0]}=...)"
         )
     target = check_output(path, overwrite, netcdf=False)
-    part = cube.sel(building=building)
+    part = cube.sel(building=building) if "building" in cube.dims else cube
     heights = np.diff(part["floor_elevation"].dropna("storey").values, prepend=0.0)
     demands = xr.Dataset({"ok": trusted(part)})
     for kind, output in _DEMANDS.items():

@@ -136,7 +136,17 @@ def _read_probability(text: str) -> float:
 #: Attributes of results that are told above their tables.
 _NOTES = (
     *("answer", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
-    *("no_fractiles", "advice", "one_dispersion", "curves_cross", "hazard", "years", "confidence", "factors"),
+    *(
+        "no_fractiles",
+        "advice",
+        "equal_along",
+        "one_dispersion",
+        "curves_cross",
+        "hazard",
+        "years",
+        "confidence",
+        "factors",
+    ),
 )
 
 

@@ -212,6 +212,7 @@ def export_command(
     from pounding_sweep.output.export import export_tables
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.output.select import select
+    from pounding_sweep.outputs.variables import INNER_DIMS
 
     fragility = out.suffix.lower() == ".xml"
     of_cube = not fragility and pelicun is None
@@ -231,7 +232,10 @@ def export_command(
     if fragility and len(measures) > 1:
         raise InputError(f"--intensity is given {len(measures)} times, and a fragility is of one")
     with open_cube(cube) as dataset:
-        part = select(dataset, app.axis_values(at))
+        values = app.axis_values(at)
+        # a table shows part of the row, and its scenarios are known by the whole one
+        parts = {axis: values.pop(axis) for axis in [*values] if table and axis in INNER_DIMS}
+        part = select(dataset, values)
         paths: list[Any] = [out]
         if pelicun is not None:
             samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
@@ -244,7 +248,7 @@ def export_command(
                 say(f"warning: {name} is left out: {why}")
         else:
             part = with_intensities(part, measures, folders=folders)
-            paths = export_tables(part, out, names or (), overwrite=overwrite, **layout)
+            paths = export_tables(part, out, names or (), overwrite=overwrite, parts=parts, **layout)
         print(*paths, sep="\n")
 
 

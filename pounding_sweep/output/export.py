@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,9 +28,11 @@ from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
+from pounding_sweep.output.select import select
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
 from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import plain_name
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,6 +144,13 @@ class Table:
                 raise InputError(f"no scenario has the status {name!r}; this cube has: {present}")
             self.selected |= chosen
 
+    def keep_parts(self, parts: Mapping[str, Any]) -> None:
+        """Leave out columns of other places than these values of building, pair or storey."""
+        chosen = select(self.cube, parts, INNER_DIMS)
+        for label, column in [*self.columns.items()]:
+            if any(self.cube[dim].values[i] not in chosen[dim].values for dim, i in column.at.items() if dim in parts):
+                del self.columns[label]
+
     def parts(self) -> Iterator[pd.DataFrame]:
         """Make the table part by part."""
         import pandas as pd
@@ -220,7 +230,7 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool 
         raise InputError("this is one scenario with its histories; give a cube of a sweep")
     chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
     table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)), constants)
-    if has_audit(cube):
+    if has_audit(cube) and _has_whole_row(cube):
         table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
         for i, output in enumerate(cube["output"].values.tolist()):
             if not names or output in names:
@@ -228,6 +238,13 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool 
                 column = Column("audited_error", {"output": i}, [0], np.dtype(float), about)
                 table.columns[f"audited_error_{output}"] = column
     return table
+
+
+def _has_whole_row(cube: xr.Dataset) -> bool:
+    """Whether a cube has all buildings and pairs of its row; else its scenarios can't be told apart."""
+    scene = scene_of(json.loads(cube.attrs["sweep"])["scene"])
+    sizes = [np.size(cube.coords.get(dim, [])) for dim in ("building", "pair")]
+    return sizes == [len(scene.buildings), len(scene.pair_labels)]
 
 
 def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
@@ -275,6 +292,7 @@ def export_cube(
     constants: bool = False,
     status: Collection[str] = (),
     units: bool = False,
+    parts: Mapping[str, Any] = MappingProxyType({}),
 ) -> Path:
     """Write a cube, or a selection of it, in another format.
 
@@ -296,6 +314,8 @@ def export_cube(
         Only scenarios that ended so, such as ``["diverged"]``; "not-ok" stands for every status but "ok".
     units : bool
         Whether the second line of a CSV file has the units of its columns.
+    parts : mapping of str to str, int or sequence of them
+        With `table`, values of ``building``, ``pair`` or ``storey``: there are columns of these places only.
 
     Returns
     -------
@@ -316,8 +336,9 @@ def export_cube(
     -----
     The table has a row for each floor and each contact of each scenario. With `table` it has one for each scenario:
     what tells scenarios apart, every output at every place (``impact_force_max_left_middle_3``), status,
-    ``ground_pga`` and other measures of its record, and ``audited_error_<output>`` where the audit ran it again. Of
-    a scenario with its histories the table has a row for each moment, by default without what has no history.
+    ``ground_pga`` and other measures of its record, and ``audited_error_<output>`` where the audit ran it again; of a
+    cube of a part of the row only with `parts`, as its scenarios are known by the whole one. Of a scenario with its
+    histories the table has a row for each moment, by default without what has no history.
 
     ``status_name`` has each status in words. Units and long names stand in ``FILE.csv.json``, or in the metadata of the
     columns of a Parquet file. In Zarr all is as in the cube, without its audit.
@@ -358,6 +379,8 @@ def export_cube(
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
         made = scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table, constants, status)
+        if parts and isinstance(made, Table):
+            made.keep_parts(parts)
         if units and isinstance(made, Table):
             made.lines.append([column.attributes.get("units", "") for column in made.columns.values()])
         write(cube, target, made)

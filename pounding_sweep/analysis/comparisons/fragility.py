@@ -125,12 +125,17 @@ def _fit_alone(x: np.ndarray, y: np.ndarray) -> LognormalFit:
         return LognormalFit(FitStatus.NEVER, low=float(x.max()))
     if y.all():
         return LognormalFit(FitStatus.ALWAYS, high=float(x.min()))
-    if x.min() == x.max():
-        return LognormalFit(FitStatus.ONE_LEVEL, low=float(x[0]))
     low, high = float(x[~y].max()), float(x[y].min())
     if low > high:
         return LognormalFit(FitStatus.NOT_RISING) if x[y].max() <= x[~y].min() else _likeliest([(x, y)])[0]
-    return LognormalFit(FitStatus.SEPARATED, 0.5 * math.log(low * high), 0.0, low, high)
+    limit = 0.5 * math.log(low * high)
+    if low == high:  # the share there tells on which side of it the median is
+        share, at = y[x == low].mean(), low
+        low = at if share <= 0.5 else max(x[x < at], default=np.nan)
+        high = at if share >= 0.5 else min(x[x > at], default=np.nan)
+    if x.min() == x.max():
+        return LognormalFit(FitStatus.ONE_LEVEL, low=low, high=high)
+    return LognormalFit(FitStatus.SEPARATED, limit, 0.0, low, high)
 
 
 def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
@@ -197,8 +202,14 @@ def jackknife(
     )
 
 
+def equal_axes(result: xr.Dataset) -> list[str]:
+    """Return the axes along which trial by trial the same happened in all scenarios, so that all fits are equal."""
+    part = result["happened"].fillna(-1.0)
+    return [dim for dim in scenario_dims(result["median"]) if part.sizes[dim] > 1 and (part == part[{dim: 0}]).all()]
+
+
 def fit_rows(result: xr.Dataset) -> list[Row]:
-    """Return a row per fit of a fragility."""
+    """Return a row per fit of a fragility, one for all values of the axes that it does not depend on."""
     names = ["trials", "happened_count", "median", "dispersion"]
     if result["median_interval"].notnull().any():
         names += ["median_interval", "dispersion_interval"]
@@ -206,7 +217,8 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     for q in result["quantile"].values.tolist() if "fractile" in result else []:
         table[f"at {q:g}"] = result["fractile"].sel(quantile=q, drop=True)
     table = table.assign(fit=result["fit_status"], between=result["median_between"]).reset_coords(drop=True)
-    units, dims = str(result["median"].attrs["units"]), scenario_dims(result["median"])
+    table = table.isel(dict.fromkeys(equal_axes(result), 0), drop=True)
+    units, dims = str(result["median"].attrs["units"]), scenario_dims(table["median"])
     rows = plain_rows(table.transpose(*dims, "pair", "building", ..., missing_dims="ignore"))
     for row in rows:
         wide = any((row.get(f"{name}_upper") or 0.0) > WIDE * (row.get(f"{name}_lower") or 0.0) for name in names[2:4])
@@ -347,7 +359,12 @@ def fragility(
         away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
         dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
     few = f"{counts_text({'record': len(x)}, '')}: give {ENOUGH} or more" if len(x) < ENOUGH else ""
-    optional = {"advice": few, "one_dispersion": ", ".join(one_dispersion), "curves_cross": crossed(dataset)}
+    optional = {
+        "advice": few,
+        "equal_along": ", ".join(equal_axes(dataset)),
+        "one_dispersion": ", ".join(one_dispersion),
+        "curves_cross": crossed(dataset),
+    }
     return dataset.assign_attrs(
         event=about.key,
         event_in_words=words,
@@ -366,7 +383,6 @@ def sentence(fit: xr.Dataset | Mapping[str, Any]) -> str:
 def median_words(fit: xr.Dataset | Mapping[str, Any]) -> str:
     """Say what is known of a median without a fit; "" if nothing is."""
     low, high = (float(end) for end in fit["median_between"])
-    low = np.nan if int(fit["fit_status"]) == FitStatus.ONE_LEVEL else low  # that level
     units = fit["median"].attrs["units"]
     if low < high:
         return f"between {low:.4g} and {high:.4g} {units}"
