@@ -238,7 +238,7 @@ def _sanity() -> str:
     lines = ["| quantity | unit | from | to | slips that are named |", "|---|---|---:|---:|---|"]
     for limit in LIMITS.values():
         low, high = (f"{end:.4g}" if 0.0 < end < math.inf else "-" for end in (limit.low, limit.high))
-        slips = ", ".join(limit.slips) or "-"
+        slips = ", ".join([*limit.slips, *limit.mistaken]) or "-"
         lines.append(_row(limit.what, limit.unit or "1", low, high, slips))
     return "\n".join([*lines, ""])
 

@@ -299,7 +299,11 @@ def test_run_as_json_equals_the_table(tiny, tmp_path):
     folder, printed = tiny
     done = cli("run", folder / "sweep.toml", "-o", tmp_path / "again.nc", "--json", "--scheduler", "synchronous")
     report = json.loads(done.stdout)
-    assert report["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
+    assert report["scenarios"] == {"asked": 12, "usable": 12, "run": 5} | {
+        "reused": 0,
+        "never_touching": 2,
+        "broadcast": 5,
+    }
     assert report["cube"] == str(tmp_path / "again.nc")
     assert [part["name"] for part in report["row"]] == ["high", "low", "high-low"]
     assert (report["failures"], report["warnings"], report["accuracy_choice"], done.stderr) == ([], [], "", "")
@@ -353,7 +357,10 @@ def test_plan_and_run_say_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_pa
     sweep = write(tmp_path, edited("[solver]", "stiffness_factors = [1e5]\n[solver]").replace(', "none"', ""))
     planned = cli("plan", sweep).stdout
     assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", planned, re.MULTILINE)
-    done = cli("run", sweep, "-o", tmp_path / "out.nc")  # all are refused: no kernel is needed
+    done = cli("run", sweep, "-o", tmp_path / "out.nc", code=1)  # all are refused: no kernel is needed
+    assert done.stdout.startswith("0 of 6 scenarios usable: each ended with a status that says why")
+    report = json.loads(cli("run", sweep, "-o", tmp_path / "out.nc", "--overwrite", "--json", code=1).stdout)
+    assert (report["scenarios"]["usable"], report["failures"]) == (0, [])
     status = Status.BEYOND_STABILITY_LIMIT
     assert f"{status.label}  6: {status.meaning}; {status.remedy}" in re.sub(
         "  +", "  ", re.sub(r"\n +", " ", done.stdout)

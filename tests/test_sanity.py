@@ -188,6 +188,8 @@ def test_deep_penetration_of_bare_floors_is_doubted():
     assert text.startswith(
         "penetration of floors without bumpers 0.06 m (steel-b, storey 2): real ones lie up to 0.05 m"
     )
+    thick = ps.Law(key="thick", exponent=1.0, thickness=0.05, reference_stiffness=1e6)
+    assert [*doubts_of(variants_of(scene), {"penetration_max": depth}, [thick])] == []
     padded = replace(
         scene, bumpers=[Bumper("steel-b", "rubber_bumper", stiffness=2e6, restitution=0.5, thickness=0.05)]
     )

@@ -104,6 +104,7 @@ def run_command(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "
                 f"{parts_folder(out)}; run again with --overwrite to make only the rest"
             )
+        if report["failures"] or not report["scenarios"]["usable"]:
             raise Exit(app.FAILED)
 
 
@@ -111,12 +112,13 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
     """Return what a run did, for JSON."""
     from pounding_sweep.output.describe import summarize
 
-    outcome, asked = sweep.last_outcome, sweep.spec.n_scenarios
+    outcome, asked, summary = sweep.last_outcome, sweep.spec.n_scenarios, summarize(out)
     assert outcome is not None
     return {
         **_description(sweep),
         "scenarios": {
             "asked": asked,
+            "usable": sum(end["count"] for end in summary["statuses"] if not end["remedy"]),
             "run": outcome.run,
             "reused": outcome.reused,
             "never_touching": outcome.untouched,
@@ -127,7 +129,7 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
         "compile_seconds": outcome.compile_seconds,
         "kernels_compiled": outcome.compiled,
         "failures": outcome.failures,
-        **summarize(out),
+        **summary,
         "warnings": app.WARNINGS,
         "cube": str(out),
     }
@@ -184,6 +186,8 @@ def _print_description(report: dict[str, Any]) -> None:
 
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
+    if not counts["usable"]:
+        print(f"0 of {counts['asked']} scenarios usable: each ended with a status that says why, below\n")
     _print_description(report)
     if report["summary"]:
         rows = []

@@ -15,6 +15,7 @@ import numpy as np
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import read_data
+from pounding_sweep.model.laws import Law
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
@@ -117,10 +118,11 @@ def doubts(spec: SweepSpec) -> list[str]:
             texts.append(f"record scale {', '.join(scales[:_NAMED])} {why}")
     law, stiffness = np.broadcast_arrays(requested.law, requested.values["stiffness"])
     exponent = np.array([spec.law(key).exponent or 0.0 for key in spec.laws])[law]
+    bare = (exponent == 1.0) & np.array([not spec.law(key).thickness for key in spec.laws])[law]
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
         check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
-    if (exponent == 1.0).any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
-        softest = float(stiffness[exponent == 1.0].min())
+    if bare.any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
+        softest = float(stiffness[bare].min())
         check("contact", [(pair, softest / storey) for pair, storey in _softest_struck(scene).items()])
     return texts
 
@@ -184,7 +186,7 @@ def _weight_like(building: Building) -> list[str]:
     ]
 
 
-def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray]) -> Iterator[str]:
+def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray], laws: Iterable[Law] = ()) -> Iterator[str]:
     """Say of the largest values of outputs, shape (building or pair, storey), what is outside any real building."""
     scene, drifts = variants.scene, largest.get("drift_max")
     if drifts is not None:
@@ -200,9 +202,9 @@ def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray]) -> Iterator
             )
     depths = largest.get("penetration_max")
     bare = [contact for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True) if bumper is None]
-    if depths is not None and (
-        text := LIMITS["penetration"].doubt(
+    if depths is not None and not any(law.thickness for law in laws):
+        named = (
             (f"{scene.pair_labels[c.place]}, storey {c.storey}", float(depths[c.place, c.storey - 1])) for c in bare
         )
-    ):
-        yield f"{text}; give floors a stiffer contact, or bumpers"
+        if text := LIMITS["penetration"].doubt(named):
+            yield f"{text}; give floors a stiffer contact, or bumpers"

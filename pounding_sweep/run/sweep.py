@@ -316,7 +316,7 @@ class Sweep:
                 except OSError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
-        for text in doubts_of(plan.variants, results.largest):
+        for text in doubts_of(plan.variants, results.largest, plan.laws):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
 
