@@ -298,8 +298,24 @@ def test_incremental_curves_by_a_plain_loop():
                     values.append(y0 + (y1 - y0) * (level - x0) / (x1 - x0))
                     break
         assert curves.drift_max_count[i] == len(values)
-        expected = np.quantile(values, [0.16, 0.5, 0.84]) if values else [np.nan] * 3
+        expected = np.quantile(values, [0.16, 0.5, 0.84]) if len(values) > 1 else [np.nan] * 3  # half of three
         np.testing.assert_allclose(curves.drift_max_fractiles[:, i], expected)
+
+
+def test_incremental_fractiles_go_as_far_as_half_of_the_records_reach():
+    """Records of unlike peaks at the same scales, from 1 to 2: half of four curves reach 2 to 6 m/s2."""
+    peaks, scales = np.array([1.0, 2.0, 3.0, 4.0]), [1.0, 1.5, 2.0]
+    drift = (np.outer(peaks, scales))[..., None, None]  # that of each record is its intensity
+    coords = {"record_pga": (("record",), peaks, {"units": "m s-2"})}
+    cube = hand_cube({"record": list("abcd"), "scale": scales}, {"drift_max": drift}).assign_coords(coords)
+    curves = analysis.incremental_curves(cube, quantiles=[0.5]).sel(building="a", storey=1)
+    np.testing.assert_allclose(curves["level"][[0, -1]], [2.0, 6.0])
+    level = curves["level"].where(curves["drift_max_count"] >= 2)  # one record alone reaches 2 to 3
+    assert level.count() == 20
+    np.testing.assert_allclose(curves["drift_max_fractiles"].sel(quantile=0.5), level)
+    assert "no_fractiles" not in curves.attrs
+    apart = cube.assign_coords(record_pga=("record", [1.0, 10.0, 100.0, 1000.0], {"units": "m s-2"}))
+    assert "half of the 4 curves" in analysis.incremental_curves(apart).attrs["no_fractiles"]
 
 
 def test_incremental_curves_of_both_directions():

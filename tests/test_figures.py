@@ -466,7 +466,7 @@ def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(
         ([0.1, 1.0, 100.0], [], "16%, 50%, 84% need 7, 2, 7 curves at one intensity, at most 1 reach"),
         ([0.9, 1.0, 1.1], ["median"], "fractiles of 16%, 84% need 7, 7 curves at one intensity, at most 3"),
         ([1.0] * 7, ["16% fractile", "median", "84% fractile"], ""),
-        ([1.0] * 12 + [9.0] * 4, ["16% fractile", "median", "84% fractile"], "need 8, 8, 8 curves"),
+        ([1.0] * 12 + [9.0] * 4, ["16% fractile", "median", "84% fractile"], ""),
     ],
 )
 def test_incremental_draws_fractiles_that_enough_records_reach(pga, fractiles, why):

@@ -447,8 +447,8 @@ def incremental_curves(
         In [0, 1].
     levels : sequence of float, optional
         Intensities (in its units) at which fractiles are given; by default the cube's own where all curves share them,
-        else `LEVELS` of them, evenly spaced over the range that all curves share. Where they share none, over that of
-        the cube, and the attribute ``no_fractiles`` says so.
+        else `LEVELS` of them, evenly spaced over the range that half of the curves or more reach. Where there is none,
+        over that of the cube, and the attribute ``no_fractiles`` says so.
 
     Returns
     -------
@@ -456,7 +456,7 @@ def incremental_curves(
         Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
         ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
         many of the ``curves`` (attribute) have a value there: linear between the two nearest scales, missing outside
-        their range and next to a scenario that is not ok.
+        their range and next to a scenario that is not ok. Fractiles are missing where fewer than half have one.
 
     Raises
     ------
@@ -487,28 +487,29 @@ def incremental_curves(
     units, words = strength.attrs["units"], strength.attrs["long_name"]
     x = np.asarray(strength.values, dtype=float)
     ways = directions(cube[scaled].values)
-    curves = [x[record, way] for record in range(len(x)) for way in ways]
-    low, high = max(at.min() for at in curves), min(at.max() for at in curves)
+    ends = np.array([(min(at[way]), max(at[way])) for at in x for way in ways])
+    low, high = np.multiply(ends, (1.0 - ROUND_OFF, 1.0 + ROUND_OFF)).T[..., None]
+    tried = np.unique(ends)
+    shared = tried[((low <= tried) & (tried <= high)).mean(axis=0) >= 0.5]
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
-    elif low > high * (1.0 + ROUND_OFF):
-        at = np.linspace(x.min(), x.max(), LEVELS)
     elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
         at = np.sort(x[0])
     else:
-        at = np.linspace(low, high, LEVELS)
+        at = np.linspace(*(shared if shared.size else tried)[[0, -1]], LEVELS)
     level = labelled("level", at, words, units)
     result: dict[str, xr.DataArray] = {}
     for name in names:
         result[name] = values(cube, name).transpose("record", ..., scaled)
-        result[f"{name}_fractiles"], count = suite_fractiles(result[name], strength, level, quantiles)
+        fractile, count = suite_fractiles(result[name], strength, level, quantiles)
+        result[f"{name}_fractiles"] = fractile.where(count >= 0.5 * len(ends)).assign_attrs(fractile.attrs)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     over = over_text({"record": len(x), "direction": len(ways)})
-    about: dict[str, Any] = {"curves": len(curves), "intensity": f"{words} ({units})", "over": over}
-    if not ((at >= low * (1.0 - ROUND_OFF)) & (at <= high * (1.0 + ROUND_OFF))).any():
+    about: dict[str, Any] = {"curves": len(ends), "intensity": f"{words} ({units})", "over": over}
+    if not (((low <= at) & (at <= high)).mean(axis=0) >= 0.5).any():
         about["no_fractiles"] = (
-            f"none of these intensities is within the scales of all {len(curves)} curves (one begins at {low:.3g} "
-            f"{units}, one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
+            f"none of these intensities is within the scales of half of the {len(ends)} curves; scale the records to "
+            "equal peaks (pgas), or over a wider range"
         )
     return xr.Dataset(result, attrs=about).assign_coords(intensity=strength)
 
