@@ -91,7 +91,10 @@ def test_all_rules_by_hand():
     exact = float(cube.closing_max.isel(law=0, record=1).max())
     assert float(gaps.exact) == exact
     assert float(gaps.ratio.sel(rule="abs")) == pytest.approx(expected["abs"].max() / exact)
-    assert gaps.attrs["factors"] == "cd = a: 4.0, b: 5.0; importance = 1.25; q = 3.0; r = a: 5.0, b: 3.0; others 1"
+    numbers = (
+        "cd = a: 4.0, b: 5.0; importance = 1.25; q = 3.0; r = a: 5.0, b: 3.0; others 1; right only if the motion was "
+    )
+    assert gaps.attrs["factors"] == numbers + "divided by them, else displacements are elastic"
     assert required_gap(cube).attrs["factors"] == "1 (elastic displacements)"
     with pytest.raises(InputError, match=r"rules need fundamental_period and .*, which this cube lacks"):
         required_gap(cube.drop_vars("fundamental_period"))

@@ -65,10 +65,10 @@ class CompareOptions:
     )
     hazard_units: str | None = option("UNIT", "Of the intensities of --hazard: g, m/s2, cm/s2, m/s ...")
     years: float | None = option("N", "Years of the probability with --hazard; 50 by default.")
-    cd: list[str] | None = option("[BUILDING=]X", "ASCE 7: deflection amplification Cd; 1 by default.")
+    cd: list[str] | None = option("[BUILDING=]X", "ASCE 7: Cd, only if the motion was divided by R; 1 by default.")
     importance: list[str] | None = option("[BUILDING=]X", "ASCE 7: factor Ie; 1 by default.", "--ie")
-    q: list[str] | None = option("[BUILDING=]X", "Eurocode 8: behaviour factor q; 1 by default.")
-    r: list[str] | None = option("[BUILDING=]X", "IS 1893: response reduction R; 1 by default.")
+    q: list[str] | None = option("[BUILDING=]X", "Eurocode 8: q, only if the motion was divided by it; 1 by default.")
+    r: list[str] | None = option("[BUILDING=]X", "IS 1893: R, only if the motion was divided by it; 1 by default.")
     folders: Folders = None
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:

@@ -259,7 +259,8 @@ def required_gap(
         result.coords["thickness"] = described(ends.thickness.max("storey"), "m", "thickness of bumpers")
     other = {name: str(value).strip("{}").replace("'", "") for name, value in vars(factors).items() if value != 1.0}
     words = [f"{name} = {value}" for name, value in other.items()]
-    return result.assign_attrs(factors="; ".join([*words, "others 1" if words else "1 (elastic displacements)"]))
+    only = "others 1; right only if the motion was divided by them, else displacements are elastic"
+    return result.assign_attrs(factors="; ".join([*words, only if words else "1 (elastic displacements)"]))
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:

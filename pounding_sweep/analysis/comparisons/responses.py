@@ -491,12 +491,13 @@ def incremental_curves(
     low, high = np.multiply(ends, (1.0 - ROUND_OFF, 1.0 + ROUND_OFF)).T[..., None]
     tried = np.unique(ends)
     shared = tried[((low <= tried) & (tried <= high)).mean(axis=0) >= 0.5]
+    span = shared if shared.size else tried
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
     elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
         at = np.sort(x[0])
     else:
-        at = np.linspace(*(shared if shared.size else tried)[[0, -1]], LEVELS)
+        at = np.linspace(span[0], span[-1], LEVELS)
     level = labelled("level", at, words, units)
     result: dict[str, xr.DataArray] = {}
     for name in names:
