@@ -110,7 +110,7 @@ def test_files(cube_file, written):
     assert (first["record"], first["scale"], first["over"]) == ("one", "0.1", "2 gaps, 2 restitutions, 2 storeys")
     touching = expected.displacement_max_ratio.where(expected.touches == 1.0)
     touching = touching.sel(law="linear", building="a", record="one", scale=0.1)
-    assert float(first["largest"]) == float(touching.max())
+    assert first["largest"] == f"{float(touching.max()):.7g}"
     assert float(first["median"]) == pytest.approx(float(touching.median()))
 
 

@@ -21,7 +21,7 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.outputs.variables import ORIGINS, Status
 from pounding_sweep.spec.spec import digest, to_json
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -83,11 +83,27 @@ def same(found, expected):
     found = found.drop_dims(["audit", "output"], errors="ignore")
     assert set(found.variables) == set(expected.variables)
     for name in expected.variables:
+        if name in ("origin", "run"):
+            own, same_run = in_order(expected)
+            xr.testing.assert_equal(found[name], {"origin": own, "run": same_run}[name])
+            continue
         xr.testing.assert_equal(found[name].variable, expected[name].variable)
         a, b = found[name].dtype, expected[name].dtype
         assert a == b or a.kind == b.kind == "U", name  # texts may be stored in any length
         about = {key: v for key, v in expected[name].attrs.items() if not key.startswith("audit_")}
         np.testing.assert_equal({k: v for k, v in found[name].attrs.items() if not k.startswith("audit_")}, about)
+
+
+def in_order(cube):
+    """Return origin and run of scenarios, numbered as they come."""
+    origin, run = (cube[name].copy(deep=True) for name in ("origin", "run"))
+    numbers, has_own = {0: 0}, {0}
+    for i, number in enumerate(cube["run"].values.ravel().tolist()):
+        run.values.flat[i] = numbers.setdefault(number, len(numbers))
+        if origin.values.flat[i] < 2:
+            origin.values.flat[i] = int(number in has_own)
+            has_own.add(number)
+    return origin, run
 
 
 def test_parts_that_were_run_apart_make_the_cube_of_the_whole(whole, tmp_path, monkeypatch):
@@ -137,6 +153,8 @@ def test_missing_combinations_are_not_run_and_named(whole, tmp_path, monkeypatch
     assert len(found.named) == merging.NAMED
     assert cube.attrs["sweep"] == whole.attrs["sweep"]
     assert bool(np.isnan(cube.impact_count.where(~there)).all())
+    assert ((cube.run == 0) == ~there).all()
+    assert ((cube.origin == ORIGINS.index("not_run")) == ~there).all()
 
 
 AXIS_VALUES = {"law": LAWS, "gap": GAPS, "restitution": [0.3, 0.7], "record": ["one", "two"], "scale": [1.0, 1.5]}

@@ -7,6 +7,7 @@ import itertools
 import math
 from xml.etree import ElementTree
 
+import netCDF4
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +20,7 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable, inner_shape, reducers_for, scatter_contact
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched
@@ -98,6 +100,44 @@ def test_product_equals_brute_force():
     # a gap of 0.5 m never closes: 4 motions x (2 + 2 + 4) at the least
     assert outcome.untouched >= 32
     assert cube.attrs["scenarios_run"] == outcome.run
+
+
+def test_copies_are_told_from_runs(stub_engine, tmp_path):
+    """Each scenario has the number of the run that answers it, the first of a number is that run, others its copies."""
+    sweep = Sweep(row(), motions(), **{**PRODUCT, "laws": ["linear", "kelvin_voigt", "none"]})
+    sweep.run(tmp_path / "cube.nc", workers=1).close()
+    with netCDF4.Dataset(tmp_path / "cube.nc") as file:
+        assert file["run"].dtype == np.int32
+        assert file["origin"].flag_meanings == "run equal never_touches not_run"
+    with open_cube(tmp_path / "cube.nc") as stored:
+        cube = stored[["run", "origin", "status", *OUTPUTS]].load()
+    assert (cube.run.dtype, cube.origin.dtype) == (np.int32, np.int8)
+    table = cube.stack(scenario=cube.status.dims)
+    never = ~(table.impact_count > 0).any(("pair", "storey")).values
+    kinds, seen, has_run = [], {}, set()
+    for i, (law, gap, factor, e, record, scale) in enumerate(table.scenario.values):
+        # what never touches is answered by the run of its motion without pounding
+        key = ("none" if never[i] else (law, gap, factor, e if law == "kelvin_voigt" else 1.0), record, scale)
+        number = seen.setdefault(key, len(seen) + 1)
+        kinds.append((int(number in has_run) if law == "none" or not never[i] else 2, number))
+        if kinds[-1][0] == 0:
+            has_run.add(number)
+    assert [*zip(table.origin.values.tolist(), table.run.values.tolist(), strict=True)] == kinds
+    assert {kind for kind, _ in kinds} == {0, 1, 2}
+    assert cube.run.max() == len(seen) == sweep.last_outcome.run
+    # one row of each number has every result once
+    first = table.isel(scenario=np.unique(table.run, return_index=True)[1])
+    for name in OUTPUTS:
+        exactly(first[name].isel(scenario=table.run.values - 1), table[name], name)
+
+
+def test_what_has_no_result_has_no_run(stub_engine):
+    cube = Sweep(row(), motions(), "linear", gaps=[0.001, 0.5], stiffness_factors=[1.0, 1e6], dt=0.005).run()
+    refused = cube.status == Status.BEYOND_STABILITY_LIMIT
+    assert refused.any()
+    assert ((cube.run == 0) == refused).all()
+    assert ((cube.origin == 3) == refused).all()
+    assert cube.run.max() == (cube.run > 0).sum() == 4
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variabl
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, check_choice
 from pounding_sweep.base.files import FilePath, failure, replacing
+from pounding_sweep.base.text import CSV_NUMBER
 from pounding_sweep.output.netcdf import check_output
 
 #: Namespace of NRML.
@@ -209,7 +210,7 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
             f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         )
     units = pd.DataFrame({name: ["rad" if "-PID-" in name else "g"] for name in table}, index=["Units"])
-    _write(path, target, pd.concat([units, table.map(repr)]).to_csv(lineterminator="\r\n").encode())
+    _write(path, target, pd.concat([units, table.map(CSV_NUMBER.__mod__)]).to_csv(lineterminator="\r\n").encode())
     return len(table)
 
 

@@ -16,6 +16,8 @@ from typing import Any
 _UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 #: Longer labels fill the tables they stand in.
 LONGEST_LABEL = 200
+#: How numbers are written in CSV files.
+CSV_NUMBER = "%.7g"
 #: So do longer titles.
 LONGEST_TITLE = 2000
 

@@ -220,6 +220,7 @@ def _compare(
 def _write(result: xr.Dataset, rows: list[Row], figure: str, stem: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
     from pounding_sweep.base.files import replacing
+    from pounding_sweep.base.text import CSV_NUMBER
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
 
@@ -228,7 +229,7 @@ def _write(result: xr.Dataset, rows: list[Row], figure: str, stem: Path, overwri
     with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, dict.fromkeys(itertools.chain(*rows)))
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({k: CSV_NUMBER % v if isinstance(v, float) else v for k, v in row.items()} for row in rows)
     files = [table, write_cube(result, cube, overwrite)]
     if figure:
         try:

@@ -160,7 +160,7 @@ def as_read(name: str, values: np.ndarray) -> np.ndarray:
     if variable.dtype == "f8":
         return np.asarray(values, dtype=np.float64)
     if variable.fill is None:
-        return np.asarray(values, dtype=np.int8)
+        return np.asarray(values, dtype=variable.dtype)
     return np.where(np.asarray(values) == variable.fill, np.nan, np.asarray(values, dtype=np.float64))
 
 
@@ -203,7 +203,7 @@ def assemble(
 
 def unfilled(name: str, shape: Sequence[int]) -> np.ndarray:
     """Return an array of a variable, whose values are still to come, that takes no memory."""
-    return np.broadcast_to(np.zeros((), np.float64 if VARIABLES[name].fill is not None else np.int8), shape)
+    return np.broadcast_to(as_read(name, np.zeros(())), shape)
 
 
 def label(

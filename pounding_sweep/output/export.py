@@ -22,14 +22,14 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, check_choice, unknown
 from pounding_sweep.base.files import FilePath, expanded, failure, replacing
-from pounding_sweep.base.text import bytes_text
+from pounding_sweep.base.text import CSV_NUMBER, bytes_text
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.identity import plain
-from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable
+from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable, with_texts
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
 from pounding_sweep.output.select import select
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, STATUS, VARIABLES, Status
 from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
@@ -48,8 +48,8 @@ _PLACES: dict[tuple[str, ...], str] = {
     ("building", "storey"): "floor_elevation",
     ("pair", "storey"): "contact_elevation",
 }
-#: Column of the status in words, and what it says by the number of the status.
-STATUS_NAME, _LABELS = "status_name", np.array([status.label for status in STATUS])
+#: Variables of which a further column says in words what their numbers mean, and these words.
+_WORDS = {"status": np.array([status.label for status in STATUS]), "origin": np.array(ORIGINS)}
 #: Statuses but "ok", as `export_cube` takes them.
 NOT_OK = "not-ok"
 #: Dimension of histories.
@@ -138,9 +138,9 @@ class Table:
         codes = scenarios_of(self.cube, ["status"])["status"].transpose(*self.outer).values
         self.selected[...] = False
         for name in names:
-            chosen = np.equal(_LABELS, Status.OK.label if name == NOT_OK else name)[codes] ^ (name == NOT_OK)
+            chosen = np.equal(_WORDS["status"], Status.OK.label if name == NOT_OK else name)[codes] ^ (name == NOT_OK)
             if not chosen.any():
-                present = ", ".join(_LABELS[np.unique(codes)])
+                present = ", ".join(_WORDS["status"][np.unique(codes)])
                 raise InputError(f"no scenario has the status {name!r}; this cube has: {present}")
             self.selected |= chosen
 
@@ -166,8 +166,8 @@ class Table:
                 for label, column in self.columns.items():
                     if kind in column.kinds:
                         variable = part.variables[column.variable].isel(column.at)
-                        if label == STATUS_NAME:
-                            variable = variable.copy(data=_LABELS[variable.values.astype(int)])
+                        if label == f"{column.variable}_name":
+                            variable = variable.copy(data=_WORDS[column.variable][variable.values.astype(int)])
                         if column.dtype.kind == "O":
                             variable = variable.astype(object)
                         values[label] = variable.set_dims(sizes).values.reshape(n, -1)[selected][:, existing].ravel()
@@ -228,7 +228,8 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool 
     """Return the table of scenarios: inputs, measures of their ground motion, outputs, measured errors."""
     if has_histories(cube):
         raise InputError("this is one scenario with its histories; give a cube of a sweep")
-    chosen = scenarios_of(cube, [*names, *(name for name in ("status",) if names and name in cube.data_vars)])
+    always = [name for name in ("status", "run") if names and name in cube.data_vars]
+    chosen = scenarios_of(cube, [*names, *always])
     table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)), constants)
     if has_audit(cube) and _has_whole_row(cube):
         table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
@@ -340,8 +341,9 @@ def export_cube(
     cube of a part of the row only with `parts`, as its scenarios are known by the whole one. Of a scenario with its
     histories the table has a row for each moment, by default without what has no history.
 
-    ``status_name`` has each status in words. Units and long names stand in ``FILE.csv.json``, or in the metadata of the
-    columns of a Parquet file. In Zarr all is as in the cube, without its audit.
+    ``status_name`` and ``origin_name`` have each status and origin in words, and a CSV file 7 digits of values that are
+    no axis. Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In
+    Zarr all is as in the cube, without its audit.
 
     Examples
     --------
@@ -351,8 +353,8 @@ def export_cube(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     print(export_cube(cube, f"{folder}/peaks.csv").read_text(), end="")
     gap,peak
-    0.01,3.0
-    0.02,4.0
+    0.01,3
+    0.02,4
     """
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
@@ -377,6 +379,7 @@ def export_cube(
     target = check_output(path, overwrite, netcdf=False)
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
+    cube = with_texts(cube)
     try:
         made = scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table, constants, status)
         if parts and isinstance(made, Table):
@@ -436,9 +439,9 @@ def _table(
                 "export each set apart"
             )
         table = long_table(chosen, constants)
-    if "status" in table.cube.data_vars:
-        about = {"long_name": "status in words"}
-        table.columns[STATUS_NAME] = table.columns["status"]._replace(dtype=np.dtype(object), attributes=about)
+    for name in (name for name in _WORDS if name in table.cube.data_vars):
+        about = {"long_name": f"{name} in words"}
+        table.columns[f"{name}_name"] = table.columns[name]._replace(dtype=np.dtype(object), attributes=about)
     if status:
         table.select(status)
     if table.n_rows > MANY_ROWS:
@@ -459,12 +462,13 @@ def _csv(cube: xr.Dataset, path: Path, table: Table) -> None:
         "columns": {label: column.attributes for label, column in table.columns.items()},
         "cube": {str(key): plain(value) for key, value in cube.attrs.items()},
     }
+    axes = {label: object for label, column in table.columns.items() if column.variable in cube.dims}
     with replacing(path.with_name(f"{path.name}.json")) as description, replacing(path) as temporary:
         description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         with temporary.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([[*table.columns], *table.lines])
             for part in table.parts():
-                part.to_csv(file, index=False, header=False)
+                part.astype(axes).to_csv(file, index=False, header=False, float_format=CSV_NUMBER)
 
 
 def _parquet(cube: xr.Dataset, path: Path, table: Table) -> None:

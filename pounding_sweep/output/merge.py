@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,8 @@ from pounding_sweep.output.dataset import (
     unfilled,
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
-from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
+from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, number_runs, scenario_keys
+from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 
 #: Cubes by the name of their file.
@@ -52,6 +51,8 @@ PART_ATTRIBUTES = frozenset(
     }
 )
 PART_PREFIXES = ("scenarios_", "audit_")
+#: Variables that follow from all parts.
+_OF_CUBE = ("origin", "run")
 #: What else helps where parts were made by two sources.
 MIX_REMEDY = (
     "Where you know that what changed between sources or libraries of one version touches no result, allow both: "
@@ -171,7 +172,16 @@ def merge_cubes(
         n_bytes = sum(values.nbytes for _, values, _ in cube.data_vars.values())
         check_space(target.parent, n_bytes, f"the cube of {result.scenarios:,} scenarios")
         _merge_audits(cube, parts)
-        write_in_slabs(cube, target, partial(_merge_slab, parts, axes, labels, tolerance, result), overwrite=overwrite)
+        whole = tuple(slice(0, size) for size in sizes)
+        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), whole)
+        origins = dict(zip(_OF_CUBE, number_runs(runs["origin"], runs["run"]), strict=True))
+        results = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
+
+        def values_of(slab: Slab) -> dict[str, np.ndarray]:
+            merged = _merge_slab(results, axes, labels, tolerance, result, slab)
+            return merged | {name: values[slab] for name, values in origins.items()}
+
+        write_in_slabs(cube, target, values_of, overwrite=overwrite)
     return result
 
 
@@ -419,7 +429,7 @@ def _merge_slab(
         new, overlap = has_result & (origin < 0), has_result & (origin >= 0)
         result.overlapping += int(overlap.sum())
         in_conflict = np.zeros(overlap.shape, bool)
-        for name in values if overlap.any() else ():
+        for name in (name for name in values if overlap.any() and not VARIABLES[name].of_cube):
             differs = _differ(name, values[name], read[name], overlap.ndim, tolerance)
             scenarios = differs.any(axis=tuple(range(overlap.ndim, differs.ndim))) & overlap & ~in_conflict
             in_conflict |= scenarios
@@ -443,13 +453,30 @@ def _merge_slab(
     return values
 
 
+def _with_equal_runs(parts: Parts, sweeps: Sweeps) -> Parts:
+    """Return status, ``origin`` and ``run`` of cubes, with one number for equal runs of all of them."""
+    result, keys = dict[str, xr.Dataset](), list[np.ndarray]()
+    for (file, part), sweep in zip(parts.items(), sweeps, strict=True):
+        with reading(file):
+            cube = part.drop_vars({*part.data_vars} - {"status", *_OF_CUBE}).load()
+        _, first, number = np.unique(cube["run"], return_index=True, return_inverse=True)
+        places = zip(cube["run"].dims, np.unravel_index(first, cube["run"].shape), strict=True)
+        one = cube.isel({dim: ("each", place) for dim, place in places})
+        law = one["law"].where(one["origin"] != ORIGINS.index("never_touches"), "none")
+        result[file] = cube.assign(run=cube["run"].copy(data=number.reshape(cube["run"].shape) + sum(map(len, keys))))
+        keys.append(scenario_keys(cube_columns(one.assign_coords(law=law), sweep, ["each"])))
+    numbers = np.unique(np.concatenate(keys), return_inverse=True)[1].astype(np.int32)
+    return {file: cube.assign(run=cube["run"].copy(data=numbers[cube["run"]])) for file, cube in result.items()}
+
+
 def _read_part(file: str, part: xr.Dataset, along: Mapping[str, list[Any]]) -> dict[str, np.ndarray]:
     """Return what a part has at values of the axes, as it is stored; what it has not as not run."""
     names = scenario_variables(part)
     chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in along.items()}
     with reading(file):
         read = part[names].reset_coords(drop=True).isel(chosen).load()
-    read = read.reindex(along, fill_value={"status": int(Status.NOT_RUN)})
+    missing = {"status": int(Status.NOT_RUN), "origin": ORIGINS.index("not_run"), "run": 0}
+    read = read.reindex(along, fill_value={name: value for name, value in missing.items() if name in read})
     dims = {name: (*along, *VARIABLES[name].dims) for name in names}
     return {name: np.array(as_stored(name, read[name].transpose(*dims[name]).values)) for name in names}
 

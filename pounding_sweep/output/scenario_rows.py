@@ -12,7 +12,7 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
-from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.outputs.variables import ORIGINS, VARIABLES
 from pounding_sweep.spec.axes import axes_of
 from pounding_sweep.spec.spec import scene_of
 
@@ -61,6 +61,17 @@ def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:
     return np.where(rising[places] == wanted, places, -1)
 
 
+def number_runs(origin: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``origin`` and ``run`` of scenarios, by what tells runs apart: numbers from 1, the first is no copy."""
+    origin, numbers = origin.copy(), np.zeros(run.shape, np.int32)
+    answered, own = (np.flatnonzero(origin != ORIGINS.index("not_run")), np.flatnonzero(origin <= 1))
+    _, first, index = np.unique(run.flat[answered], return_index=True, return_inverse=True)
+    numbers.flat[answered] = 1 + np.argsort(np.argsort(first))[index]
+    origin.flat[own] = ORIGINS.index("equal")
+    origin.flat[own[np.unique(run.flat[own], return_index=True)[1]]] = ORIGINS.index("run")
+    return origin, numbers
+
+
 def planned_columns(plan: Plan, rows: np.ndarray) -> dict[str, np.ndarray]:
     """Return what unique scenarios of a plan are known by."""
     table = plan.unique[rows]
@@ -94,6 +105,7 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
 
     # where all contacts have bumpers, no law acts
     stiffness = part["contact_stiffness" if "contact_stiffness" in part.coords else "stiffness"]
+    gap = part.get("pair_gap", xr.DataArray(np.empty(0), dims="pair"))
     has_stiffness = by_law(lambda item: item.exponent is not None and not scene.padded)
     has_restitution = by_law(lambda item: item.takes_restitution and not scene.padded)
     columns = {
@@ -102,7 +114,7 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
         "scale": part["scale"],
         "stiffness": xr.where(has_stiffness, stiffness, 0.0),
         "restitution": xr.where(has_restitution, part["restitution"], 1.0),
-        "gap": part["pair_gap"],
+        "gap": xr.where(by_law(lambda item: item.has_contact), gap, np.inf),
         **_building_columns(part, sweep),
     }
     result = {}

@@ -129,6 +129,7 @@ class Variable:
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
     default: bool = False  # it is reported where no ``outputs`` are given
     always: bool = False  # it is in every cube, asked for or not
+    of_cube: bool = False  # it says where a result is from, which is known when all scenarios have run
     flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
     flag_meanings: str = ""
 
@@ -140,7 +141,8 @@ class Variable:
         #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
         self.dims = DIMS[self.per]
         #: What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing.
-        self.fill = None if self.flag_values else float("nan") if self.dtype == "f8" else INTEGER_FILL
+        missing = float("nan") if self.dtype == "f8" else INTEGER_FILL
+        self.fill = None if self.flag_values or self.of_cube else missing
 
     def exists_in(self, scene: Scene) -> bool:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
@@ -266,6 +268,8 @@ class Status(IntEnum):
 
 #: Every status, by rising value.
 STATUS: tuple[Status, ...] = tuple(Status)
+#: Where the result of a scenario is from, by the value of ``origin``.
+ORIGINS = ("run", "equal", "never_touches", "not_run")
 #: Those of scenarios that have values.
 WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 
@@ -386,6 +390,7 @@ _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
 _contact = partial(Variable, per="contact", error="contacts")
 _energy = partial(Variable, per="building", error="energies")
+_of_cube = partial(Variable, always=True, of_cube=True)
 _TRANSFER = (
     "what the building has given to its contacts: the integral of their forces on it times its floors' velocities, "
     "equal to input - kinetic - damping - strain - lost in yielding - given to links"
@@ -459,6 +464,11 @@ DEFINITIONS = {
     "amplification": "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by"
     " a change of 1e-6 of each; the scenario is ill-conditioned where it is large.",
     "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
+    "origin": "Where the result is from: run, a run of this scenario; equal, the run of one that differs only in what "
+    "its law ignores; never_touches, the run of the same buildings without pounding, as no gap closes in it; not_run: "
+    "there is none.",
+    "run": "Number of the run that answers the scenario, from 1 in the order of the cube; scenarios of one number "
+    "have one result, which counts once in statistics. 0: there is none.",
     "energy_residual": "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over"
     " the largest absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, "
     "contact work); what links hold and lose counts as work.",
@@ -642,6 +652,10 @@ _VARIABLES = (
         flag_values=tuple(map(int, Status)),
         flag_meanings=" ".join(s.label for s in Status),
     ),
+    _of_cube(
+        "origin", "1", "origin of the result", dtype="i1", flag_values=(0, 1, 2, 3), flag_meanings=" ".join(ORIGINS)
+    ),
+    _of_cube("run", "1", "number of the run", dtype="i4"),
     Variable(
         "energy_residual",
         "1",
@@ -686,9 +700,9 @@ def check_outputs(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def cube_variables(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the variables of a cube with those outputs: they and the ones that are in every cube."""
+    """Return the variables of a run for those outputs: they and the ones that are in every cube."""
     asked = check_outputs(names)
-    return tuple(name for name, variable in VARIABLES.items() if variable.always or name in asked)
+    return tuple(name for name, each in VARIABLES.items() if not each.of_cube and (each.always or name in asked))
 
 
 def reducers_for(names: Iterable[str]) -> frozenset[str]:

@@ -10,7 +10,8 @@ import numpy as np
 from pounding_sweep.output.dataset import CubeParts, as_read, label, unfilled
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.netcdf import Slab
-from pounding_sweep.outputs.variables import inner_shape, mask_invalid
+from pounding_sweep.output.scenario_rows import number_runs
+from pounding_sweep.outputs.variables import ORIGINS, Status, inner_shape, mask_invalid
 from pounding_sweep.resume import parts_folder
 from pounding_sweep.run.audit import Audit, add_to_cube
 
@@ -18,6 +19,16 @@ if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
     from pounding_sweep.run.execute import Progress
+
+
+def origins(plan: Plan, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``origin`` and ``run`` of each scenario of the cube."""
+    has_result = ~np.isin(outcome.results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
+    untouched = outcome.left_out & ~plan.no_contact
+    origin = np.select([~has_result, untouched], [ORIGINS.index("not_run"), ORIGINS.index("never_touches")], 0)
+    # a unique scenario runs itself, or is answered by its run without pounding
+    run = np.where(outcome.left_out, -1 - plan.uncoupled_of, np.arange(len(plan.unique)))
+    return number_runs(origin.astype(np.int8)[plan.inverse], run.astype(np.int32)[plan.inverse])
 
 
 def write_cube_of(
@@ -36,8 +47,10 @@ def write_cube_of(
     from pounding_sweep.output.netcdf import write_in_slabs
 
     axes, extra = scenario_axes(plan)
-    scene, names, about = plan.spec.scene, outcome.results.names, global_attributes(plan, outcome)
+    scene, about = plan.spec.scene, global_attributes(plan, outcome)
     row_of = plan.inverse.reshape([len(values) for _, values, _ in axes.values()])
+    of_cube = dict(zip(("origin", "run"), origins(plan, outcome), strict=True))
+    names = (*outcome.results.names, *of_cube)
     data = {name: unfilled(name, (*row_of.shape, *inner_shape(name, scene))) for name in names}
     cube = label(scene, axes, data, about, extra)
 
@@ -45,8 +58,9 @@ def write_cube_of(
         """Return values as they are stored; the scenarios count as done."""
         rows = row_of[slab]
         gathered = mask_invalid(outcome.results.gather(rows.ravel()))
+        gathered |= {name: values.reshape(row_of.shape)[slab] for name, values in of_cube.items()}
         progress.advance(rows.size)
-        return {name: values.reshape(*rows.shape, *values.shape[1:]) for name, values in gathered.items()}
+        return {name: values.reshape(*rows.shape, *inner_shape(name, scene)) for name, values in gathered.items()}
 
     if path is None:
         values = values_of((slice(None),) * row_of.ndim)
