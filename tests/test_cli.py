@@ -505,6 +505,17 @@ def test_the_readme_example_runs(tmp_path):
     assert (tmp_path / "two_buildings.nc").is_file()
 
 
-def test_the_readme_names_existing_files():
-    for name in re.findall(r"\]\(([^)#:]+)\)|`((?:docs|sweeps)/[\w.]+)`", README):
-        assert (ROOT / "".join(name)).is_file(), name
+def test_the_readme_names_pages_that_are_there_and_no_files_that_a_wheel_lacks():
+    titles = {path.read_text("utf-8").partition("\n")[0].removeprefix("# ") for path in ROOT.glob("docs/*.md")}
+    titles |= {
+        json.loads(p.read_text("utf-8"))["cells"][0]["source"][0].strip("# \n") for p in ROOT.glob("docs/*.ipynb")
+    }
+    pages = re.findall(r"(?<!\*)\*([A-Z][^*]+)\*(?!\*)", README)
+    assert len(pages) > 15
+    assert {*pages} <= titles
+    assert not re.search(r"`(docs|sweeps|pounding_sweep)/", README)
+
+
+def test_the_readme_and_the_front_page_give_the_same_two_commands():
+    main, tests, _ = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    assert f"```sh\n{main}{tests}```" in (ROOT / "docs/index.md").read_text("utf-8")
