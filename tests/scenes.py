@@ -26,6 +26,7 @@ AXES = {
     "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
     "stiffness_factors": [1.0, 0.5],
     "restitutions": [0.3, 0.5, 0.7],
+    "method": "rk4",
     "dt": 0.005,
     "outputs": OUTPUTS,
 }

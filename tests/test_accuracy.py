@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +26,7 @@ from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import Dispatcher, execute
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import with_accuracy
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 
@@ -172,7 +174,7 @@ def test_a_method_that_is_named_is_kept():
     assert plan.numerics.method == "newmark"
     assert "newmark float" in plan.choice
     assert plan.steps.mean() > 2 * make(accuracy=1e-3).plan().steps.mean()
-    plan = make(dt=0.005).plan()  # without accuracy nothing is chosen
+    plan = make(method="rk4", dt=0.005).plan()  # without accuracy nothing is chosen
     assert (plan.choice, plan.outputs, set(plan.steps.tolist())) == ("", plan.spec.outputs, {4, 2})
 
 
@@ -344,3 +346,43 @@ def test_shipped_sweeps_tell_what_the_work_of_their_contacts_is_small_beside(pat
         values = {name: np.ones((1, 1)) for name in outputs}
         off, none = ({**values, "contact_work": np.array([[work]])} for work in (3e-9, 1e-9))
         assert relative_errors(outputs, off, none)["contact_work"][0] == pytest.approx(2e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "method", "accuracy", "says"),
+    [
+        ({}, None, 1e-3, "0.001: exact"),
+        ({"dt": 2e-3}, "exact", None, "none: exact at steps of 0.002 s"),
+        ({"locate": False}, "rk4", None, "none: rk4 at steps of 0.001 s, since locate = false"),
+        ({"method": "newmark"}, "newmark", None, ""),
+        ({"dt": 2e-3, "force_unstable": True}, "exact", None, "none: exact at steps of 0.002 s"),
+    ],
+)
+def test_what_is_not_named_is_the_best_there_is(settings, method, accuracy, says):
+    plan = Sweep("mate2015", "el_centro", "hertz", gaps=[0.01], **settings).plan()
+    assert (plan.spec.method, plan.spec.accuracy) == (method, accuracy)
+    assert plan.choice.startswith(says)
+    assert (says == "") == (plan.choice == "")
+
+
+def test_a_default_accuracy_that_cannot_be_kept_gives_way_to_a_step(monkeypatch):
+    """No row that runs is refused for what nobody asked; an accuracy that is asked for is."""
+    monkeypatch.setattr(advice, "load_measured", lambda: Measured({}, {}, {"quantile": 0.9}))
+    plan = Sweep("mate2015", "el_centro", "hertz", gaps=[0.01]).plan()
+    assert (plan.numerics.method, plan.numerics.dt, plan.spec.accuracy) == ("exact", 1e-3, None)
+    assert re.fullmatch("none: exact at steps of 0.001 s, since accuracy: no errors .* were measured.*", plan.choice)
+    with pytest.raises(SweepError, match="accuracy: no errors"):
+        Sweep("mate2015", "el_centro", "hertz", gaps=[0.01], accuracy=1e-3).plan()
+
+
+def test_an_accuracy_leaves_a_scheme_alone_only_if_it_was_named():
+    given = {"scene": "mate2015", "records": "el_centro", "laws": "hertz", "gaps": [0.01]}
+    assert make_plan(with_accuracy(build_spec(**given, dt=1e-3), 1e-4)).numerics.method == "exact"
+    assert make_plan(with_accuracy(build_spec(**given, method="rk4", dt=1e-3), 1e-4)).numerics.method == "rk4"
+
+
+def test_a_simulation_keeps_instants_of_a_millisecond(stub_engine):
+    one = ps.simulate("mate2015", "el_centro", law="hertz", gaps=0.01)
+    assert one.attrs["accuracy"] == 1e-3
+    assert one.attrs["precision"] == "float64"
+    assert np.diff(one.time).max() <= 1e-3 * (1.0 + 1e-9)

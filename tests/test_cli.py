@@ -67,6 +67,7 @@ gaps = [0.001, 0.005, 1.0]
 restitutions = [0.4, 0.8]
 
 [solver]
+method = "rk4"
 dt = 1e-3
 """
 #: Eight chunks; more than enough steps to be interrupted in.
@@ -236,7 +237,7 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
         "1008 asked, at most 649 to run",
         "never touch",
         "\nkernels    5, 5 to compile\n",
-        "31180 (el_centro)",
+        " (el_centro) per scenario",
     ):
         assert part in done.stdout
     assert re.search(r"^time +about .* to compile, then about .* to run, with \d+ workers?$", done.stdout, re.MULTILINE)

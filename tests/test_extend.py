@@ -47,7 +47,7 @@ LESS = {
     "records": motions()[1:],
 }
 #: No axis of the smaller sweep has fewer values than it takes for a run without pounding to be worth it.
-SETTINGS = {"dt": 0.005, "outputs": OUTPUTS, "audit": 0.2}
+SETTINGS = {"method": "rk4", "dt": 0.005, "outputs": OUTPUTS, "audit": 0.2}
 
 
 def sweep(scene=None, **changes):
@@ -375,7 +375,7 @@ def test_cases_extend_axes_and_axes_cases(whole, tmp_path):
 
 @pytest.mark.slow  # kernels of its own
 def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
-    few = {"laws": ["linear", "none"], "scales": 1.0, "restitutions": 0.7, "dt": None, "accuracy": 1e-2}
+    few = {"laws": ["linear", "none"], "scales": 1.0, "restitutions": 0.7, "dt": None, "method": None, "accuracy": 1e-2}
     sweep(**few, gaps=[0.002, 0.01]).run(tmp_path / "old.nc", workers=1).close()
     job = sweep(**few)
     found = job.run(extend=tmp_path / "old.nc", workers=1)

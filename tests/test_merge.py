@@ -32,7 +32,7 @@ WHOLE = {"laws": LAWS, "gaps": GAPS, "restitutions": [0.3, 0.7], "records": moti
 
 
 def sweep(**changes):
-    settings = {"stiffness_factors": 1.0, "dt": 0.005, "outputs": OUTPUTS, "audit": 0.5}
+    settings = {"stiffness_factors": 1.0, "method": "rk4", "dt": 0.005, "outputs": OUTPUTS, "audit": 0.5}
     return Sweep(row(), **{**settings, **WHOLE, **changes})
 
 
@@ -375,7 +375,7 @@ CASES = [
 
 
 def listed(cases, **changes):
-    settings = {"records": motions(), "dt": 0.005, "outputs": OUTPUTS, "audit": 0.0}
+    settings = {"records": motions(), "method": "rk4", "dt": 0.005, "outputs": OUTPUTS, "audit": 0.0}
     return Sweep(row(), **{**settings, "cases": cases, **changes})
 
 

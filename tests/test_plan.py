@@ -40,6 +40,7 @@ PRODUCT = {
     "stiffness_factors": [1.0, 0.5],
     "restitutions": [0.4, 0.8],
     "scales": [0.5, 1.0],
+    "method": "rk4",
     "dt": 0.005,
     "outputs": OUTPUTS,
 }
@@ -143,8 +144,8 @@ def test_what_has_no_result_has_no_run(stub_engine):
 @pytest.mark.parametrize(
     ("law", "n_gaps", "accuracy", "expected"),
     [
-        ("hertz_damped", 8, 1e-3, ["float32", "float64"]),  # some may be refined
-        ("linear", 8, 1e-3, ["float32", "float64"]),
+        ("hertz_damped", 8, 1e-3, ["float32"]),  # one in double precision is compiled where a scenario needs it
+        ("linear", 8, 1e-3, ["float32"]),
         ("hertz_damped", 64, 1e-6, ["float64"]),
     ],
 )
@@ -183,7 +184,7 @@ def test_listed_cases_equal_brute_force(monkeypatch):
         {"law": "kelvin_voigt", "record": "one", "gap": (0.002, 0.9), "scale": -1.0},
         {"law": "kelvin_voigt", "record": "two", "gap": (0.9, 0.9)},
     ]
-    sweep = Sweep(scene, records, cases=cases, dt=0.005, outputs=OUTPUTS)
+    sweep = Sweep(scene, records, cases=cases, method="rk4", dt=0.005, outputs=OUTPUTS)
     cube = sweep.run(workers=1)
     by_name = {r.name: r for r in records}
     for i, case in enumerate(cases):
@@ -218,7 +219,7 @@ def test_no_floors_meet():
 def test_a_single_building(stub_engine):
     scene = Scene([Building("a", [100.0], [1e4])])
     record = motions()[1]
-    sweep = Sweep(scene, record, "none", scales=[1.0, 2.0], dt=0.005, outputs=["displacement_max"])
+    sweep = Sweep(scene, record, "none", scales=[1.0, 2.0], method="rk4", dt=0.005, outputs=["displacement_max"])
     cube = sweep.run(workers=1)
     assert sweep.plan().n_unique == 2
     assert sweep.last_outcome.run == 2
@@ -403,7 +404,7 @@ def test_a_gap_that_is_just_closed_is_run():
     """Only a gap of at least the closing displacement leaves a scenario out, and of that by a rounding error more."""
     closing = 0.02
     gaps = [closing * share for share in (0.995, 0.999, 1.0, 1.001)]
-    plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, dt=0.005))
+    plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, method="rk4", dt=0.005))
     found = untouched(plan, np.full((len(plan.uncoupled_runs), *inner_shape("closing_max", plan.spec.scene)), closing))
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
 

@@ -47,7 +47,7 @@ def test_a_table_that_lies_costs_time_and_no_truth(monkeypatch, accuracy, precis
     """Where rounding hides what was asked for, a wider format finds it."""
     fine = flat(make(dt=1e-4).run(scheduler="synchronous"))
     lying(monkeypatch, precision)
-    sweep = make(accuracy=accuracy, dt=None, precision=precision)
+    sweep = make(accuracy=accuracy, dt=None, method=None, precision=precision)
     found = flat(sweep.run(scheduler="synchronous"))
     assert (found["status"] == Status.OK).all()
     errors = np.max(list(relative_errors(OUTPUTS, found, fine).values()), axis=0)
@@ -68,9 +68,9 @@ def test_the_estimate_is_a_fifth_of_the_difference_of_the_last_two_steps():
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):
     lying(monkeypatch)
-    plain = flat(make(accuracy=1e-4, dt=None).run(scheduler="synchronous"))
+    plain = flat(make(accuracy=1e-4, dt=None, method=None).run(scheduler="synchronous"))
     monkeypatch.setattr(refinement, "GRAZES", 0.1)
-    found = flat(make(accuracy=1e-4, dt=None).run(scheduler="synchronous"))
+    found = flat(make(accuracy=1e-4, dt=None, method=None).run(scheduler="synchronous"))
     most = found["impact_count"].reshape(len(found["status"]), -1).max(axis=1)
     assert (found["error_estimate"] <= 1e-4 / np.maximum(1.0, 10.0 * most)).all()
     assert (found["time_step"] < plain["time_step"]).any()
@@ -80,7 +80,7 @@ def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):
 def test_what_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr(refinement, "MOST_HALVINGS", 1)
     lying(monkeypatch)
-    found = flat(make(accuracy=1e-6, dt=None).run(scheduler="synchronous"))
+    found = flat(make(accuracy=1e-6, dt=None, method=None).run(scheduler="synchronous"))
     unsettled = found["status"] == Status.UNSETTLED
     assert unsettled.any()
     np.testing.assert_array_equal(unsettled, (found["error_estimate"] > 1e-6))
@@ -89,10 +89,10 @@ def test_what_does_not_settle_says_so(monkeypatch):
 
 def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):
     lying(monkeypatch)
-    whole = make(accuracy=1e-4, dt=None).run(scheduler="synchronous")
+    whole = make(accuracy=1e-4, dt=None, method=None).run(scheduler="synchronous")
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
-    parts = make(accuracy=1e-4, dt=None).run(scheduler="threads", workers=3)
-    one = make(accuracy=1e-4, dt=None, gaps=[0.003]).run(scheduler="synchronous")
+    parts = make(accuracy=1e-4, dt=None, method=None).run(scheduler="threads", workers=3)
+    one = make(accuracy=1e-4, dt=None, method=None, gaps=[0.003]).run(scheduler="synchronous")
     for name in whole.data_vars:
         np.testing.assert_array_equal(whole[name].values, parts[name].values, err_msg=name)
         np.testing.assert_array_equal(whole[name].sel(gap=[0.003]).values, one[name].values, err_msg=name)
@@ -174,7 +174,9 @@ def test_simulate_is_refined_as_a_sweep_is(monkeypatch):
     lying(monkeypatch)
     one = {"restitution": 0.6, "accuracy": 1e-4}
     got = ps.simulate(row().with_gaps([0.003, 0.003]), motions()[1], law="kelvin_voigt", **one)
-    sweep = make(laws="kelvin_voigt", gaps=[0.003], stiffness_factors=[1.0], accuracy=1e-4, dt=None, outputs=EVERY)
+    sweep = make(
+        laws="kelvin_voigt", gaps=[0.003], stiffness_factors=[1.0], accuracy=1e-4, dt=None, method=None, outputs=EVERY
+    )
     cube = sweep.run().sel(record=motions()[1].name).squeeze()
     for name in OUTPUTS:
         np.testing.assert_array_equal(got[name].squeeze(), cube[name], err_msg=name)

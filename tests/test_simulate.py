@@ -42,7 +42,7 @@ def shake(law="kelvin_voigt", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **op
         law=law,
         stiffness=k if LAWS[law].has_contact else None,
         restitution=e if LAWS[law].takes_restitution else None,
-        **options,
+        **{"method": "rk4", **options},
     )
 
 
@@ -97,7 +97,9 @@ def test_arguments_in_other_words():
     assert one.velocity[0].values.tolist() == [[0.2, 0.2], [0.0, -0.1]]
     assert one.pair_gap.values.tolist() == [0.03]
     law = LAWS["kelvin_voigt"]
-    xr.testing.assert_equal(shake(law.key), ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6))
+    xr.testing.assert_equal(
+        shake(law.key), ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6, method="rk4")
+    )
 
 
 @pytest.mark.parametrize(

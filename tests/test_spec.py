@@ -86,8 +86,8 @@ def test_defaults():
     assert (spec.scene, spec.records, spec.laws, spec.cases) == (get_preset("mate2015"), (PULSE,), ("linear",), None)
     assert (spec.gaps, spec.stiffnesses, spec.stiffness_factors) == (None, None, (1.0,))
     assert (spec.restitutions, spec.scales, spec.outputs) == ((1.0,), (1.0,), DEFAULT_OUTPUTS)
-    assert (spec.method, spec.dt, spec.locate, spec.force_unstable) == ("rk4", 1e-3, True, False)
-    assert (spec.beta, spec.gamma, spec.precision, spec.title) == (0.25, 0.5, "float64", "")
+    assert (spec.method, spec.dt, spec.locate, spec.force_unstable) == (None, None, True, False)
+    assert (spec.beta, spec.gamma, spec.precision, spec.title) == (0.25, 0.5, None, "")
     assert spec.n_scenarios == 1
     assert list(spec.axes) == ["law", "gap", "stiffness_factor", "restitution", "record", "scale"]
 
@@ -314,6 +314,7 @@ def test_the_quickstart_sweep():
         gaps=[round(0.002 * i, 3) for i in range(1, 13)],
         stiffness_factors=[0.5, 1.0, 2.0],
         restitutions=[0.4, 0.5, 0.6, 0.8],
+        accuracy=1e-3,
     )
 
 

@@ -276,8 +276,9 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     if spec.accuracy is None:
         result["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
     else:
-        numbers = json.dumps(plan.choice_numbers)
-        result |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice, "accuracy_numbers": numbers}
+        result |= {"accuracy": spec.accuracy, "accuracy_numbers": json.dumps(plan.choice_numbers)}
+    if plan.choice:
+        result["accuracy_choice"] = plan.choice
     if spec.title:
         result["title"] = spec.title
     if outcome.copied_from is not None:

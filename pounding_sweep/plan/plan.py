@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.base.errors import SweepError
 from pounding_sweep.base.text import bytes_text, counts_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import KernelSpec
@@ -37,7 +38,7 @@ from pounding_sweep.plan.scenarios import (
     uncoupled_runs_of,
     unique_scenarios,
 )
-from pounding_sweep.spec.spec import SweepSpec, digest
+from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec, digest, with_accuracy, with_default_scheme
 
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
@@ -46,7 +47,7 @@ CHUNK_SECONDS = 0.25
 #: Largest size (bytes) of the results of one chunk.
 CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
-PLAN_BYTES = 320
+PLAN_BYTES = 720
 #: Scenarios that must share a run without pounding for the extremes of its windows to be worth finding, and where
 #: energies are asked for, which runs that are known by blocks have not.
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
@@ -86,7 +87,7 @@ class Plan:
     >>> import pounding_sweep as ps
     >>> plan = ps.Sweep("mate2015", "el_centro", "linear", gaps=[0.01, 0.02]).plan()
     >>> plan.n_asked, plan.numerics.method
-    (2, 'rk4')
+    (2, 'exact')
     """
 
     spec: SweepSpec
@@ -164,11 +165,9 @@ class Plan:
         return len(self.variants) == 1 or len(self.unique) >= least * runs
 
     def shapes(self) -> list[KernelSpec]:
-        """Return the kernels that a run needs, none twice; where steps are refined, those in double precision too."""
+        """Return the kernels that every run needs, none twice; refinement may compile others in double precision."""
         last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
         kernels = [self.kernel(law) for law in np.unique(laws[laws != last]).tolist()]
-        if self.spec.accuracy is not None:
-            kernels = [precise for kernel in kernels for precise in (kernel, kernel.in_double)]
         if len(laws) and len(self.uncoupled_to_run):
             kernels.append(self.kernel(last, closing=True))
         return list(dict.fromkeys(kernel.shape for kernel in kernels))
@@ -280,19 +279,29 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     unique, variants, inverse = unique_scenarios(spec, laws)
     table, repeats = but_for_gaps(unique)  # no step depends on gaps
     choice: list[Any] = []
+    is_open, reason = spec.method is None and spec.accuracy is None, "" if spec.dt else ", since locate = false"
+    if is_open and not spec.dt and spec.locate:  # nothing is named: the default is an accuracy
+        spec = with_accuracy(spec, DEFAULT_ACCURACY)
+    if spec.accuracy is not None:
+        from pounding_sweep.plan.advice import Demand, advise
+
+        demand = Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed)
+        try:
+            numerics, steps, uncoupled, *choice = advise(demand)
+        except SweepError as error:
+            if not is_open:
+                raise
+            spec, reason = replace(spec, accuracy=None), f", since {error}"
     if spec.accuracy is None:
+        spec = with_default_scheme(spec) if is_open else spec
         assert spec.method is not None
         assert spec.dt is not None
         assert spec.precision is not None
+        choice = [f"none: {spec.method} at steps of {spec.dt:g} s{reason}", None] if is_open else []
         numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
         of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
         uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
         steps = of_record[table.record]
-    else:
-        from pounding_sweep.plan.advice import Demand, advise
-
-        demand = Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed)
-        numerics, steps, uncoupled, *choice = advise(demand)
     limit = stable_steps(spec, laws, table, variants, numerics.method)
     interval = np.array([record.dt for record in spec.records])
     refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / steps > limit

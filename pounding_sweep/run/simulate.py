@@ -24,7 +24,7 @@ from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec, case_variants, json_data
+from pounding_sweep.spec.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,14 +70,14 @@ def simulate(
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
     method, dt, locate, beta, gamma, force_unstable, restitution_basis, precision, accuracy
-        As of `pounding_sweep.spec.build.build_spec`: by default the scheme "rk4" at steps of 1e-3 s in "float64", with
-        an accuracy the cheapest that reaches it.
+        As of `pounding_sweep.spec.build.build_spec`: by default an accuracy of 1e-3, by the cheapest scheme that
+        reaches it; in "float64".
     initial_velocity : sequence, optional
         Velocity (m/s) of the floors relative to the ground at the start: one sequence (or number for all floors) per
         building, left to right.
     output_step : float, optional
-        Largest time (s) between instants of the histories; by default the step, which is no longer than it. Peaks are
-        located between instants: they may be larger than what the histories show.
+        Largest time (s) between instants of the histories; by default the step, where an accuracy chooses that at
+        most 1e-3 s. Peaks are located between instants: they may be larger than what the histories show.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def simulate(
         gamma=gamma,
         force_unstable=force_unstable,
         restitution_basis=restitution_basis,
-        precision=precision,
+        precision=precision or "float64",
         accuracy=accuracy,
         outputs=tuple(name for name in VARIABLES if name not in NOT_OF_ONE),
     )
@@ -135,11 +135,12 @@ def simulate(
     velocities = None if initial_velocity is None else _velocities(row, initial_velocity)
     approaches = [sum(share * velocities[i] for i, share in c.ends) for c in row.contacts if velocities]
     plan = make_plan(spec, initial_speed=max([0.0, *approaches]))
-    steps, limit = int(plan.steps[0]), float(plan.limit[0])
-    if output_step is not None:
-        if not (math.isfinite(output_step) and output_step > 0.0):
+    spec, steps, limit = plan.spec, int(plan.steps[0]), float(plan.limit[0])
+    longest = DEFAULT_STEP if output_step is None and spec.accuracy is not None else output_step
+    if longest is not None:
+        if not (math.isfinite(longest) and longest > 0.0):
             raise InputError(f"output_step is {output_step!r}; it must be a positive number of seconds")
-        steps = max(steps, math.ceil(motion.dt / output_step * (1.0 - 1e-9)))
+        steps = max(steps, math.ceil(motion.dt / longest * (1.0 - 1e-9)))
     if motion.dt / steps > limit and not force_unstable:
         raise StabilityError(
             f"the step {motion.dt / steps:.6g} s is beyond the stability limit of {plan.numerics.method} for this "
@@ -166,8 +167,8 @@ def simulate(
         "unit_system": "kN, t, m, s",
         "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
     }
-    if accuracy is not None:
-        attributes |= {"accuracy": accuracy, "accuracy_choice": plan.choice}
+    attributes |= {"accuracy": spec.accuracy} if spec.accuracy is not None else {}
+    attributes |= {"accuracy_choice": plan.choice} if plan.choice else {}
     gap: Coordinates = {}
     if row.pair_labels:
         pair_gaps = [row.gaps[pair] for pair in row.pair_of_label]

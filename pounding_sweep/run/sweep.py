@@ -17,7 +17,7 @@ from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.records import find_record
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec
+from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,7 +95,7 @@ class Sweep:
 
     def __repr__(self) -> str:
         names = counts_text({k: len(v) for k, v in self.spec.axes.items()} or {"case": self.spec.n_scenarios})
-        how = f"dt = {self.spec.dt} s" if self.spec.accuracy is None else f"accuracy {self.spec.accuracy:g}"
+        how = f"dt = {self.spec.dt} s" if self.spec.dt else f"accuracy {self.spec.accuracy or DEFAULT_ACCURACY:g}"
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 
     def _repr_html_(self) -> str:

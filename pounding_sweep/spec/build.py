@@ -78,6 +78,7 @@ from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, name
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
+    DEFAULT_STEP,
     MAX_SCENARIOS,
     METHODS,
     PRECISIONS,
@@ -89,8 +90,6 @@ from pounding_sweep.spec.spec import (
 
 #: After so many faults in a list the rest of it is not looked at.
 _MOST_FAULTS = 20
-#: Time step (s) where neither a step nor an accuracy is given.
-DEFAULT_STEP = 1e-3
 #: Places and values by what has them.
 TargetValues = dict[Target, tuple[Place, Any]]
 #: Default parameters of Newmark's method.
@@ -552,15 +551,16 @@ class _Reader:
         return check_outputs(variable.name for variable in variables)
 
     def _settings(self) -> dict[str, Any]:
-        """Check settings together, with defaults for what is not given; with an accuracy the cheapest is chosen."""
+        """Check settings together; a plan chooses those of scheme, step and number format that are not given."""
         arguments, scene, add = self.arguments, self.scene, self.faults.add
         arguments["outputs"] = self._outputs(arguments["outputs"])
         automatic = arguments["accuracy"] is not None or "accuracy" in self.wrong
         if automatic and (arguments["dt"] is not None or "dt" in self.wrong):
             add(("dt",), "accuracy chooses the step; leave out dt, or leave out accuracy")
-        for name, default in (("method", "rk4"), ("precision", "float64"), ("dt", DEFAULT_STEP)):
-            if arguments[name] is None and not automatic and name not in self.wrong:
-                arguments[name] = default
+        if arguments["method"] is not None and not automatic:
+            for name, default in (("precision", "float64"), ("dt", DEFAULT_STEP)):
+                if arguments[name] is None and name not in self.wrong:
+                    arguments[name] = default
         method, precision, dt = arguments["method"], arguments["precision"], arguments["dt"]
         scheme = SCHEMES.get(method)
         for record in self.records or () if dt else ():
@@ -584,10 +584,13 @@ class _Reader:
         for name, default in _PARAMETERS.items():
             value = arguments[name]
             arguments[name] = default if value is None else value
-            if arguments[name] != default and scheme and name not in scheme.parameters:
+            if arguments[name] == default or "method" in self.wrong:
+                continue
+            if name not in (scheme.parameters if scheme else () if not automatic else (name,)):
                 owners = " and ".join(other.name for other in SCHEMES.values() if name in other.parameters)
-                add((name,), f"{name} is a parameter of {owners}, and the method is {method}; leave it out")
-            elif arguments[name] != default and automatic:
+                what = f"the method is {method}" if method else "no method is named"
+                add((name,), f"{name} is a parameter of {owners}, and {what}; leave it out, or name its method")
+            elif automatic:
                 add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         return {name: arguments[name] for name in _SETTINGS}
 
@@ -742,10 +745,10 @@ def build_spec(**arguments: Any) -> SweepSpec:
         and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
         law, each record and each value of the other axes.
     method : str, optional
-        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the cheapest
-        that reaches it.
+        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; by default the cheapest that reaches `accuracy`,
+        at a step `dt` "exact" where the row allows it, else "rk4".
     dt : float, optional
-        Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
+        Time step (s); with a `method` 1e-3 by default, else the largest that reaches `accuracy`.
     locate : bool
         Split steps where a pair touches or separates.
     outputs : str or several, optional
@@ -757,12 +760,14 @@ def build_spec(**arguments: Any) -> SweepSpec:
     title : str
         Title of the cube.
     precision : {"float64", "float32"}, optional
-        Number format of the kernels; "float64" by default, with `accuracy` the cheaper that reaches it.
+        Number format of the kernels; "float64" by default at a fixed step, else the cheaper that reaches `accuracy`.
     restitution_basis : {"published", "realised"}
         Whether damping follows from the restitution by each law's published formula, or so that two free masses
         rebound at exactly it.
     accuracy : float, optional
-        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+        Relative error asked for, 1e-6 to 1e-2, instead of a step; 1e-3 by default where neither `method` nor `dt` is
+        given. Where that cannot be kept (``locate=False``, a row or a law without measured errors), the default is a
+        step of 1e-3 s.
     audit : float
         Share of the sweep's cost, in [0, 1], spent on running a sample of its own scenarios again at a finer step, to
         measure their error; 0 for none.

@@ -27,8 +27,10 @@ from pounding_sweep.spec.design import Design, Distribution
 METHODS = tuple(SCHEMES)
 #: Number formats of the kernels.
 PRECISIONS = ("float64", "float32")
-#: Range of the relative error that ``accuracy`` may ask for.
-ACCURACY_RANGE = (1e-6, 1e-2)
+#: Range of the relative error that ``accuracy`` may ask for, and that of sweeps which name no scheme and no step.
+ACCURACY_RANGE, DEFAULT_ACCURACY = (1e-6, 1e-2), 1e-3
+#: Time step (s) where neither a step nor an accuracy is given, or no accuracy can be kept.
+DEFAULT_STEP = 1e-3
 #: Share of a sweep's own cost that its audit may take, by default.
 AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
@@ -55,8 +57,8 @@ class SweepSpec(AxisValues):
     #: stiffness or factor of a law with contact, and the restitution of a law that takes one are filled in; factors
     #: of 1 are left out
     cases: tuple[Case, ...] | None
-    method: str | None  # time-stepping scheme; None: chosen for `accuracy`
-    dt: float | None  # time step (s); None: chosen for `accuracy`
+    method: str | None  # time-stepping scheme; None: chosen by the plan
+    dt: float | None  # time step (s); None: chosen by the plan
     locate: bool  # whether steps are split where a pair touches or separates
     outputs: tuple[str, ...]  # variables of the cube
     #: parameters of Newmark's method
@@ -64,7 +66,7 @@ class SweepSpec(AxisValues):
     gamma: float = 0.5
     force_unstable: bool = False  # run even beyond the stability limit
     title: str = ""
-    #: number format of the kernels, "float64" or "float32"; None: chosen with the accuracy
+    #: number format of the kernels, "float64" or "float32"; None: chosen by the plan
     precision: str | None = "float64"
     #: whether damping follows from the restitution by the law's published formula, or so that two free masses
     #: rebound at exactly it; one of {"published", "realised"}
@@ -144,8 +146,20 @@ def scene_variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | Non
     return Variants(scene, damping_ratio=ratio, **columns)
 
 
+def with_default_scheme(spec: SweepSpec) -> SweepSpec:
+    """Return a sweep at a fixed step, by a scheme that flies exactly where the row and the settings allow one."""
+    precision = spec.precision or "float64"
+    able = [name for name, scheme in SCHEMES.items() if scheme.refuses(spec.scene, precision) is None]
+    exact = [name for name in able if SCHEMES[name].flies_exactly and spec.locate]
+    dt = spec.dt or DEFAULT_STEP
+    for record in spec.records:
+        if fault := step_fault(record, record.dt / dt):
+            raise SweepError(f"dt: {dt:g} s is too small: {fault}; give a larger dt, or cut the record")
+    return replace(spec, method=(exact or able or METHODS)[0], dt=dt, precision=precision)
+
+
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
-    """Return a sweep that asks for a relative error in place of its own step; its scheme is kept."""
+    """Return a sweep that asks for a relative error in place of its own step; a scheme that it names is kept."""
     low, high = ACCURACY_RANGE
     if not low <= accuracy <= high:
         raise SweepError(f"accuracy is {accuracy!r}; it must be in [{low:g}, {high:g}], the range that was measured")
