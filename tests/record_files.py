@@ -25,10 +25,13 @@ def at2(values=VALUES, npts=None, dt="  .0100", header=NGA, end="\n", blanks="",
 
 
 def knet(counts, rate=100, seconds=2, direction="N-S", scale="3920(gal)/6182761"):
+    numbers = [count for count in counts if isinstance(count, int)]
+    full, steps = map(float, scale.split("(gal)/"))
+    peak = max(abs(count - sum(numbers) / len(numbers)) for count in numbers) * full / steps if steps else 0.0
     header = {"Origin Time": "2006/01/18 23:25:00", "Lat.": 37.798, "Long.": 142.200, "Depth. (km)": 36, "Mag.": 5.7}
     header |= {"Station Code": "MYG002", "Station Lat.": 38.7262, "Station Long.": 141.5109, "Station Height(m)": 79}
     header |= {"Record Time": "2006/01/18 23:25:46", "Sampling Freq(Hz)": f"{rate}Hz", "Duration Time(s)": seconds}
-    header |= {"Dir.": direction, "Scale Factor": scale, "Max. Acc. (gal)": 48.060}
+    header |= {"Dir.": direction, "Scale Factor": scale, "Max. Acc. (gal)": f"{peak:.3f}"}
     header |= {"Last Correction": "2006/01/18 23:25:31", "Memo.": ""}
     rows = ["".join(f"{count:>8} " for count in counts[i : i + 8]) for i in range(0, len(counts), 8)]
     return "\n".join([*(f"{key:<18}{value}" for key, value in header.items()), *rows, ""])
@@ -70,7 +73,7 @@ def geonet(component="N10E", header=True, values=VALUES, step=0.01):
     return (
         f"Corrected accelerogram 20200101_110256_ABCD_20 GNS Science\nSite ABCD\nNumber of points {len(values):6d}\n"
         f"Instrument corrected data at {step:.3f} sec intervals\nComponent {component}  Accelerometer Axis\n"
-        "Acceleration:  peak    500.0 mm/s/s at  0.04 sec\n"
+        f"Acceleration:  peak   {max(map(abs, values)):6.1f} mm/s/s at  0.04 sec\n"
         + (in_rows(numbers, "{:8.3f}", 10) if header else "")
         + "".join(
             in_rows([factor * value for value in values], "{:8.4f}", 10) for factor in ((1, 2, 3) if header else (1,))
@@ -86,11 +89,54 @@ def smc(first="2 CORRECTED ACCELEROGRAM", values=VALUES, rate=100.0):
     return f"{lines}\n{numbers}|remark\n|remark\n{in_rows(values)}"
 
 
+CSMIP = (
+    "Uncorrected Accelerogram Data             Processed: 02/13/12, CGS  146be002    \nStation No. 89146\n"
+    "Chan  1: 360 Deg                                                                \n"
+    "No. of Points =  {n}  Record Length = 66.000 sec   at 100 Samples/sec         \n"
+    "Units of uncor data are sec and g .        Max  =  {peak:6.3f} g , at  30.590 sec.    \n"
+    + in_rows([0] * 100, "{:5d}", 16)
+    + in_rows([0.1] * 100, "{:10.6f}")
+    + " {n} Accelerogram points at 100 pts/sec in units of g .      Format: (8f9.6)  \n"
+)
+
+
+def csmip(values=VALUES, peak=None):
+    """Write one channel of a CSMIP V1 file: accelerations in g, of which gal are the `values`."""
+    peak = max(map(abs, values)) / 981 if peak is None else peak
+    rows = in_rows([value / 981 for value in values], "{:11.8f}")
+    return CSMIP.format(n=len(values), peak=peak) + rows + "/& ---- End of data for channel  1 ----\n"
+
+
+USC = (
+    "CORRECTED ACCELEROGRAM  IIBA338  87.420.0 COMP S58W   FILE   0  CORRESPONDING T\n"
+    "FILE     0 OF UNCORRECTED ACCELEROGRAM DATA OF VOLUME I:                  VOL1\n"
+    "NO. OF POINTS =   2275      DURATION =  11.435 SEC                      50VOL1\nUNITS ARE SEC AND G/10\n"
+    "     7  INSTRUMENT AND BASELINE CORRECTED DATA\nAT EQUALLY-SPACED INTERVALS OF    .010  SEC.\n"
+    "PEAK ACCELERATION =      .50000  CMS/SEC/SEC AT     .040   SEC.\n"
+    + in_rows([0] * 100, "{:5d}", 16)
+    + "     7 POINTS OF ACC DATA EQUALLY SPACED AT   .010 SEC.\n"
+    + in_rows(VALUES)
+    + f"     7 POINTS OF VEL DATA EQUALLY SPACED AT   .010 SEC.\n{in_rows(VALUES)}"
+)
+_TIMES = [f"2001-01-01T00:00:00.{i:02d}0000" for i in range(7)]
+_SERIES = f"TIMESERIES XX_A__HNE_D, 7 samples, 100 sps, {_TIMES[0]}, {{}}, FLOAT, CM/S**2\n"
+_GEOCSV = (
+    "# dataset: GeoCSV 2.0\n# delimiter: {0}\n# SID: XX_A__HNE\n# sample_count: 7\n# sample_rate_hz: 100.0\n"
+    "# field_unit: UTC{0}CM/S**2\n# field_type: datetime{0}FLOAT\nTime{0}Sample\n"
+)
+NIED = (
+    "#K-NET CSV\n#Event\n#OriginTime,Latitude\n#2019/01/02 17:47:00,36.708\n#Station\n#Code,Latitude\n#FKS005,37.6\n"
+    "#Record\n#SamplingFrequency(Hz)\n#100\n#DurationTime(s)\n#60\n#Offset\n#N-S(gal),E-W(gal),U-D(gal)\n"
+    "#-18.60,-1.40,26.10\n#Time,RelativeTime(s),N-S(gal),E-W(gal),U-D(gal)\n"
+) + "".join(
+    f"2019/01/02 17:47:27.{i:02d},{i / 100:.2f},{v - 18.6:.7f},{2 * v - 1.4:.7f},{3 * v + 26.1:.7f}\n"
+    for i, v in enumerate(VALUES)
+)
 COMPONENTS = "".join(f"{v:14.7f}{2 * v:14.7f}{3 * v:14.7f}\n" for v in VALUES)
 #: Files of networks, all of the acceleration VALUES in cm/s2 (or mm/s2) at 0.01 s; in the first column of several.
 NETWORKS = {
     "esm.ASC": "EVENT_NAME: X\nSTATION_CODE: EXA\nSTREAM: HNE\nSAMPLING_INTERVAL_S: 0.010\nNDATA: 7\nUNITS: cm/s^2\n"
-    "PGA_CM/S^2: 9.81\nDATA_TYPE: ACCELERATION\n" + in_rows(VALUES, "{:.7f}", 1),
+    "PGA_CM/S^2: 0.50\nDATA_TYPE: ACCELERATION\n" + in_rows(VALUES, "{:.7f}", 1),
     "afad.txt": "STRONG GROUND MOTION RECORDS OF TURKIYE\nPLACE : EXAMPLE\nNUMBER OF DATA : 7\n"
     "SAMPLING INTERVAL (sec) : 0.01\nDATA TYPE : ACCELERATION\nUNITS : gal\n         N-S           E-W           U-D\n"
     + COMPONENTS,
@@ -104,4 +150,40 @@ NETWORKS = {
     "geonet.V2A": geonet(),
     "short.V2A": geonet(header=False),
     "usgs.smc": smc(),
+    "csmip.V1": csmip(),
+    "csmnc.dat": "062E07130420080201\n0130420080246 2013-04-20 8:2:46 BTM\nSTATION: 51BXD 30.400N 102.800E\nCOMP. EW\n"
+    "UNCORRECTED ACCELERATION          UNIT: CM/SEC/SEC\n"
+    "NO. OF POINTS:  7  EQUALLY SPACED INTERVALS OF:  0.01  SEC\n"
+    "PEAK VALUE:    0.500   AT   0.04 SEC    DURATION:  60 SEC\nPRE-EVENT TIME:  20  SEC\nCSMNC\n\n"
+    + in_rows(VALUES, " {:.6E}"),
+    "unam.191": "*****\nARCHIVO ESTANDAR DE ACELERACION:\nVERSION DEL FORMATO                    : 2.0\n"
+    "VEL. DE MUESTREO, C1-C6 (muestras/s)   : /100/100/100\nVEL. DE MUESTREO, C7-C12 (muestras/s)  : \n"
+    "INTERVALO DE MUESTREO, C1-C6 (s)       : /0.01/0.01/0.01\n"
+    "ACEL. MAX.(Gal), C1-C6                 : /0.5000/1.0000/1.5000\n"
+    "UNIDADES DE LOS DATOS                  : Gal (cm/s/s)\nDATOS DE ACELERACION:\n---------+---------+\n"
+    "   CANAL-1   CANAL-2   CANAL-3\n         T      N00E         V\n---------+---------+\n" + COMPONENTS,
+    "usc.s0a": USC,
+    "nsmn.txt": "STRONG GROUND MOTION RECORDS OF TURKIYE\nPLACE : EXAMPLE\nNUMBER OF DATA          : 7\n"
+    "SAMPLING INTERVAL (sec) : 0.01\nRAW PGA VALUES (gal)    : (N-S) 0.5000 (E-W) 1.0000 (U-D) 1.5000\n"
+    "       N-S          E-W          U-D\n" + COMPONENTS,
+    "nied.csv": NIED,
+    "jma.csv": "SITE CODE= 41204\x90k,37.5,137.2,16,7.6,,,\n LAT.=   37.3906,,,,,,,\n SAMPLING RATE= 100Hz,,,,,,,\n"
+    " UNIT  = gal(cm/s/s),,,,,,,\nINITIAL TIME = 2024 01 01 16 10 10,,,,,,,\n NS,EW,UD,,,,,\n"
+    + "".join(f"{v:.7f},{2 * v:.7f},{3 * v:.7f},,,,,\n" for v in VALUES),
+    "slist.txt": _SERIES.format("SLIST") + in_rows(VALUES, "{:+.6e}\t", 6),
+    "tspair.txt": _SERIES.format("TSPAIR") + "".join(f"{t}  {v}\n" for t, v in zip(_TIMES, VALUES, strict=True)),
+    **{
+        f"geocsv{i}.csv": _GEOCSV.format(sign)
+        + "".join(f"{t}Z{sign}{v}\n" for t, v in zip(_TIMES, VALUES, strict=True))
+        for i, sign in enumerate((", ", "|", " "))
+    },
+}
+#: Components that are VALUES, of files with several.
+COLUMNS = {
+    "afad.txt": "N-S",
+    "cwa.dat": "U",
+    "unam.191": "T",
+    "nsmn.txt": "N-S",
+    "nied.csv": "N-S(gal)",
+    "jma.csv": "NS",
 }

@@ -9,9 +9,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from record_files import NETWORKS, NGA, OLD, VALUES, at2, cosmos, fortran, geonet, in_rows, knet, save, smc
+from record_files import (
+    COLUMNS,
+    COMPONENTS,
+    CSMIP,
+    NETWORKS,
+    NGA,
+    NIED,
+    OLD,
+    USC,
+    VALUES,
+    at2,
+    cosmos,
+    csmip,
+    fortran,
+    geonet,
+    in_rows,
+    knet,
+    save,
+    smc,
+)
 
 from pounding_sweep.base.errors import RecordError
+from pounding_sweep.plan.sanity import record_doubts
 from pounding_sweep.records import MAX_FILE_BYTES, UNITS, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
 
@@ -58,7 +78,7 @@ AT2 = [
     *(at2(per_line=count) for count in (1, 7)),
     *(at2() + end for end in ("\n\n   \n", "\x1a", "*** End Data ***\n1 2 3\n")),
     at2().rstrip("\n"),
-    at2().replace("E", "D").replace("STD", "STE"),
+    at2().replace("E", "D").replace("STD", "STE").replace("SDC", "SEC"),
     at2().replace("E-0", "e-0"),
     "\n" + at2(),
     at2(header=NGA.replace("Station", "Stación")),
@@ -106,22 +126,22 @@ READ = [
     ("t,acc (g)\n0,0\n0.01,0.5\n0.02,\u22120.25\n".encode(), {}, 0.01, HALVES),  # a typographic minus
     ("Zeit [s]\tBeschl. [m/s\xb2]\n" + ROWS.replace(",", "\t").replace(".", ","), {}, 0.01, VALUES),
     # what is time, and what is none
-    ("time,acc_m_s2\n0,0\n0.5,2\n", {}, 0.5, [0, 2]),
-    ("t acc_cm/s2\n0 0\n0.5 2\n", {}, 0.5, [0, 0.02]),
+    ("time,acc_m_s2\n0,0\n0.05,2\n", {}, 0.05, [0, 2]),
+    ("t acc_cm/s2\n0 0\n0.05 2\n", {}, 0.05, [0, 0.02]),
     ("0.0\n 0.5\n-0.25\n", {"dt": 0.005, "units": "m/s2"}, 0.005, [0, 0.5, -0.25]),
     ("# dt = 0.02 s, acceleration (cm/s2)\n0.0\n50\n", {}, 0.02, [0, 0.5]),
     ("3.5\n", {"dt": 0.1, "units": "m/s2"}, 0.1, [3.5]),
     ("0 0.1\n1 0.2\n", {"dt": 1, "units": "m/s2"}, 1.0, [0.1, 0.2]),
     ("# dt = 0.02\n# n, acc (g)\n0 0.1\n1 0.2\n", {"units": "g"}, 0.02, TENTHS),
-    ("time (s),acc (g)\n0,0.1\n1,0.2\n", {}, 1.0, TENTHS),
+    ("time (s),acc (g)\n0,0.1\n1,0.2\n", {"dt": 1}, 1.0, TENTHS),
     (",acc (g)\n0.00,0.1\n0.01,0.2\n", {}, 0.01, TENTHS),  # a time index that lost its name
-    ("0 0.1\n2 0.2\n4 0.3\n", {"units": "m/s2"}, 2.0, [0.1, 0.2, 0.3]),
+    ("0 0.1\n2 0.2\n4 0.3\n", {"units": "m/s2", "dt": 2.0}, 2.0, [0.1, 0.2, 0.3]),
     ("acc (g),time (s)\n0.1,0\n0.2,0.01\n", {}, 0.01, TENTHS),
     ("acc (g);t\n0,1;0\n0,2;0,01\n", {}, 0.01, TENTHS),
     ("# a logger\nacc (g) time (s)\n0.1 0\n0.2 0.01\n", {}, 0.01, TENTHS),
     ("accel_g\tTime_s\n0.1\t5.00\n0.2\t5.01\n", {}, 0.01, TENTHS),
     *(
-        (f"{head},acc (g)\n0,0.1\n0.5,0.2\n", {}, 0.5, TENTHS)
+        (f"{head},acc (g)\n0,0.1\n0.05,0.2\n", {}, 0.05, TENTHS)
         for head in ("Time_s", "t (s)", "time in s", "Time (sec)", "t", "seconds", "s", "times")
     ),
     ("0.000000000000 1\n0.009999999776 1\n0.019999999553 1\n0.029999999329 2\n", {"units": "m/s2"}, 0.01, [1, 1, 1, 2]),
@@ -156,10 +176,10 @@ def test_read(tmp_path, monkeypatch, text, arguments, dt, acceleration):
     ],
 )
 def test_units(tmp_path, units, factor):
-    plain = save(tmp_path, "0 0\n0.5 2\n", "x.txt")
+    plain = save(tmp_path, "0 0\n0.05 2\n", "x.txt")
     assert read_record(plain, units=units).acceleration.tolist() == [0, 2 * factor]
     for header in (f"time (s), acc ({units})", f"time,a [{units}]", f"# units: {units}\nt,a"):
-        headed = save(tmp_path, (header + "\n0,0\n0.5,2\n").encode(), "y.csv")
+        headed = save(tmp_path, (header + "\n0,0\n0.05,2\n").encode(), "y.csv")
         assert read_record(headed).pga == read_record(headed, units=units).pga == 2 * factor
 
 
@@ -167,7 +187,14 @@ def test_units(tmp_path, units, factor):
     ("dt", "form"),
     [
         *[(0.02, "{:.2f}"), (0.005, "{:.3f}"), (0.005, "{:.5g}"), (0.01, "{:.4E}"), (1 / 128, "{:.3f}")],
-        *[(1 / 256, "{:.4f}"), (0.02, "{:.9f}"), (0.0024, "{:.4f}"), (0.01, "{!r}"), (1 / 3, "{:.2f}"), (2, "{:.0f}")],
+        *[
+            (1 / 256, "{:.4f}"),
+            (0.02, "{:.9f}"),
+            (0.0024, "{:.4f}"),
+            (0.01, "{!r}"),
+            (1 / 30, "{:.3f}"),
+            (0.1, "{:.1f}"),
+        ],
     ],
 )
 @pytest.mark.parametrize("start", [0.0, 3.0])
@@ -342,7 +369,7 @@ def test_one_of_several_components(tmp_path, header, column, factor, unit):
 @pytest.mark.parametrize("name", NETWORKS)
 def test_networks(tmp_path, name):
     path = save(tmp_path, NETWORKS[name], name)
-    column = {"afad.txt": "N-S", "cwa.dat": "U"}.get(name)
+    column = COLUMNS.get(name)
     record = read_record(path, column=column)
     factor = 1e-3 if name.endswith("V2A") else 0.01
     np.testing.assert_allclose(record.acceleration, factor * np.array(VALUES), atol=factor * 5.1e-5)
@@ -351,6 +378,156 @@ def test_networks(tmp_path, name):
     if column:
         refused(path, "has 3 components")
     refused(path, r"0\.01 s, dt=0\.02 was given", column=column, dt=0.02)
+
+
+@pytest.mark.parametrize("name", ["esm.ASC", "csmip.V1", "csmnc.dat", "unam.191", "usc.s0a", "nsmn.txt", "geonet.V2A"])
+def test_a_peak_that_the_values_do_not_reach(tmp_path, name):
+    """In the unit of the values, and in one of its own."""
+    stated = {"csmip.V1": "0.001 g", "geonet.V2A": " 0.5 mm", "usc.s0a": " .50000"}.get(name, "0.50")
+    wrong = NETWORKS[name].replace(stated, stated.replace("0.", "9.").replace(" .", "9."), 1)
+    assert wrong != NETWORKS[name]
+    message = r"states a peak of .* \(.*line \d+\), its values reach"
+    refused(save(tmp_path, wrong, name), message, column=COLUMNS.get(name))
+
+
+def test_a_peak_in_another_unit_than_the_values(tmp_path):
+    """Units that the caller gives are checked too; what is not given is that of the peak."""
+    path = save(tmp_path, NETWORKS["nsmn.txt"])
+    refused(path, "states a peak of 0.0005097 g .*, its values reach 0.5 g", column="N-S", units="g")
+    assert read_record(path, column="N-S").reading.unit_from.startswith("'RAW PGA VALUES (gal)")
+    assert read_record(save(tmp_path, USC)).reading.unit_from.startswith("'PEAK ACCELERATION = .50000 CMS/SEC/SEC")
+    refused(save(tmp_path, csmip(peak=0.05)), "states a peak of 0.05 g", units="g")
+
+
+def test_several_columns_of_networks(tmp_path):
+    """Their peaks are stated in one line; NIED's are what is above the offset of the recorder."""
+    for name, factor in (("unam.191", 2), ("nsmn.txt", 2), ("nied.csv", 2), ("jma.csv", 2)):
+        column = {"unam.191": "N00E", "nsmn.txt": "E-W", "nied.csv": "E-W", "jma.csv": "EW"}[name]
+        record = read_record(save(tmp_path, NETWORKS[name]), column=column)
+        np.testing.assert_allclose(record.acceleration, 0.01 * factor * np.array(VALUES), atol=1e-8)
+    numbered = save(tmp_path, NIED.replace("N-S", "4").replace("E-W", "3").replace("U-D", "5"))
+    assert read_record(numbered, column="4").reading.column == "4(gal)"  # a heading comes first, but a number
+    assert read_record(numbered, column=4).reading.column == "3(gal)"
+    traces = NETWORKS["slist.txt"] + NETWORKS["slist.txt"].replace("HNE", "HNN").replace("+5.0", "-9.0")
+    refused(save(tmp_path, traces), r"has 2 components: 'XX_A__HNE_D' \(1\), 'XX_A__HNN_D' \(2\)")
+    assert read_record(save(tmp_path, traces), column="XX_A__HNN_D").pga == pytest.approx(0.009)
+
+
+# --- steps, spectra, units and headers that mislead -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "step", ["DT= 100.0 HZ", "DT= 100 SPS", "DT= .01", "DT= .01 SEC", "DT= 10 MSEC", "DT= .01, 100 SPS"]
+)
+def test_a_step_in_hertz_is_inverted(tmp_path, step):
+    assert read_record(save(tmp_path, at2(points=f"NPTS= 7, {step}"))).dt == pytest.approx(0.01)
+    assert read_record(save(tmp_path, f"# {step}\n# acc (g)\n{COLUMN}")).dt == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("times", ["0,1\n0.5,2\n1,3\n", "0,1\n1e-5,2\n2e-5,3\n"])
+def test_steps_have_bounds_unless_given(tmp_path, times):
+    path = save(tmp_path, f"time (s),acc (g)\n{times}")
+    refused(path, r"time step is .* s \('time \(s\)', line 1\); files have steps of 0\.0001 to 0\.1 s: give dt=")
+    dt = float(times.split("\n")[1].split(",")[0])
+    assert read_record(path, dt=dt).dt == dt
+    doubts = record_doubts(read_record(path, dt=dt))
+    assert any("lasts 2e-05 s: is it a whole record" in text for text in doubts) == (dt < 0.1)
+
+
+def test_marks_of_what_is_missing_in_smc(tmp_path):
+    path = save(tmp_path, smc(rate=1.7e38))
+    refused(path, "has no time step; give dt= in seconds")
+    assert read_record(path, dt=0.01) == read_record(save(tmp_path, smc(), "x.smc"))
+    no_counts = smc()
+    for count in (2, len(VALUES)):
+        no_counts = no_counts.replace(f"{count:10d}", f"{-32768:10d}", 1)
+    assert no_counts != smc()
+    assert read_record(save(tmp_path, no_counts, "y.smc")) == read_record(tmp_path / "x.smc")
+    refused(save(tmp_path, smc("1 UNCORRECTED ACCELEROGRAM", rate=1.7e38)), "film record, digitised at uneven times")
+    assert read_record(save(tmp_path, smc("1 UNCORRECTED ACCELEROGRAM"))).dt == 0.01
+    refused(save(tmp_path, smc("5 RESPONSE SPECTRA")), "holds a spectrum")
+    refused(
+        save(tmp_path, smc().replace("*  text", "epicentral dist = 66.0  pk acc = -80.2", 1)), "states a peak of 80.2"
+    )
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        *("Frequency (Hz),Amplitude (m/s2)", "Period [sec],Sa [g]", "T (s),Sa (g)", "T(s),PSA(g)", "Period,Acc (g)"),
+        *("f (Hz),FAS (cm/s)", "Freq. Fourier", "T Sa", "period (s);Sa (g)", "T (s),Spectral acceleration (g)"),
+        *(
+            "T_n (s),Sv (cm/s)",
+            "T (s),Sd (cm)",
+            "Response spectrum, 5 % damping\nx,acc (g)",
+            "t (s),Fourier amplitude (g)",
+        ),
+    ],
+)
+def test_spectra_are_refused(tmp_path, head):
+    sign = ";" if ";" in head else "," if "," in head else " "
+    for rows in ("0.02,0.1\n0.05,0.3\n0.5,0.5\n", ROWS):  # whatever the first column looks like
+        refused(save(tmp_path, f"{head}\n{rows.replace(',', sign)}"), "holds a spectrum, not acceleration", units="g")
+
+
+def test_only_a_heading_of_time_gives_a_step(tmp_path):
+    path = save(tmp_path, f"x,acc (g)\n{ROWS}")
+    refused(path, "has no time step: its first column is headed 'x', not time; give dt=")
+    assert read_record(path, dt=0.02).dt == 0.02
+    assert read_record(save(tmp_path, f"# matched to a response spectrum\ntime,acc (g)\n{ROWS}")).dt == 0.01
+    assert read_record(save(tmp_path, f"El Centro\n{ROWS.replace(',', ' ')}"), units="g").dt == 0.01  # a title
+
+
+@pytest.mark.parametrize("first", ["made up\n I1  9.95 35.02\n 7 0.01 2.5", "7 0.01 0 0", "0.01 7 1", "# dt=0.01\n7"])
+def test_a_row_with_the_number_of_rows_is_a_header(tmp_path, first):
+    path = save(tmp_path, f"{first}\n{COMPONENTS}")
+    for column in (1, 2, 3):
+        record = read_record(path, units="m/s2", column=column)
+        assert (record.dt, record.n_points) == (0.01, 7)
+        np.testing.assert_allclose(record.acceleration, column * np.array(VALUES), atol=1e-7)
+    assert read_record(save(tmp_path, f"7\n{COLUMN}"), units="g", dt=0.01).n_points == 7
+    assert read_record(save(tmp_path, f"7\n{COLUMN}"), units="g", dt=0.01, layout="rows").n_points == 7
+
+
+@pytest.mark.parametrize(
+    "unit", ["INCHES/SEC2", "PERCENT OF G", "UNITS OF VOLTS", "UNITS OF G, SCALED BY 9.81", "FT/S2"]
+)
+def test_words_behind_in_leave_no_default_unit(tmp_path, unit):
+    path = save(tmp_path, at2(header=f"PEER\nEVENT\nACCELERATION TIME SERIES IN {unit}\n"))
+    refused(path, "its header says|states several units")
+    with pytest.warns(UserWarning, match="in place of"):
+        assert read_record(path, units="g").pga == pytest.approx(0.5 * G)
+    refused(save(tmp_path, at2(points="NPTS= 7, DT= .01 SEC, SCALED BY 981")), "several units: 'G' .* 'SCALED BY 981'")
+    refused(save(tmp_path, at2(header="PEER\nEVENT\nACCELERATION IN COUNTS\n")), "holds counts, not acceleration")
+    assert read_record(save(tmp_path, cosmos(unit="counts(50)")), units="g", scale=0.5).pga == 0.25 * G
+
+
+@pytest.mark.parametrize(
+    "head", ["acc (g)*10", "10*acc (g)", "acc [g] x 100", "0.1*acc_g", "acc (g)/10", "a\n# units: g, scaled by 2.5"]
+)
+def test_a_factor_beside_a_unit_leaves_none(tmp_path, head):
+    refused(save(tmp_path, f"t,{head}\n{ROWS}"), "its units are not known; its header says")
+
+
+@pytest.mark.parametrize("head", ["NS,EW,UD", "H,V,T", "L,T,V", "h1,h2,v"])
+def test_components_are_no_units_of_time(tmp_path, head):
+    rows = COMPONENTS.replace("\n", ";").split(";")[:-1]
+    text = "# dt = 0.01 s, units: gal\n" + head + "\n" + "".join(",".join(row.split()) + "\n" for row in rows)
+    record = read_record(save(tmp_path, text), column=head.split(",")[1])
+    np.testing.assert_allclose(record.acceleration, 0.02 * np.array(VALUES), atol=1e-9)
+    for time in ("time (ns)", "time_h", "t in hours"):
+        refused(save(tmp_path, f"{time},acc (g)\n{ROWS}"), "times are not in seconds")
+
+
+def test_rows_that_are_not_one_component(tmp_path):
+    given = {"layout": "rows", "dt": 0.01, "units": "g"}
+    values = in_rows(VALUES * 3)
+    assert read_record(save(tmp_path, values), **given).n_points == 21
+    refused(save(tmp_path, in_rows([0, 2, 127] * 16, "{:5d}", 16) + values), "line 1 holds whole numbers", **given)
+    refused(save(tmp_path, f"NS EW UD\n{COMPONENTS}"), r"heads several components: \['NS', 'EW', 'UD'\]", **given)
+    refused(save(tmp_path, "".join(f"{i * 0.01:.2f} {v}\n" for i, v in enumerate(VALUES))), "rises like times", **given)
+    for broken in (values + "end of data\n", values + "1.0 2.0\n"):
+        refused(save(tmp_path, broken), "give layout='rows' with dt= and units= if its values wrap", column=1, dt=0.01)
 
 
 def test_several_channels_in_one_file(tmp_path):
@@ -446,7 +623,21 @@ BAD = {
     "K-NET, for years": knet([8000] * 200, seconds=10**9),
     "K-NET, a word": knet([8000] * 200 + ["oops"]),
     "ESM, velocity": _ESM.replace("UNITS: cm/s^2", "UNITS: cm/s").replace("ACCELERATION", "VELOCITY"),
-    "ESM, no unit": _ESM.replace("UNITS: cm/s^2\n", ""),
+    "ESM, no unit": _ESM.replace("UNITS: cm/s^2\n", "").replace("PGA_CM/S^2", "PGA"),
+    "a step in furlongs": at2(points="NPTS= 7, DT= .01 FURLONG"),
+    "a step of hours": at2(points="NPTS= 7, DT= 10 SEC"),
+    "a column of dates": "date,acc (g)\n2001-01-01 00:00:00.00,0.1\n2001-01-01 00:00:00.01,0.2\n",
+    "a column of days": "01.02.2001 00:00:01;0,1\n01.02.2001 00:00:02;0,2\n",
+    "CSMIP, on film": CSMIP.partition("{n} Acc")[0] + in_rows([0.0, 0.1, 0.005, 0.2] * 4, "{:7.3f}"),
+    "USC, on film": "FILE     0 OF UNCORRECTED ACCELEROGRAM DATA OF VOLUME I:\n" + in_rows([0, 2, 127], "{:5d}"),
+    "CSMIP, a spectrum": "Response and Fourier amplitude spectra (78 periods,  .04 -  6.0 sec)\n" + in_rows([0] * 32),
+    "COSMOS, volume 0": cosmos("raw accel.  ", "counts(50)"),
+    "TSPAIR, counts": NETWORKS["tspair.txt"].replace("CM/S**2", "Counts"),
+    "SLIST, no unit": NETWORKS["slist.txt"].replace("CM/S**2", ""),
+    "SLIST, too few": NETWORKS["slist.txt"].replace("7 samples", "8 samples"),
+    "GeoCSV, counts": NETWORKS["geocsv0.csv"].replace("CM/S**2", "Counts"),
+    "GeoCSV, too few": NETWORKS["geocsv1.csv"].replace("count: 7", "count: 8"),
+    "China, too few": NETWORKS["csmnc.dat"].replace("POINTS:  7", "POINTS:  8"),
     "ESM, no step": _ESM.replace("0.010", "x"),
     "AFAD, too few": NETWORKS["afad.txt"].replace("DATA : 7", "DATA : 8"),
     "CWA, another rate": NETWORKS["cwa.dat"].replace("Hz): 100", "Hz): 200"),

@@ -148,6 +148,8 @@ def record_doubts(record: Record) -> list[str]:
     marks = [mark for mark in MARKS if np.isclose(record.acceleration, mark * size, rtol=1e-9).any()]
     if marks:
         texts.append(f"has values of {marks[0]:g} {record.reading.unit}, which mark what is missing; cut or mend them")
+    if record.duration < 1.0:
+        texts.append(f"lasts {record.duration:.3g} s: is it a whole record, and is its step right?")
     measures, mean = record_measures(record), float(record.acceleration.mean())
     if abs(mean) > 0.05 * record.pga:
         texts.append(f"has a mean of {mean / record.pga:.0%} of its PGA: an offset; take it out")

@@ -7,6 +7,7 @@ import warnings
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,13 @@ from pounding_sweep.base.errors import MissingRecordError, RecordError, check_ch
 from pounding_sweep.base.files import FilePath, expanded, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.reader import (
+    ACC,
+    BEHIND_IN,
+    CONVERTED,
     MOST_HEADER,
     NUMBER,
     RUN,
+    STEP_RANGE,
     UNITS,
     Array,
     Content,
@@ -26,10 +31,12 @@ from pounding_sweep.records.reader import (
     Stated,
     Step,
     check_count,
+    check_peak,
     check_points,
     check_quantity,
     choose_step,
     choose_unit,
+    find_peak,
     floats,
     load_text,
     match_unit,
@@ -56,12 +63,22 @@ _UNIT = (
     r"(?:ms|msecs?|millis|milli-?\s?sec(?:ond)?s?|[uµμ]s|[uµμ]?secs|micro-?\s?sec(?:ond)?s?|ns|min|mins|minutes?|hr?s?|"
     r"hours?|days?)"
 )
+_NOT_COMPONENT = r"(?!(?:ns|h)(?![^\W_]))"
 #: A heading of time in another unit than seconds: "time (ms)", "Time_ms", "t/ms", "time in ms"; or the unit alone.
 _NOT_SECONDS = (
-    rf"(?im)(?<![^\W_]){_TIME}(?:[^,;\n]{{0,12}}[(\[]\s*|\s*[_/]\s*|[\s_]+in[\s_]+|[ \t]+)({_UNIT})(?![^\W_])"
-    rf"|^\W*({_UNIT})\s*[,;\t]"
+    rf"(?im)(?<![^\W_]){_TIME}(?:[^,;\n]{{0,12}}[(\[]\s*|\s*[_/]\s*|[\s_]+in[\s_]+)({_UNIT})(?![^\W_])"
+    # a heading of its own may mean north-south or horizontal
+    rf"|(?<![^\W_]){_TIME}[ \t]+{_NOT_COMPONENT}({_UNIT})(?![^\W_])|^\W*{_NOT_COMPONENT}({_UNIT})\s*[,;\t]"
 )
-_TIME_HEADING = re.compile(rf"\W*(?:{_TIME}|elapsed|s|secs?|seconds?)(?![^\W_])", re.IGNORECASE)
+_TIME_HEADING = re.compile(rf"\W*(?:(?:relative)?{_TIME}|elapsed|s|secs?|seconds?)(?![^\W_])", re.IGNORECASE)
+#: Headings of spectra, and titles of them.
+_SPECTRAL = re.compile(
+    r"\W*(?:periods?|per[ií]odo|freq\w*|frecuencia|hz|p?s[avd]|fas|(?:pseudo[\s-]*)?spectral|fourier)(?![^\W_])"
+    r"|.*[(\[]\s*(?:hz|rad/s)\s*[)\]]",
+    re.IGNORECASE,
+)
+_X_HEADING = re.compile(rf"{_SPECTRAL.pattern}|(?:index|n|no|sample|point|step)s?\b", re.IGNORECASE)
+_SPECTRUM = r"^\W*(?:\w+[\s-]+){0,3}?(?:response|fourier)\b.{0,60}\bspectr(?:um|a)\b"
 _INDEX_HEADING = re.compile(
     r"\W*(?:index|idx|i|n|no|nr|num|number|point|points|sample|samples|step|steps|row|id|unnamed\b.*)?\W*",
     re.IGNORECASE,
@@ -77,33 +94,43 @@ _SEPARATORS = (
     (re.compile(rf"^(?!{NUMBER.pattern}).*\t"), "\t", False),
 )
 _EMPTY_CELL = r"(?m)(?:^|,)[ \t]*,"
-#: The number of points in the headers of ESM and AFAD.
-_COUNT = r"^(NDATA|NUMBER OF DATA)\s*:\s*(\d{1,9})\s*$"
+#: The number of points in the headers of ESM, China, AFAD and GeoCSV; rows of the first two wrap.
+_COUNT = r"^\W*(NDATA|NO\. OF POINTS|NUMBER OF DATA|sample_count)\s*:\s*(\d{1,9})(?!\S)"
+#: A date, and perhaps a time of day, in the first column of a row.
+_DATE = re.compile(r"\s*\"?\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T ]\d+(?::[\d.]+)+Z?)?\"?(?:\s*[,;|]\s*|\s+)")
+#: Headings of components, of which rows of one component have none.
+_COMPONENT = re.compile(r"[NSEWUDHVXYZLT][1-3]?|N-?S|E-?W|U-?D|UP|[NS]\d+[EW]|.*[(\[].*[)\]]", re.IGNORECASE)
+_FILM = "is a film record, digitised at uneven times, which is not read; take the corrected record, of volume 2"
 
 
 def parse_columns(source: RecordText) -> Content:
     """Read columns from the first row of numbers on, or rows of one component."""
-    header, line, row = _read_header(source)
+    points, where, wraps, start = None, "", source.layout == "rows", 1
+    for match, place in source.find(_COUNT, last=MOST_HEADER if source.firm else 1):
+        points, where, start = int(match[2]), f"line {place}", place + 1
+        wraps = wraps or match[1] in ("NDATA", "NO. OF POINTS")
+    header, line, row = _read_header(source, start)
     steps = stated_steps(source, header)
-    points, where, wraps = None, "", source.layout == "rows"
-    for match, place in source.find(_COUNT, last=line if source.firm else 1):
-        points, where, wraps = int(match[2]), f"line {place}", match[1] == "NDATA"
-    # a first line "N dt" or "dt N", perhaps with a third number
+    # a first line "N dt" or "dt N", perhaps with further numbers, or one with the number of rows below it
     first, following = _numbers(row) or [], next(_rows(source, line + 1), (line, ""))
     interval, count = sorted(first[:2]) if len(first) in (2, 3) else (0.0, 0.0)
     second = _numbers(following[1]) or []
     fits = second and count.is_integer() and count > 1 and 0.0 < interval < 1.0
-    if fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= interval)):
-        points, where = int(count), f"line {line}"
-        steps.insert(0, (interval, f"{row[:40]!r}, {where}"))
+    counts_rows = max(first, default=0.0) > 1.0 and sum(1 for _ in _rows(source, line + 1)) in first
+    if counts_rows or (fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= interval))):
+        intervals = [interval] if fits else [number for number in first if STEP_RANGE[0] <= number <= STEP_RANGE[1]]
+        points, where = None if counts_rows else int(count), f"line {line}"
+        steps[:0] = [(number, f"{row[:40]!r}, {where}") for number in intervals[:1]]
         line, row = following
-        wraps = wraps or len(_cells(row)) != 2 or source.numbers(line).size != 2 * points
+        wraps = wraps or (points is not None and (len(_cells(row)) != 2 or source.numbers(line).size != 2 * points))
     column: str | None = None
     heading: list[tuple[int, str]] = []
+    number = 1
     if wraps:
+        _check_rows(source, header, line, row)
         values, step = source.numbers(line, points, where), choose_step(source, steps)
     else:
-        values, step, heading, column = _read_table(source, header, line, row, steps)
+        values, step, heading, column, number = _read_table(source, header, line, row, steps)
         if points is not None:
             check_count(points, len(values), where)
     # the line of headings of several components states no unit for all of them
@@ -112,33 +139,64 @@ def parse_columns(source: RecordText) -> Content:
     check_quantity(remarks, *heading)
     quoted = [f"{text[:60]!r} (line {place})" for place, text in dict.fromkeys([*heading, *remarks[:2]])]
     title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
-    return Content(values, step, stated_units(remarks, *heading), title, header=", ".join(quoted), column=column)
+    peak = find_peak(source, last=line, column=number) if source.firm else None
+    units = stated_units(remarks, *heading)
+    return Content(values, step, units, title, header=", ".join(quoted), column=column, peak=peak)
 
 
-def _read_header(source: RecordText) -> tuple[Lines, int, str]:
-    """Find the lines before the first row of numbers, and that row with its line."""
+def _read_header(source: RecordText, start: int) -> tuple[Lines, int, str]:
+    """Find the lines before the first row of numbers from line `start` on, and that row with its line."""
     header: Lines = []
     for line, text in enumerate(source.lines[: MOST_HEADER + 1], 1):
         row = text.strip()
-        if floats(row) if source.layout == "rows" else _numbers(row):
+        if line >= start and (floats(row) if source.layout == "rows" else _numbers(row)):
             return header, line, row
-        header += [(line, row[:MOST_HEADER])] if row else []
+        if (date := _DATE.match(row)) and _numbers(row[date.end() :]):
+            raise RecordError(
+                f"its first column holds dates ({date[0].strip(' ,;')!r}, line {line}), which are not read as times; "
+                "delete that column, and give dt= in seconds"
+            )
+        header += [(line, row[:MOST_HEADER])] if re.search(r"\w", row) else []
     raise RecordError(
         f"has no row of numbers in its first {MOST_HEADER} lines; give a PEER AT2 file, two columns (time, "
         "acceleration) or one of acceleration"
     )
 
 
+def _check_rows(source: RecordText, header: Lines, line: int, row: str) -> None:
+    """Refuse rows that are not values of one component one after another."""
+    columns = len(_cells(row))
+    heads = _headings(header[-1][1], row, columns) if header else []
+    if len(heads) > 1 and all(_COMPONENT.fullmatch(head) or _TIME_HEADING.match(head) for head in heads):
+        raise RecordError(f"line {header[-1][0]} heads several components: {heads}; give column= in place of layout")
+    first = np.diff([(_numbers(text) or [0.0])[0] for _, text in islice(_rows(source, line), 50)])
+    if columns > 1 and len(first) > 2 and 0.0 < first.max() < 1.5 * first.min():
+        raise RecordError(f"line {line} begins a column that rises like times; give column= in place of layout")
+    whole = [place for place, text in _rows(source, line) if not re.search(r"[.eE]", text)]
+    if columns > 1 and whole[:1] == [line] and len(whole) < sum(1 for _ in _rows(source, line)):
+        raise RecordError(
+            f"line {line} holds whole numbers, unlike the rows below: is it part of the header? Delete what is above "
+            "the values, or write them as 0.0"
+        )
+
+
 def _read_table(
     source: RecordText, header: Lines, line: int, row: str, steps: list[Step]
-) -> tuple[Array, Step, Lines, str | None]:
-    """Read columns from a row on: the acceleration, its step, its heading and its name among several components."""
+) -> tuple[Array, Step, Lines, str | None, int]:
+    """Read columns from a row on: the acceleration, its step, heading, name among several components, and number."""
     columns, text = len(_cells(row)), "\n".join(text for _, text in header)
     where, heads = 0, list[str]()
     for place, remark in header:  # remarks may follow the line of headings
         names = _headings(remark, row, columns)
-        if names and (place == header[-1][0] or any(map(_TIME_HEADING.match, names))):
+        if names and (any(map(_TIME_HEADING.match, names)) or (place == header[-1][0] and not heads)):
             where, heads = place, names
+    motion = [head for head in heads if re.search(ACC, head, re.IGNORECASE) and not _SPECTRAL.match(head)]
+    timed = [index for index, head in enumerate(heads) if _TIME_HEADING.match(head)]
+    spectral = [(place, head) for place, head in [(where, head) for head in heads] if _SPECTRAL.match(head)]
+    spectral += [] if timed else [(place, match[0]) for match, place in source.find(_SPECTRUM, last=line)]
+    if columns > 1 and spectral and not (timed and motion):
+        place, words = spectral[0]
+        raise not_acceleration("a spectrum", f"{words.strip()!r}, line {place}")
     if columns > 1 and re.search(_NOT_SECONDS, text):
         raise RecordError(f"its times are not in seconds ({text[:24]!r}); convert them")
     if columns > 2 and not heads and source.column is None:
@@ -147,14 +205,16 @@ def _read_table(
             "values of one component one after another, or column= a number from 1 for one of several components"
         )
     values = _values(source, line, columns)
-    timed = [index for index, head in enumerate(heads) if _TIME_HEADING.match(head)]
+    timed = [index for index in timed if heads[index] != "T" or (np.diff(values[:, index]) > 0.0).all()]
     first, passed = values[0, 0], np.diff(values[:, 0])
     rises = len(passed) > 1 and passed.min() > 0.0 and passed.max() < 3.0 * passed.min()
-    time = -1 if columns == 1 else timed[0] if timed else 0 if columns == 2 or rises else -1
+    untitled = not heads or bool(_INDEX_HEADING.fullmatch(heads[0]))
+    time = -1 if columns == 1 else timed[0] if timed else 0 if rises or (columns == 2 and untitled) else -1
     if heads and time == columns - 1 and all(_INDEX_HEADING.fullmatch(head) for head in heads[:time]):
         raise RecordError(f"has no column of acceleration: its columns are headed {heads}")
     names = heads or [str(index + 1) for index in range(columns)]
-    chosen, column = source.choose({index + 1: name for index, name in enumerate(names) if index != time})
+    at = source.first_column
+    chosen, column = source.choose({index + at: name for index, name in enumerate(names) if index != time})
     counts = time == 0 and not timed and first in (0.0, 1.0) and len(passed) > 0 and bool((passed == 1.0).all())
     if counts and source.dt is None and not steps:
         head = f", headed {heads[0]!r}," if heads else ""
@@ -162,8 +222,10 @@ def _read_table(
             f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
             "or head the column 'time (s)'"
         )
-    if time < 0 or counts:
+    if time < 0 or counts or (not timed and not untitled and (steps or source.dt is not None)):
         step = choose_step(source, steps)
+    elif not timed and not untitled:
+        raise RecordError(f"has no time step: its first column is headed {heads[0]!r}, not time; give dt= in seconds")
     else:
 
         def printed() -> Iterator[tuple[int, str]]:
@@ -176,8 +238,8 @@ def _read_table(
         before = floats("".join(_cells(last)[:1]))
         if before and np.allclose(before, values[0, time] - step[0], rtol=1e-3, atol=1e-6):
             raise RecordError(f"{last[:24]!r} before line {line} is a row of data with a value that is no number")
-    heading = [(where, heads[chosen - 1])] if heads else []
-    return values[:, chosen - 1], step, heading, column
+    heading = [(where, heads[chosen - at])] if heads else []
+    return values[:, chosen - at], step, heading, column, chosen
 
 
 def _rows(source: RecordText, start: int) -> Iterator[tuple[int, str]]:
@@ -194,10 +256,11 @@ def _values(source: RecordText, start: int, columns: int) -> Array:
     if values is None or {len(text.replace(",", " ").split()) for text in lines} - {0} != {columns}:
         rows: list[float] = []
         for line, row in _rows(source, start):
+            wrapped = "; give layout='rows' with dt= and units= if its values wrap" if columns > 2 else ""
             if not (cells := _numbers(row)):
-                raise not_a_number(line, row)
+                raise RecordError(f"{not_a_number(line, row)}{wrapped}")
             if len(cells) != columns:
-                raise RecordError(f"line {line} has {len(cells)} columns where line {start} has {columns}")
+                raise RecordError(f"line {line} has {len(cells)} columns where line {start} has {columns}{wrapped}")
             rows += cells
         values = np.array(rows)
     check_points(values.size / columns)
@@ -218,6 +281,12 @@ def _headings(line: str, row: str, columns: int) -> list[str]:
         if plain.startswith("DataSequence:"):  # of CWA: "DataSequence: Time U(+); N(+); E(+)"
             splits.append(re.findall("[A-Za-z]+", plain)[1:])
     for heads in splits:
+        if any(map(NUMBER.fullmatch, heads)) and not _TIME_HEADING.match(heads[0]):
+            continue
+        # two words are a title, unless they look like headings
+        known = any(_TIME_HEADING.match(head) or re.search(r"[(\[]", head) for head in heads) or _X_HEADING.match(plain)
+        if separators[0] == " " and columns == 2 and not known and not all(map(_COMPONENT.fullmatch, heads)):
+            continue
         if len(heads) == columns and (same or _TIME_HEADING.match(heads[0]) or _INDEX_HEADING.fullmatch(heads[0])):
             return [head.strip("\"' ") for head in heads]
     return []
@@ -246,9 +315,40 @@ def _numbers(row: str) -> list[float] | None:
     return values or None
 
 
+# --- NIED's CSV and GeoCSV: columns behind one of dates; ObsPy's and IRIS' lists of values, perhaps with dates --------
+# https://www.kyoshin.bosai.go.jp, http://geows.ds.iris.edu/documents/GeoCSV.pdf
+
+_TRACE = rf"^TIMESERIES\s+([^\s,]+),\s*(\d{{1,9}}) samples,\s*({NUMBER.pattern} sps),[^,]*,[^,]*,[^,]*(?:,(.*))?$"
+
+
+def _without_dates(lines: list[str]) -> list[str]:
+    return [_DATE.sub("", re.sub(r"^(\W*)Time\s*[,;|]\s*", r"\1", text), 1) for text in lines]
+
+
+def _parse_dated(source: RecordText) -> Content:
+    content = parse_columns(replace(source, lines=_without_dates(source.lines), first_column=2))
+    for _, line in source.find("^#Offset$", last=MOST_HEADER):  # of NIED: what the recorder shows at rest
+        heads, offsets = (_cells(text.lstrip("#")) for text in source.lines[line : line + 2])
+        offset = dict(zip(heads, map(to_float, offsets), strict=True))[content.column or heads[0]]
+        content = replace(content, values=content.values - offset)
+    return content
+
+
+def _parse_timeseries(source: RecordText) -> Content:
+    traces = source.find(_TRACE)
+    chosen, column = source.choose({i: match[1] for i, (match, _) in enumerate(traces, 1)})
+    match, line = traces[chosen - 1]
+    part = replace(source, lines=_without_dates(source.lines[: traces[chosen][1] - 1 if traces[chosen:] else None]))
+    values, where = part.numbers(line + 1, int(match[2]), f"line {line}"), f"its last word, line {line}"
+    units = [Stated(match[4].strip(), where)] if match[4] and match[4].strip() else []
+    return Content(
+        values, choose_step(source, stated_steps(source, [(line, match[3])])), units, match[1], column=column
+    )
+
+
 # --- COSMOS: a line of points, step and unit above the values --------------------------------------------------------
 
-_ABOVE = r"^\s*(\d{1,9})\s+(?:points of )?(\w+)\s+(?:pts,\s*approx|data equally spaced at)"
+_ABOVE = r"^\s*(\d{1,9})\s+(?:points of |raw )?(\w+)\.?\s+(?:pts,\s*approx|data equally spaced at|points at)"
 
 
 def _parse_cosmos(source: RecordText) -> Content:
@@ -271,7 +371,8 @@ def _parse_cosmos(source: RecordText) -> Content:
             steps = [(step, f"real header, number {place}") for step, place in places if step > 0.0][:1]
     values = source.numbers(line + 1, int(match[1]), f"line {line}")
     title = " ".join(source.lines[0].split())
-    return Content(values, choose_step(source, steps), stated_units(stated), title, column=column)
+    peak = find_peak(source, max((above_line for _, above_line in above if above_line < line), default=1), line)
+    return Content(values, choose_step(source, steps), stated_units(stated), title, column=column, peak=peak)
 
 
 # --- GeoNet: for each component lines of text, perhaps 100 numbers, then values ten a row ----------------------------
@@ -299,7 +400,8 @@ def _parse_geonet(source: RecordText) -> Content:
         check_count(count, len(values), f"line {start}")
     units = [Stated(unit[2] or unit[3], f"{unit[0]!r}, line {line}")]
     title = f"{source.lines[start].strip()}, {names[chosen]}"
-    return Content(values[:count] * float(unit[1] or 1.0), choose_step(source, steps), units, title, column=column)
+    values, peak = values[:count] * float(unit[1] or 1.0), find_peak(source, start, first)
+    return Content(values, choose_step(source, steps), units, title, column=column, peak=peak)
 
 
 # --- K-NET and KiK-net: 17 lines of header, then counts of the recorder in rows of eight -----------------------------
@@ -327,7 +429,7 @@ def _parse_knet(source: RecordText) -> Content:
         motion = (motion - motion.mean()) * (to_float(scale[1]) / to_float(scale[2]))
     fields = {text[:18].strip(): text[18:].strip() for text in source.lines[: end[0]]}
     title = f"{fields.get('Station Code')} {fields.get('Dir.')}, earthquake of {fields.get('Origin Time')}"
-    return Content(motion, step, [Stated("gal", "Scale Factor, in gal")], title)
+    return Content(motion, step, [Stated("gal", "Scale Factor, in gal")], title, peak=find_peak(source, last=end[0]))
 
 
 # --- PEER: a header with the number of points and the time step, then accelerations row by row -----------------------
@@ -353,25 +455,38 @@ def _parse_peer(source: RecordText) -> Content:
     titles = [line.strip() for _, line in header[: place - 1] if line.strip()]
     peer = source.file.suffix.lower() == ".at2" or bool(source.find(r"\bPEER\b|STRONG[ -]MOTION DATA", last=place))
     default = ("g", "AT2 files are in g unless they say otherwise") if peer else None
-    return Content(values, step, stated_units(header), "".join(titles[:2][-1:]), default)
+    # words behind IN that are no known unit, and factors between units, leave no default
+    units, last = stated_units(header), len(header) + 1
+    phrases = ([] if units else source.find(BEHIND_IN, last=last)) + source.find(rf"{CONVERTED}\S*", last=last)
+    units += [Stated(match[match.re.groups].strip(), f"{match[0][:60]!r}, line {line}") for match, line in phrases]
+    return Content(values, step, units, "".join(titles[:2][-1:]), default)
 
 
 # --- SMC: 11 lines of text, 48 whole numbers, 50 numbers, remarks with |, then values in cm/s2 -----------------------
 # https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html
 
 
+#: SMC's mark of a real number that is missing is 1.7e38.
+_SMC_MISSING = 1e38
+
+
 def _parse_smc(source: RecordText) -> Content:
-    lines = source.lines
-    quantity = lines[0].split()[-1].lower()
-    if quantity in ("velocity", "displacement"):
-        raise not_acceleration(quantity, f"{lines[0].strip()!r}, line 1")
+    lines, title = source.lines, source.lines[0].strip()
+    if match := re.search("velocity|displacement|spectra", title, re.IGNORECASE):
+        quantity = match[0].lower().replace("spectra", "a spectrum")
+        raise not_acceleration(quantity, f"{title!r}, line 1")
     integers, real = (floats(" ".join(lines[first:last])) for first, last in ((11, 17), (17, 27)))
     if not integers or not real or len(integers) != 48 or len(real) != 50:
         raise RecordError("lines 12 to 27 are not the numbers of an SMC header; get the file again")
     where = f"second real number of the header, {real[1]:g} samples/s, line 18"
-    step = choose_step(source, [(1.0 / (real[1] or float("nan")), where)])
-    values = source.numbers(28 + int(integers[15]), int(integers[16]), "the number of points")
-    return Content(values, step, [Stated("cm/s2", "that of SMC files")], " ".join(lines[5].split()))
+    steps = [(1.0 / (real[1] or float("nan")), where)] if real[1] < _SMC_MISSING else []
+    if not steps and "UNCORRECTED" in title.upper():
+        raise RecordError(f"{_FILM} ({title!r}, line 1)")
+    remarks, points = (int(number) for number in integers[15:17])
+    first = 28 + remarks if remarks >= 0 else next(n for n, text in enumerate(lines[27:], 28) if text[:1] != "|")
+    step, peak = choose_step(source, steps), find_peak(source, last=12)
+    values = source.numbers(first, points if points >= 0 else None, "the number of points")
+    return Content(values, step, [Stated("cm/s2", "that of SMC files")], " ".join(lines[5].split()), peak=peak)
 
 
 class Reader(NamedTuple):
@@ -388,10 +503,12 @@ class Reader(NamedTuple):
 _PARSERS: dict[str, Callable[[RecordText], Content]] = {
     "columns": parse_columns,
     "cosmos": _parse_cosmos,
+    "dated": _parse_dated,
     "geonet": _parse_geonet,
     "knet": _parse_knet,
     "peer": _parse_peer,
     "smc": _parse_smc,
+    "timeseries": _parse_timeseries,
 }
 
 READERS = tuple(Reader(**entry) for entry in read_data("records.toml")["format"])
@@ -485,6 +602,7 @@ def read_record(
         source = replace(text, dt=dt, column=column, layout=layout, firm=reader is not READERS[-1])
         content = _PARSERS[reader.parser](source)
         unit, unit_from = choose_unit(content, wanted)
+        check_peak(content, unit)
         if "in place of" in unit_from:
             warnings.warn(f"{file}: units={wanted!r} is {unit_from}", UserWarning, stacklevel=2)
         with np.errstate(over="ignore"):

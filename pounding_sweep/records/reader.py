@@ -21,6 +21,8 @@ MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""
 MOST_POINTS = 10_000_000
 """Longer records are refused: they are a day of motion at 100 points per second."""
+STEP_RANGE = 1e-4, 0.1
+"""Steps (s) that a file may state; a caller's `dt` may be any."""
 
 # Possessive quantifiers (Python 3.11) keep every match linear in the text's length.
 _UNSIGNED = r"(?:\d++(?:\.\d*+)?|\.\d++)(?:[EeDd][+-]?\d++)?"
@@ -47,6 +49,15 @@ class Stated(NamedTuple):
     where: str
 
 
+class Peak(NamedTuple):
+    """The largest acceleration that a header states: value, unit ("" for that of the values), last place, and where."""
+
+    value: float
+    unit: str
+    last_place: float
+    where: str
+
+
 @dataclass(frozen=True)
 class Content:
     """What a file says: accelerations in its unit, the time step, and the units that it states."""
@@ -58,6 +69,7 @@ class Content:
     default_unit: tuple[str, str] | None = None  # where the file states none: the unit of its format, and why
     header: str = ""  # what messages show of a file without a unit
     column: str | None = None  # the component that was chosen among several
+    peak: Peak | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,7 @@ class RecordText:
     dt: float | None = None
     column: str | int | None = None
     layout: str | None = None
+    first_column: int = 1  # the number of the first column, 2 behind one of dates
     firm: bool = True  # whether a `dt` of the caller must agree with the steps that the header states
 
     def find(self, pattern: str, first: int = 1, last: int | None = None) -> list[tuple[re.Match[str], int]]:
@@ -100,7 +113,9 @@ class RecordText:
         wanted, numbers = str(self.column).strip().lower(), list(headings)
         if self.column is not None:
             plain = {number: re.sub(r"\s*[(\[].*", "", heading).lower() for number, heading in headings.items()}
-            numbers = [n for n, heading in headings.items() if wanted in (heading.lower(), plain[n], str(n))]
+            named = [n for n, heading in headings.items() if wanted in (heading.lower(), plain[n])]
+            by_name = named and not isinstance(self.column, int)  # headings may be numbers
+            numbers = named if by_name else [n for n in headings if wanted == str(n)]
         elif len(headings) > 1:
             raise RecordError(f"has {len(headings)} components: {listed}; give column= a heading or a number")
         if len(numbers) != 1:
@@ -205,43 +220,48 @@ _QUANTITIES = {unit: quantity for quantity in _SPELLINGS["units"] for unit in _S
 _ALIASES = {spelling: unit for unit in _SPELLINGS["aliases"] for spelling in _SPELLINGS["aliases"][unit]}
 _SIGNS = str.maketrans({"²": "2", "⁻": "-", "_": "/", **dict.fromkeys("^*·")})
 
-_ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
+ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
 _S = r"s(?:ec(?:ond)?s?)?"
-_ACCELERATION_UNIT = (
+ACCELERATION_UNIT = (
     rf"(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}[\s/_^*·]*(?:{_S}(?![^\W_])|[-⁻]?\s?[2²])|mps2|(?:m|%\s?|milli-?|percent\s?)?g(?:'s)?"
     r"|gals?)(?![^\W_])"
 )
-_UNIT = rf"(?:{_ACCELERATION_UNIT}|(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}(?:-1)?|mps|[cm]?m|in(?:ch)?|ft)(?![^\W_]))"
+_UNIT = rf"(?:{ACCELERATION_UNIT}|(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}(?:-1)?|mps|[cm]?m|in(?:ch)?|ft|counts?)(?![^\W_]))"
 #: What stands behind the name of an acceleration: perhaps its component, then the unit and nothing else.
-_BEHIND = rf"(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?(?P<unit>{_ACCELERATION_UNIT})"
+_BEHIND = rf"(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?(?P<unit>{ACCELERATION_UNIT})"
 #: Units of a column by its heading: in brackets at its end, behind the word acceleration, or as the heading.
 _HEADING_UNITS = (
     rf"[(\[]\s*(?P<unit>{_UNIT}\.?|[^()\[\]\n]{{0,24}}/[^()\[\]\n]{{0,24}}?)\s*[)\]]\W*$",
-    rf"{_ACC}(?![^\W_])[\s_.,:;/=-]*{_BEHIND}\W*(?:[(\[].*)?$",
-    rf"^\W*(?P<unit>(?!g\W*$){_ACCELERATION_UNIT})\W*$",
+    rf"{ACC}(?![^\W_])[\s_.,:;/=-]*{_BEHIND}\W*(?:[(\[].*)?$",
+    rf"^\W*(?P<unit>(?!g\W*$){ACCELERATION_UNIT})\W*$",
 )
 _UNITS = (
-    r"(?:\bin\s+)?(?:\b|(?<=amplitude))(?:units?|unidad(?:es)?|einheit(?:en)?|unit[ée]s?)\b\s*"
+    r"(?:\bin\s+)?(?:\b|(?<=amplitude)|(?<=field_))(?:units?|unidad(?:es)?|einheit(?:en)?|unit[ée]s?)\b\s*"
+    r"(?:de los datos\s*)?"
     r"(?P<sign>[:=]|(?:of|in|is|are|en)\b\s*[:=]?)?\s*(?P<bracket>[(\[])?\s*"
 )
 _END = r"(?=\s*(?:[.,;:()\[\]]|$))"
 #: Units that a line of a header states: after "units", or else after "in", or behind the word acceleration.
 _REMARK_UNITS = (
-    (rf"{_UNITS}(?:[^,;()\[\]\n]{{1,20}}[,;]\s*){{0,3}}?(?P<unit>{_ACCELERATION_UNIT}){_END}",),
-    (rf"{_UNITS}(?:{_S}\s*[,;]\s*)?(?P<unit>{_UNIT}){_END}",),
+    (rf"{_UNITS}(?:utc[\s|]+|(?:[^,;()\[\]\n]{{1,20}}[,;]\s*){{0,3}}?)(?P<unit>{ACCELERATION_UNIT}){_END}",),
+    (rf"{_UNITS}(?:{_S}\s*[,;]\s*|utc[\s,;|]+)?(?P<unit>{_UNIT}){_END}",),
     (rf"{_UNITS}(?(sign)|(?(bracket)|(?!)))(?!\s*(?:{_S}|ms|min|hz?)\s*(?:$|[,;)\]]))(?P<unit>[^()\[\],;\n]{{1,40}})",),
     (
-        rf"{_ACC}\.?(?:[ \t]+[^\W\d_]+){{0,3}}?[ \t]*[(\[]\s*(?P<unit>[^()\[\]\n]{{1,24}}?)\s*[)\]]",
-        rf"\b(?:in|en)\s+(?P<unit>(?!m?g\b){_ACCELERATION_UNIT}){_END}",
-        rf"(?:{_ACC}.{{0,80}}?|(?:values?|data|amplitudes?|motions?|samples|ordinates|series)\s+)\b(?:in|en)\s+"
+        rf"{ACC}\.?(?:[ \t]+[^\W\d_]+){{0,3}}?[ \t]*[(\[]\s*(?P<unit>[^()\[\]\n]{{1,24}}?)\s*[)\]]",
+        rf"\b(?:in|en)\s+(?P<unit>(?!m?g\b){ACCELERATION_UNIT}|counts?){_END}",
+        rf"(?:{ACC}.{{0,80}}?|(?:values?|data|amplitudes?|motions?|samples|ordinates|series)\s+)\b(?:in|en)\s+"
         rf"(?P<unit>m?g(?:'s)?){_END}",
-        rf"{_ACC}(?![^\W_])[\s_.:/=-]*{_BEHIND}(?=[\s.]*(?:[,;|\t]|$))",
+        rf"{ACC}(?![^\W_])[\s_.:/=-]*{_BEHIND}(?=[\s.]*(?:[,;|\t]|$))",
     ),
 )
-#: Lines that speak of other numbers than the values as they are: peaks, and units that were or will be.
+#: Factors that turn one unit of acceleration into another.
+CONVERTED = r"(?:[x×*/]|\btimes|\b(?:scaled\s+)?by)\s*(?:9[.,]8|98[01]|386|32[.,][12]|0?[.,]0*102)"
+#: What stands behind IN, of a line that speaks of the values.
+BEHIND_IN = rf"(?:{ACC}|series|history|values|data)\b.*?\bin\s+(?:units?\s+of\s+)?([^\s,;.()=][^,;()=\n]{{0,29}})"
+#: Lines that speak of other numbers than the values as they are: peaks, factors, and units that were or will be.
 _ASIDE = (
     r"(?i)convert|conversion|umgerechnet|multipl|divide|\bfrom\b.*\bto\b|\bwas\b|original|->|=>|→"
-    r"|(?:[x×*/]|\btimes|\bby)\s*(?:9[.,]8|98[01]|386|32[.,][12])"
+    rf"|{CONVERTED}|\bscaled\s+by\s+(?!0*1(?:\.0*)?(?![\d.]))|[)\]]\s*[x×*/]\s*\d|\d\s*[x×*]\s*{ACC}"
     r"|\b(?:peak|max|min|pga|pgv|amax|rms|range|sensitiv|full.?scale|sensor|gain|resol|trigger)"
 )
 _NAMED = (
@@ -286,13 +306,49 @@ def stated_units(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | No
 
 def check_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | None = None) -> None:
     """Refuse velocity or displacement by the column's heading, or else by a title."""
-    if heading and not re.search(_ACC, heading[1], re.IGNORECASE) and (match := re.search(_NAMED, heading[1])):
+    if heading and not re.search(ACC, heading[1], re.IGNORECASE) and (match := re.search(_NAMED, heading[1])):
         raise not_acceleration("velocity" if match[1] else "displacement", f"{heading[1]!r}, line {heading[0]}")
     for line, text in lines:
         match = re.search(_SERIES, text)
         if match and not re.search("(?i)acc", text):
             quantity = "velocity" if (match[1] or match[2]).lower() == "veloc" else "displacement"
             raise not_acceleration(quantity, f"{text.strip(' #%!/')[:60]!r}, line {line}")
+
+
+#: Peaks that headers state, of the values as they are: one number, or one of each column.
+_PEAK = (
+    r"(?:^peak value\s*:|^PGA_(\S+?)\s*:|^(?:raw )?PGA values?\s*\((\w+)\)\s*:|(?<!uncor )\bmax\s*="
+    r"|^peak +acceleration\s*=|^acceleration: +peak\b|\bpk(?: +acc)?\s*=|^acel\. max\.\s*\((\w+)\), C1-C6\s*:"
+    r"|^max\. acc\. \((\w+)\))(.*)"
+)
+
+
+def find_peak(source: RecordText, first: int = 1, last: int | None = None, column: int = 1) -> Peak | None:
+    """Find the peak of a column that the header between two lines states."""
+    for match, line in source.find(_PEAK, first, last):
+        ahead = match[1] or match[2] or match[3] or match[4] or ""
+        numbers = list(NUMBER.finditer(re.sub(r"\([^)]*\)", "", match[5])))
+        index = column - 1 if match[2] or match[3] else 0
+        if index < len(numbers) and (value := to_float(numbers[index][0])):
+            behind = re.match(r"\s*([^\s,]+)", numbers[index].string[numbers[index].end() :])
+            unit = match_unit(ahead or (behind[1] if behind else "")) or ""
+            places = len(numbers[index][0].lower().partition("e")[0].partition(".")[2])
+            return Peak(value, unit, 10.0**-places, f"{' '.join(match[0].split())[:60]!r}, line {line}")
+    return None
+
+
+def check_peak(content: Content, unit: str) -> None:
+    """Refuse values that do not reach the peak that their header states, or exceed it."""
+    if (peak := content.peak) is None:
+        return
+    ratio = UNITS[peak.unit or unit] / UNITS[unit]
+    stated, reached = abs(peak.value) * ratio, float(np.abs(content.values).max(initial=0.0))
+    if np.isfinite(reached) and abs(reached - stated) > 0.02 * stated + peak.last_place * ratio:
+        raise RecordError(
+            f"its header states a peak of {stated:.4g} {unit} ({peak.where}), its values reach {reached:.4g} {unit}: "
+            "the unit is another one, or the file was scaled, cut or damaged; get it again, give units=, or correct "
+            "the peak in the header"
+        )
 
 
 def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
@@ -304,12 +360,21 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
             stated.setdefault(match_unit(item.text) or item.text, item)
     valid = [unit for unit in stated if unit in UNITS]
     if others and not valid:
-        raise not_acceleration(_QUANTITIES[plain_unit(others[0].text)], others[0].where)
+        quantity, where = _QUANTITIES[plain_unit(others[0].text)], others[0].where
+        if quantity != "counts":
+            raise not_acceleration(quantity, where)
+        if not wanted:
+            raise RecordError(
+                f"holds counts, not acceleration ({where}); take the file of the acceleration, or give units= and "
+                "scale= for what one count is"
+            )
     if wanted:
         over = " and ".join(item.where for unit, item in stated.items() if unit != wanted)
         return wanted, f"given{', in place of ' + over if over else ''}"
     if len(stated) == len(valid) == 1:
         return valid[0], stated[valid[0]].where
+    if content.peak and content.peak.unit and not stated:
+        return content.peak.unit, content.peak.where
     if content.default_unit and not stated:
         return content.default_unit
     listed = [f"{item.text!r} ({item.where})" for item in stated.values()]
@@ -321,19 +386,20 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
 
 
 _SECONDS = {name: float(size) for size in _SPELLINGS["seconds"] for name in _SPELLINGS["seconds"][size]}
+_RATES = ("hz", "sps")
 _STEP = (
     r"(?i)(?<![^\W_])"
     r"(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
-    r"intervalo de muestreo|zeitschritt|pas de temps|equally spaced at|at intervals of|"
+    r"intervalo de muestreo(?:, C1-C6)?|zeitschritt|pas de temps|equally spaced (?:at|intervals of)|at intervals of|"
     r"at(?=\s+[\d.]+ sec intervals))(?:[ _]s)?\s*(?:[(\[]\s*(\w+)\s*[)\]])?"
-    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*({NUMBER.pattern})[ \t]*([^\W\d_]*)"
+    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?({NUMBER.pattern})[ \t]*((?!(?:and|at|for|from|in|with)\b)[^\W\d_]*+)(?!\s*[=:(])"
 )
 _RATE = (
     r"(?i)(?<![^\W_])"
-    r"(?:(?:sampl\w*|data)[ _-]?(?:rate|freq\w*)|fs(?=\s*[=:])|sampled at|(?:frecuencia|tasa|vel\w*\.?) de "
-    r"muestreo|abtast\w*)\s*(?:[(\[]\s*(?:hz|sps|samples/s\w*|muestras/s\w*)\s*[)\]])?\s*(?:[=:]|\bof\b|\bis\b)?\s*"
-    rf"({NUMBER.pattern})(?:\s*(?:hz|sps))?"
-    rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|puntos)\s*(?:/|por|per)\s*s|sps\b)"
+    r"(?:(?:sampl\w*|data)[ _-]?(?:rate|freq\w*)(?:_hz)?|fs(?=\s*[=:])|sampled at|(?:frecuencia|tasa|vel\w*\.?) de "
+    r"muestreo(?:, C1-C6)?|abtast\w*)\s*(?:[(\[]\s*(?:hz|sps|samples/s\w*|muestras/s\w*)\s*[)\]])?"
+    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?({NUMBER.pattern})(?:\s*(?:hz|sps))?"
+    rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|pts|puntos)\s*(?:/|por|per)\s*s|sps\b)"
 )
 #: Headers of more lines are of no record; of longer lines only the beginning counts.
 MOST_HEADER = 1000
@@ -342,32 +408,41 @@ _STORY = r"(?i)\bfrom\b|resampl|interpol|decimat|original|\bwas\b|\bwere\b|\bold
 
 
 def stated_steps(source: RecordText, lines: Iterable[tuple[int, str]]) -> list[Step]:
-    """Collect the steps (s), and the inverse of sampling rates, that lines of a header state."""
+    """Collect the steps (s), and the inverse of sampling rates, that lines of a header state; NaN of unknown units."""
     steps: list[Step] = []
     for line, text in ((line, text[:MOST_HEADER]) for line, text in islice(lines, MOST_HEADER)):
         if not source.firm and re.search(_STORY, text):
             continue
         for match in re.finditer(_STEP, text):
             unit = (match[1] or match[3]).lower()
-            if match[1] is None or unit in _SECONDS:
-                size = to_float(match[2]) * _SECONDS.get(unit, 1.0)
-                steps.append((size, f"{match[0].strip()!r}, line {line}"))
+            number, where = to_float(match[2]), f"{match[0].strip()!r}, line {line}"
+            if unit in _RATES:
+                steps.append((1.0 / (number or float("nan")), where))
+            elif match[1] is None or unit in _SECONDS:
+                steps.append((number * _SECONDS.get(unit, float("nan")), where))
         for match in re.finditer(_RATE, text):
             rate = to_float(match[1] or match[2])
             steps.append((1.0 / (rate or float("nan")), f"{match[0].strip()!r}, line {line}"))
     return steps
 
 
+def check_step(step: float, where: str) -> None:
+    """Refuse a step that no record has; a caller may give it."""
+    if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
+        fault = f"its time step is {step:g} s ({where})" if step >= 0.0 else f"its time step is not known ({where})"
+        raise RecordError(f"{fault}; files have steps of {STEP_RANGE[0]:g} to {STEP_RANGE[1]:g} s: give dt= in seconds")
+
+
 def choose_step(source: RecordText, stated: Sequence[Step]) -> Step:
     """Choose the time step of a file without times."""
-    for step, where in stated:
-        if not 0.0 < step < float("inf"):
-            raise RecordError(f"its time step is {step:g} s ({where}); it must be positive and finite")
+    for step, where in stated if source.dt is None else ():
+        check_step(step, where)
     different = list({f"{step:.6g}": (step, where) for step, where in reversed(stated)}.values())
     if source.dt is not None:
         wrong = [(step, where) for step, where in different if abs(step - source.dt) > 1e-6 * step]
-        if wrong and source.firm:
-            step, where = wrong[0]
+        for step, where in wrong if source.firm else ():
+            if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
+                continue
             raise RecordError(f"its time step is {step:g} s, dt={source.dt:g} was given; leave dt out ({where})")
         over = " and ".join(where for _, where in wrong)
         return source.dt, f"given{', in place of ' + over if over else ''}"
@@ -433,6 +508,7 @@ def step_of_times(
     rounded = [float(f"{middle:.{digits}e}") for digits in range(6)]
     candidates = (*rounded[:3], 1 / max(1, round(1 / middle)), *rounded[3:])
     step = next((value for value in candidates if low[-1] <= value <= high[-1]), middle)
+    check_step(step, where)
     for other, place in stated:
         if abs(other - step) > 1e-3 * step and not low[-1] <= other <= high[-1]:
             raise RecordError(f"states several time steps: {step:g} s ({where}) and {other:g} s ({place}); give dt=")
