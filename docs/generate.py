@@ -17,6 +17,7 @@ import pounding_sweep.cli  # noqa: F401  (its import registers the commands)
 from pounding_sweep import analysis
 from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS
 from pounding_sweep.analysis.comparisons.gaps import SEPARATION_RULES
+from pounding_sweep.base.files import read_data
 from pounding_sweep.cli.app import NAME, app
 from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, RESTING_SPEED, Law
@@ -243,7 +244,15 @@ def _sanity() -> str:
     return "\n".join([*lines, ""])
 
 
+def _unmodelled() -> str:
+    """Return what cannot be modelled as a Markdown table."""
+    lines = ["| what cannot be modelled | what to do instead |", "|---|---|"]
+    lines += [_row(topic["what"], topic["instead"]) for topic in read_data("unmodelled.toml").values()]
+    return "\n".join([*lines, ""])
+
+
 _PAGES = {
+    "unmodelled.txt": _unmodelled,
     "laws.md": _laws,
     "schemes.md": _schemes,
     "variables.md": _variables,

@@ -39,6 +39,7 @@ from pounding_sweep.base.errors import (
     repr_short,
     unknown,
 )
+from pounding_sweep.base.files import read_data
 
 
 class Faults:
@@ -108,6 +109,17 @@ def meanings(taker: Any) -> dict[str, str]:
     }
 
 
+def unknown_key(name: object, valid: Iterable[str]) -> str:
+    """Say that a key is unknown; of what cannot be modelled, what to do instead."""
+    for topic in read_data("unmodelled.toml").values():
+        if re.match(topic["keys"], str(name).lower()):
+            return (
+                f"unknown key {repr_short(name)}: {topic['what']} cannot be modelled; {topic['instead']}; see the page "
+                "'What cannot be modelled'"
+            )
+    return unknown("key", name, valid)
+
+
 def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | None]) -> Fault:
     """Word an error of pydantic on what `taker` takes: keys with descriptions, or with meanings in its docstring."""
     kind, (first, *rest) = error["type"], error["loc"] or ("",)
@@ -118,7 +130,7 @@ def worded(error: ErrorDetails, taker: Any, descriptions: Mapping[str, str | Non
         inner, text = _in_words(error)
         return (*place, *inner[len(error["loc"]) :]) if error["loc"] else inner, text
     if kind in ("extra_forbidden", "invalid_key", "unexpected_keyword_argument"):
-        return place, unknown("key", place[-1], descriptions)
+        return place, unknown_key(place[-1], descriptions)
     doc = descriptions.get(str(first))
     what = doc or meanings(taker).get(str(first), "a valid value")
     if kind.startswith("missing"):

@@ -40,6 +40,8 @@ from pounding_sweep.plan.scenarios import (
 )
 from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec, digest, with_accuracy, with_default_scheme
 
+#: Storeys of a building up to which it may be taken for a chain of storeys unasked.
+_FEW_STOREYS = 3
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
@@ -260,6 +262,10 @@ class Plan:
             rows.append(("refused", f"{plan['refused']}: beyond the stability limit; {remedy}"))
         rows += [("kernels", f"{plan['kernels']}{kernels}"), ("steps", f"{steps} per scenario")]
         rows += [("accuracy", self.choice)] if self.choice else []
+        tall = [building for building in self.spec.scene.buildings if building.n_storeys > _FEW_STOREYS]
+        if tall:
+            periods = ", ".join(f"{b.name} {b.periods[0]:.3g} and {b.periods[1]:.3g} s" for b in tall)
+            rows.append(("model", f"a chain of storeys; compare its first two periods with the building's: {periods}"))
         rows.append(("time", f"{run}, with {workers}{', without compilation' if missing is None else ''}"))
         return [*rows, ("cube", f"{bytes_text(plan['cube_bytes'])} of values")]
 

@@ -44,6 +44,7 @@ from pounding_sweep.model.faults import (
     number,
     one_of,
     spell,
+    unknown_key,
     valid_part,
 )
 from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, hertz_stiffness
@@ -358,7 +359,7 @@ class _Reader:
                     values[argument, name] = (*at, "building", name, kind), table[kind]
         for name, table in (tables.get("building") or {}).items():
             for kind in table.keys() - {*FACTOR_KINDS.values()}:
-                faults.add((*at, "building", name, kind), unknown("key", kind, FACTOR_KINDS.values()))
+                faults.add((*at, "building", name, kind), unknown_key(kind, FACTOR_KINDS.values()))
         if self.scene is None:
             return {}
         names = [building.name for building in self.scene.buildings]

@@ -14,9 +14,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.errors import Place, SweepError, repr_short, unknown
+from pounding_sweep.base.errors import Place, SweepError, repr_short
 from pounding_sweep.base.files import ESCAPE_HINT, FilePath, expanded, near_file
-from pounding_sweep.model.faults import Faults, spell
+from pounding_sweep.model.faults import Faults, spell, unknown_key
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.records.catalogue import Folders
@@ -160,7 +160,7 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
         if section in _PLAIN:
             arguments[section] = table
         elif names is None:
-            faults.add((section,), unknown("key", section, (*_PLAIN, *SECTIONS)))
+            faults.add((section,), unknown_key(section, (*_PLAIN, *SECTIONS)))
         elif not isinstance(table, dict):
             faults.add((section,), f"{repr_short(table)} won't do; it must be a table [{section}]")
         else:
@@ -168,7 +168,7 @@ def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
                 if key in names:
                     arguments[names[key]] = value
                 else:
-                    faults.add((section, key), unknown("key", key, names))
+                    faults.add((section, key), unknown_key(key, names))
     return arguments
 
 
