@@ -390,7 +390,14 @@ def test_the_cube_says_what_it_is(tmp_path):
             assert file[name].units == get_variable(name).units
 
 
-@pytest.mark.parametrize(("call", "guarded"), [("run()", False), ('if "__main__" == __name__:\n    run()', True)])
+@pytest.mark.parametrize(
+    ("call", "guarded"),
+    [
+        ("run()", False),
+        ('"""Without `if __name__ == "__main__":`."""\nprint(__name__, end="")\nrun()', False),
+        ('if "__main__" == __name__:\n    run()', True),
+    ],
+)
 def test_processes_need_a_script_with_a_guard(tmp_path, call, guarded):
     """A script that its processes would run again ends in one error before any of them is started."""
     script = tmp_path / "script.py"
@@ -404,6 +411,24 @@ def test_processes_need_a_script_with_a_guard(tmp_path, call, guarded):
     else:
         assert "RunError" in done.stderr
         assert 'if __name__ == "__main__":\n        ' in done.stderr
+
+
+def test_a_process_that_imports_a_script_does_not_run_its_sweeps(tmp_path):
+    """It ends in one line, before it makes a file or a folder."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import multiprocessing\nimport pounding_sweep as ps\n\n"
+        'sweep = ps.Sweep("mate2015", "el_centro", "none", method="rk4", dt=0.02)\n'
+        'if __name__ == "__main__":\n'
+        '    process = multiprocessing.get_context("spawn").Process(target=print)\n'
+        "    process.start()\n    process.join()\n    print(process.exitcode)\n"
+        'else:\n    sweep.run("out.nc")\n'
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout == "1\n"
+    (line,) = done.stderr.splitlines()
+    assert "put that below a guard" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
 
 @pytest.mark.usefixtures("stub_engine")

@@ -81,16 +81,21 @@ def cluster_client(scheduler: str | Client, workers: int) -> Iterator[Client]:
         else:
             opened.enter_context(dask.config.set(SETTINGS))
             with _interrupts_later():
-                cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    memory_limit=None,  # else dask stops workers where the libraries alone fill their share
-                    dashboard_address=None,
-                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
-                    silence_logs=50,
-                    env=ONE_THREAD,
-                )
+                try:
+                    cluster = LocalCluster(
+                        n_workers=workers,
+                        threads_per_worker=1,
+                        processes=True,
+                        memory_limit=None,  # else dask stops workers where the libraries alone fill their share
+                        dashboard_address=None,
+                        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
+                        silence_logs=50,
+                        env=ONE_THREAD,
+                    )
+                except RuntimeError as error:  # dask says no more
+                    raise ClusterError(
+                        f"no process of {workers} could be started ({error}); see what it printed"
+                    ) from None
                 client = opened.enter_context(Client(opened.enter_context(cluster), set_as_default=False))
                 client.register_plugin(IgnoreSignals())
         yield client

@@ -6,6 +6,8 @@ own scenarios (status ``not_run``), never the batch.
 
 from __future__ import annotations
 
+import ast
+import multiprocessing
 import os
 import sys
 import time
@@ -78,8 +80,7 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     is_known = scheduler in SCHEDULERS or (isinstance(scheduler, str) and "://" in scheduler)
     if not is_known and not hasattr(scheduler, "scheduler_info"):
         raise InputError(unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT", "a dask Client"]))
-    if scheduler == "processes":
-        check_main_guard()
+    check_main_guard(scheduler == "processes")
     if workers is None:
         return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
     if not isinstance(workers, int) or workers < 1:
@@ -87,15 +88,23 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
     return int(workers)
 
 
-def check_main_guard() -> None:
-    """Raise `RunError` if the running script has no guard: each new process imports it, and would start others."""
+def check_main_guard(starts_processes: bool) -> None:
+    """Raise `RunError` if the running script has no guard: each new process imports it, and would run it again."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing itself knows
+        sys.exit("a new process imports the script and would run its sweep again; put that below a guard")
     main = sys.modules["__main__"]
     file = None if getattr(main, "__spec__", None) else getattr(main, "__file__", None)
-    if file is not None and "__name__" not in Path(file).read_text(encoding="utf-8"):
+    if starts_processes and file is not None and not _compares_name(Path(file)):
         raise RunError(
             f"{file}: the new processes import this script and would run it again. Put what it runs below a guard:\n\n"
             '    if __name__ == "__main__":\n        ...\n\nor run with scheduler="threads"'
         )
+
+
+def _compares_name(script: Path) -> bool:
+    """Whether a script compares ``__name__`` with something, as its guard does."""
+    nodes = (node for node in ast.walk(ast.parse(script.read_bytes())) if isinstance(node, ast.Compare))
+    return any(getattr(side, "id", "") == "__name__" for node in nodes for side in (node.left, *node.comparators))
 
 
 class Dispatcher(ExitStack):
