@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Outputs that no history is told with.
-NOT_OF_ONE = ("closing_max", "time_step", "error_estimate", "amplification")
+NOT_OF_ONE = ("closing_max", "time_step", "error_estimate", "amplification", "origin", "run")
 
 
 def simulate(
