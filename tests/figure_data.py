@@ -247,7 +247,7 @@ def summary(figure):
         legend = ax.get_legend_handles_labels()[1]
         numbers = sorted(filter(None, (*lines, *cells, *areas, *bars, *marks)))
         panels.append([ax.get_title(), ax.get_xlabel(), ax.get_ylabel(), legend, numbers])
-    return {"title": figure.get_suptitle(), "panels": panels}
+    return {"title": figure.get_suptitle(), "caption": [*getattr(figure, "caption", [])], "panels": panels}
 
 
 def cases(figures):

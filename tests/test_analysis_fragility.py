@@ -367,5 +367,5 @@ def test_curves_of_gaps_do_not_cross_with_one_dispersion():
     low, high = one["dispersion_interval"].sel(at).transpose("bound", "gap").values
     dispersion = one["dispersion"].sel(at).values
     assert ((low < dispersion) & (dispersion < high)).all()
-    assert "curves cross" in FIGURES["fragility"].draw(apart).get_suptitle()
-    assert "one dispersion along gap" in FIGURES["fragility"].draw(one).get_suptitle()
+    assert "curves cross" in str(FIGURES["fragility"].draw(apart).caption)
+    assert "one dispersion along gap" in str(FIGURES["fragility"].draw(one).caption)

@@ -24,12 +24,13 @@ from pounding_sweep.figures import CONTACT, FIGURES, FIRST_STOREY, NO_CONTACT, S
 from pounding_sweep.figures.gallery.scenario import animate, draw_row, fading_marks
 from pounding_sweep.figures.select import select_default
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.dataset import UNTITLED
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.outputs.variables import INNER_DIMS, Status
 
 #: Words of labels that have no unit.
-NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law|input")
+NO_UNIT = re.compile(r"impacts|error|drawn|probability|restitution|ratio|factor|share|pounding over|storey|law|input")
 CUBE_FIGURES = [key for key, kind in FIGURES.items() if kind.source == "cube"]
 FORCE = "impact_force_max"
 
@@ -44,7 +45,7 @@ def draw(key, dataset, **options):
 
 
 def title(key, dataset):
-    return draw(key, dataset).get_suptitle().replace("\n", " ")
+    return "; ".join(draw(key, dataset).caption)
 
 
 def masked(cube, there):
@@ -60,7 +61,10 @@ CASES = made.cases(FIGURES)
 def test_every_figure_shows_what_it_should_on_labelled_axes(name):
     key, make, options = CASES[name]
     figure, golden = draw(key, make(), **options), json.loads(made.GOLDEN.read_text(encoding="utf-8"))[name]
-    assert figure.get_suptitle() == golden["title"]
+    assert {"title": figure.get_suptitle(), "caption": [*getattr(figure, "caption", [])]} == {
+        key: golden[key] for key in ("title", "caption")
+    }
+    assert figure.get_suptitle().count("\n") < 2
     for panel, expected in zip(made.summary(figure)["panels"], golden["panels"], strict=True):
         assert panel[:-1] == expected[:-1]
         for numbers, wanted in zip(panel[-1], expected[-1], strict=True):
@@ -130,6 +134,24 @@ def test_figures_of_comparisons_take_a_cube_or_what_was_made_of_it(key):
             np.testing.assert_array_equal(line.get_ydata(), its.get_ydata())
 
 
+def test_titles_name_the_study_and_the_subject_in_two_lines(tmp_path, monkeypatch):
+    cube, headings = made.cube(), []
+    savefig = "matplotlib.figure.Figure.savefig"
+    monkeypatch.setattr(savefig, lambda self, file, **more: headings.append(self.get_suptitle()))
+    for study, more in (
+        ("by hand", {}),
+        ("long " * 40, {}),
+        (UNTITLED, {}),
+        ("", {"title": "School"}),
+        ("", {"title": ""}),
+    ):
+        plot(cube.assign_attrs(title=study), "profiles", tmp_path / "x.png", **more)
+    subject = "Peak responses over the height"
+    assert headings == [f"by hand\n{subject}", subject, subject, "School", ""]
+    with pytest.raises(OutputError, match=r"no_folder.x\.txt"):
+        plot(cube, "profiles", tmp_path / "x.png", caption=tmp_path / "no_folder" / "x.txt")
+
+
 def test_files_of_every_kind_and_notebooks(tmp_path):
     for suffix, start in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")):
         assert plot(made.cube(), "force-gap", tmp_path / f"x.{suffix}").read_bytes().startswith(start)
@@ -194,8 +216,8 @@ def test_the_scenario_next_to_the_middle_that_has_values_and_touches():
     there = xr.zeros_like(cube["status"], dtype=bool)
     for place in ({"restitution": 0, "record": 0}, {"restitution": 3, "record": 1}, {"restitution": 4, "record": 4}):
         there[{"law": 0, "gap": 3, **place}] = True
-    assert title("force-gap", masked(cube, there)) == (
-        "median of 1 of 5 records (thin: each); restitution 1 (one of 5); --at restitution=... for another"
+    assert title("force-gap", masked(cube, there)).endswith(
+        "; median of 1 of 5 records; restitution 1 (one of 5); --at restitution=... for another"
     )
     cube = made.cube(gap=6, restitution=3)
     touches = (cube["gap"] < 0.003) & (cube["restitution"] > 0.5) & (cube["law"] != "none")
@@ -210,19 +232,48 @@ def test_the_scenario_next_to_the_middle_that_has_values_and_touches():
         assert select_default(dataset, ("law",), [drawn])[1].startswith(words)
     cube = made.cube(record=3)  # forces are looked for among laws with contact
     there = (cube["law"] == "none") | (cube["record"] == "r3") & (cube["status"] == 0)
-    assert title("force-gap", masked(cube, there)).startswith("median of 1 of 3 records (thin: each);")
+    assert "; median of 1 of 3 records;" in title("force-gap", masked(cube, there))
 
 
 @some(("force-gap", "amplification", "profiles"), "force-gap", "profiles")
 def test_records_are_thin_lines_and_their_median_counts_those_that_have_values(key):
     cube = made.cube(record=3)
-    assert "median of 3 records (thin: each)" in title(key, cube)
-    lines = draw(key, cube).axes[-1].lines  # with one line for each law
+    assert "median of 3 records" in title(key, cube)
+    lines = [line for line in draw(key, cube).axes[-1].lines if len(line.get_xdata())]  # with one line for each law
     for colour in {line.get_color() for line in lines if line.get_alpha()}:
         bold, *thin = (np.stack(line.get_data()) for line in lines if line.get_color() == colour)
         assert len({part.tobytes() for part in thin}) == len(thin) == 3
         np.testing.assert_array_equal(bold, np.median(thin, axis=0))
     assert "median of 2 of 3 records" in title(key, masked(cube, (cube["record"] != "r2") & (cube["status"] == 0)))
+
+
+def test_lines_of_forces_end_where_contact_ends():
+    """Four records of which all, three, one and none touch as the gap grows."""
+    cube = made.cube(record=4, law=1, restitution=1)
+    touching = np.array([4, 3, 1, 0])[:, None] > np.arange(4)
+    touching = xr.DataArray(touching, dims=("gap", "record"))
+    cube = cube.assign({name: cube[name].where(touching, 0) for name in (FORCE, "impact_count")})
+    for ax in draw("force-gap", cube).axes:
+        median, *each = [line.get_ydata() for line in ax.lines if len(line.get_ydata())]
+        assert np.isfinite(median).tolist() == [True, True, False, False]
+        assert sorted(np.isfinite(line).sum() for line in each) == [1, 2, 2, 3]
+
+
+@pytest.mark.parametrize(("key", "count"), [("force-gap", 2), ("profiles", 3 * 2)])
+def test_many_records_are_a_band(key, count):
+    cube = made.cube(record=12, restitution=1)
+    figure = draw(key, cube)
+    bands = [band for band in figure.axes[0].collections if band.get_paths()]
+    assert len(bands) == count  # of each law, and to both sides
+    names = [text.get_text() for text in figure.legends[0].texts]
+    assert ("16 to 84 % of the records" in names, "each record" in names) == (True, False)
+    if key == "force-gap":
+        forces = cube[FORCE].max("storey").sel(pair="a-b", law="linear").squeeze(drop=True)
+        ends = forces.quantile([0.16, 0.84], "record")
+        y = bands[0].get_paths()[0].vertices[:, 1]
+        assert (y.min(), y.max()) == pytest.approx((ends.min().item(), ends.max().item()))
+        dotted = [line.get_ydata() for line in figure.axes[0].lines if line.get_linestyle() == ":"]
+        np.testing.assert_allclose(dotted[0], forces.max("record"))
 
 
 @some(("force-gap", "amplification", "law-comparison", "profiles", "energy-budget"), "force-gap", "profiles")
@@ -242,7 +293,8 @@ def test_listed_cases_are_drawn_one_by_one():
         draw("profiles", cases)
     figure = draw("profiles", select(cases, {"case": 2}))
     assert {line.get_label() for line in figure.axes[2].lines} == {"Hertz"}
-    assert figure.get_suptitle() == "case 2"
+    assert figure.get_suptitle() == "by hand\nPeak responses over the height"
+    assert figure.caption[1:] == ["case 2"]
 
 
 def test_a_part_of_the_row_that_was_selected():
@@ -250,9 +302,9 @@ def test_a_part_of_the_row_that_was_selected():
     cube = made.cube(right_wall=True, restitution=1, record=3, scale=3)
     figure = draw("force-gap", cube.sel(pair="a-b", storey=2))
     assert figure.axes[0].get_title() == "pair a-b"
-    assert "storey 2" in figure.get_suptitle()
+    assert "storey 2" in figure.caption[1]
     assert draw("profiles", cube.sel(building="b")).axes[0].get_title() == "building b"
-    assert "storey 2" in draw("incremental", select(cube, {"storey": 2}, INNER_DIMS)).get_suptitle()
+    assert "storey 2" in title("incremental", select(cube, {"storey": 2}, INNER_DIMS))
 
 
 @some(("force-gap", "law-comparison", "map", "incremental", "required-gap"), "force-gap", "required-gap")
@@ -282,7 +334,7 @@ def test_any_axis_of_numbers_may_be_drawn_along(key, x, label, scale, size):
     axes = draw(key, made.of_periods(record=2), x=x).axes
     assert {ax.get_xscale() for ax in axes} == {scale}
     assert label in [ax.get_xlabel() for ax in axes]
-    values = axes[0].lines[-1 if key != "amplification" else 0].get_xdata()
+    values = axes[0].lines[0].get_xdata()
     assert len(values) == size
     assert (np.diff(values) > 0).all()
 
@@ -348,11 +400,12 @@ def test_maps_over_records_and_heights_of_impact_say_what_is_hatched():
             np.testing.assert_array_equal(
                 np.where(np.isnan(grey), shown, 0.0), values.sel(pair=pair).transpose(name, "gap")
             )
-        assert "hatched" not in figure.get_suptitle()
+        assert not figure.legends
     refused = masked(cube, (cube["gap"] > 0.002) & (cube["status"] == 0))
-    assert "hatched: not ok (info --status says why)" in title("map", refused)
+    assert "hatched: info --status says why" in title("map", refused)
     low = cube.assign(drift_max=cube["drift_max"].where((cube["storey"] < 3) | (cube["building"] == "b")))
-    assert "no such storey or not ok" in draw("map", low, y="storey", value="drift_max").get_suptitle()
+    legend = draw("map", low, y="storey", value="drift_max").legends[0]
+    assert [text.get_text() for text in legend.texts] == ["no such storey or not ok"]
 
 
 def test_axes_of_impacts_are_logarithmic_where_they_span_decades():
@@ -380,7 +433,8 @@ def test_the_map_shows_medians_over_records_and_where_nothing_touches():
     assert (free[:, 0] == 1.8).all()  # nothing touches under any record
     assert free[:, 1:] == pytest.approx(0.9 - 1 / 3)
     assert {text.get_text() for text in figure.axes[0].texts} == {"33%"}
-    assert "light grey: the share of records that touch" in figure.get_suptitle().replace("\n", " ")
+    names = [text.get_text() for text in figure.legends[0].texts]
+    assert names == ["no contact", "less than half of the records touch"]
 
 
 def test_onsets_of_contact_and_reported_peaks_are_marked():
@@ -404,6 +458,36 @@ def test_loops_of_a_contact_hold_what_it_took():
     depth, force = (np.nan_to_num(values) for values in draw("force-penetration", lossy).axes[0].lines[1].get_data())
     put_in = sum(np.maximum(np.diff(0.5e6 * one.penetration.sel(storey=2).values[:, 0] ** 2), 0.0))
     assert np.trapezoid(force, 1e-3 * depth) == pytest.approx(0.5 * put_in, rel=0.05)
+
+
+def test_the_force_is_upright_where_it_jumps():
+    """A force 7 + 1000 d that pulls as floors part, another that jumps nowhere, and floors apart in between."""
+    depth = np.array([0, 0, 1, 3, 4, 2, 1, 0, 0, 0]) * 1e-3
+    sign = np.sign([0, 0, 1, 1, 1, -1, -1, 0, 0, 0])
+    for force, first, last in ((sign * (7.0 + 1e3 * depth), 7.0, -7.0), (1e3 * depth**1.5, 0.0, 0.0)):
+        one = made.histories().isel(time=slice(len(depth)))
+        values = {"penetration": depth, "contact_force": force}
+        one = one.assign({name: 0.0 * one[name] + xr.DataArray(v, dims="time") for name, v in values.items()})
+        x, y = draw("force-penetration", one).axes[0].lines[0].get_data()
+        assert x.tolist()[:3] == [0.0, 0.0, 1.0]
+        assert y[:3] == pytest.approx([0.0, first, force[2]])
+        assert y[-4:-1] == pytest.approx([force[6], last, 0.0])
+        assert np.isnan(y[-1])
+
+
+def test_fragility_shows_buildings_without_pounding():
+    """One line where the axis is of the contacts alone, as gaps are, one for each value of another."""
+    cube = made.cube(record=6, scale=4, gap=2, restitution=1)
+    response = cube["scale"] * (1.0 + 0.1 * xr.DataArray(np.arange(6), dims="record")) + 0.0 * cube["drift_max"]
+    cube = cube.assign(drift_max=0.01 * response.where(cube["law"] == "none", 2.0 * response))
+    lines = draw("fragility", cube, event="drift", level=0.012).axes[0].get_legend_handles_labels()[1]
+    assert [line.partition(":")[0] for line in lines] == ["gap 2 mm", "gap 4 mm", "No pounding"]
+    alone = fragility(cube, "drift", 0.012).sel(law="none", building="a").isel(gap=0)
+    assert f"median {alone['median'].item():.3g} m/s²" in lines[-1].replace("\n", " ")
+    factors = cube.rename(gap="mass_factor_a")
+    factors["drift_max"] = factors["drift_max"] * factors["mass_factor_a"] / 0.003
+    lines = draw("fragility", factors, event="drift", level=0.012).axes[0].get_legend_handles_labels()[1]
+    assert sum(line.startswith("No pounding; mass factor a") for line in lines) == 2
 
 
 def test_fragility_shows_its_trials_and_bands():
@@ -441,7 +525,7 @@ def test_fragility_of_any_event_has_a_band_if_its_interval_is_not_too_wide(facto
     figure = draw("fragility", result)
     assert len(figure.axes) == 2
     assert [sum(bool(c.get_paths()) for c in ax.collections) for ax in figure.axes] == [bands, bands]
-    assert notes in figure.get_supxlabel().replace("\n", " ")
+    assert notes in figure.get_supxlabel().replace("\n", " ") or notes in figure.caption
     assert all(("(a)" in text) != bands for text in figure.axes[0].get_legend_handles_labels()[1])
     assert (factor > 10.0) == ("no band" in fit_rows(result)[0]["fit"])
     with pytest.raises(InputError, match="of the event 'drift', not 'touch'"):
@@ -454,8 +538,8 @@ def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(
     for scales, spacing in (([0.5, 1.0, 1.5, 2.0], "linear"), ([0.25, 0.5, 1.0, 2.0], "log")):
         figure = draw(key, cube.assign_coords(scale=scales))
         assert {ax.get_yscale() if key == "incremental" else ax.get_xscale() for ax in figure.axes} == {spacing}
-        assert "2 records" in figure.get_suptitle()
-        assert "Linear spring" in figure.get_suptitle() + figure.axes[0].get_title()
+        assert figure.caption[1] == "2 records"
+        assert "Linear spring" in "".join(figure.caption) + figure.axes[0].get_title()
     assert "record Imperial Valley 1940" in title(key, cube.isel(record=[0]).assign_coords(record=["el_centro"]))
 
 
@@ -473,8 +557,8 @@ def test_incremental_draws_fractiles_that_enough_records_reach(pga, fractiles, w
     cube = made.cube(record=len(pga), scale=3).assign_coords(record_pga=("record", pga))
     figure = draw("incremental", cube)
     assert [text.get_text() for text in figure.legends[0].texts][1:] == fractiles
-    assert why in figure.get_suptitle().replace("\n", " ")
-    assert ("fractile" in figure.get_suptitle()) == bool(why)
+    assert why in figure.caption[-1]
+    assert ("fractile" in figure.caption[-1]) == bool(why)
 
 
 @pytest.mark.parametrize("turn", [False, True])
@@ -487,6 +571,17 @@ def test_incremental_is_of_the_largest_over_storeys_upright_or_turned(turn):
     np.testing.assert_allclose(curves["r8"], (drift[-1], 2.0 * cube["scale"]))
     np.testing.assert_allclose(curves["84% fractile"][0], np.quantile(drift, 0.84, axis=0))
     assert len({(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines}) == 8 + 3
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_incremental_has_an_axis_for_each_building(turn):
+    cube = made.cube(record=3, scale=3)
+    cube = cube.assign(drift_max=cube["drift_max"] * xr.DataArray([1.0, 10.0], dims="building"))
+    grid = draw("incremental", cube, value="drift_max", turn=turn).axes
+    ends = [(ax.get_ylim if turn else ax.get_xlim)()[1] for ax in grid]
+    assert ends[1] > 5.0 * ends[0]
+    assert ends[0] == ends[2]  # of the laws below
+    assert len({(ax.get_xlim if turn else ax.get_ylim)() for ax in grid}) == 1
 
 
 @some(("force-gap", "amplification", "law-comparison", "incremental", "required-gap"), "force-gap")
@@ -527,14 +622,21 @@ def test_floors_overlap_in_the_drawing_as_far_as_they_penetrate(walls):
             assert faces[i][s, 1] - faces[i + 1][s, 0] == pytest.approx(overlap, abs=1e-12)
 
 
+def test_a_wall_stands_as_high_as_the_floors_that_it_meets():
+    low, high = (
+        wall.get_paths()[0].get_extents().y1 for wall in draw("row", made.histories(True, True)).axes[0].collections[:2]
+    )
+    assert (low, high) == (9.0, 6.0)
+
+
 def test_the_row_stands_at_its_strongest_impact():
     one, apart = made.histories(), made.histories(touch=False)
     figure = draw("row", one)
     assert figure.axes[0].collections[0].get_offsets()[:, 1].tolist() == [3.0, 6.0]
     at = one.contact_force.max(["pair", "storey"]).idxmax("time")
     assert f"{at:.3f} s, largest force {one.contact_force.max():.0f} kN" in figure.get_suptitle()
-    assert f"drawn {draw_row(one)[1]:g} times" in figure.get_suptitle()
-    assert f"{abs(apart.displacement).max(['building', 'storey']).idxmax('time'):.3f} s;" in title("row", apart)
+    assert f"drawn {draw_row(one)[1]:g} times" in figure.axes[0].get_xlabel()
+    assert f"{abs(apart.displacement).max(['building', 'storey']).idxmax('time'):.3f} s" in title("row", apart)
 
 
 def test_a_gif_moves(tmp_path):
@@ -612,6 +714,12 @@ def test_plot_on_the_command_line(tmp_path, not_rendered):
     call("plot", one, "phase", "-o", picture, "--start", "0.5", "--end", "1")
     told = call("plot", cube, "force-gap", "-o", picture, "--at", "gap=0.002", "--at", "gap=0.008").stderr
     assert "--at restitution=... for another" in told
+    text, words = tmp_path / "x.txt", ("plot", cube, "profiles", "-o", picture, "--caption", tmp_path / "x.txt")
+    for more, first in ((["--title", "School"], "School"), (["--no-title"], "by hand; Peak responses over the height")):
+        call(*words, *more)
+        heading, values = text.read_text().splitlines()
+        assert heading == first
+        assert values.startswith("gap 4 mm (one of 4); restitution 0.4 (one of 2)")
     for words, text in (
         ((), "give CUBE.nc FIGURE"),
         ((cube, "profiles"), "-o is missing"),

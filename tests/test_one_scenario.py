@@ -10,7 +10,7 @@ from scenes import scene_of_case
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.run.histories import peaks_shown
+from pounding_sweep.run.histories import instants_in_contact, peaks_shown
 from pounding_sweep.run.simulate import scenario_of, simulate_one, simulate_shown
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
@@ -133,6 +133,22 @@ def test_histories_are_run_finer_until_they_show_their_peaks(monkeypatch):
     assert taken == [None, 4e-3, 2e-3]
     simulate_shown(spec, 5e-3)
     assert taken[3:] == [5e-3]
+
+
+def test_histories_are_run_finer_until_they_show_a_contact(monkeypatch):
+    """A contact of 0.05 s, of the floor that penetrates deepest."""
+
+    def simulate(*args, output_step=None, **more):
+        time = np.arange(0.0, 0.2, output_step or 4e-3)
+        deep = np.where((time > 0.1) & (time < 0.15), 1e-3, 0.0)
+        depth = np.stack([deep, np.minimum(deep, 5e-4), np.full_like(deep, np.nan)], axis=1)
+        return xr.Dataset({"penetration": (("time", "storey", "pair"), depth[..., None])}, attrs={"time_step": time[1]})
+
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
+    one = simulate_shown(build_spec(scene=made.scene(), records=pulses("one"), laws="linear"))
+    assert one.attrs["time_step"] == 1e-3
+    assert 30 <= instants_in_contact(one) < 60
+    assert instants_in_contact(one.where(one["penetration"] > 1.0)) == np.inf
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,9 @@ def plot_command(
     turn: bool = flag("--turn", "Of incremental, the intensity across."),
     names: bool = flag("--names", "Of incremental, name the records."),
     dpi: float = option("N", "Dots per inch of a PNG.", default=150.0),
+    title: str | None = option("TEXT", "Title in place of the figure's own."),
+    no_title: bool = flag("--no-title", "No title, as above a caption of your own."),
+    caption: Path | None = option("FILE", "Text file for what the figure shows: values of axes, records, laws."),
     only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
@@ -146,6 +149,7 @@ def plot_command(
             settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
             settings |= {"contours": contours, "turn": turn, "names": names, "event": event}
             settings["level"] = read_level(event or "touch", level)
+            settings |= {"title": "" if no_title else title, "caption": caption}
             print(plot(chosen, kind, out, report=say, **settings))
 
 

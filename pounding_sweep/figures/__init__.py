@@ -115,20 +115,26 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
             from pounding_sweep.figures.select import NothingToDrawError, describe
-            from pounding_sweep.figures.style import in_style
+            from pounding_sweep.figures.style import NotebookFigure, in_style
+            from pounding_sweep.output.dataset import UNTITLED
             from pounding_sweep.output.netcdf import with_texts
 
             prepared = _with_inner_dims(with_texts(dataset))
             require(prepared, key)
             with in_style():
                 try:
-                    return draw(prepared, **options)
+                    figure = draw(prepared, **options)
                 except NothingToDrawError:
                     at = describe(prepared)
                     raise InputError(
                         f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(prepared)}; "
                         "choose others with --at"
                     ) from None
+                if source in ("cube", "design") and isinstance(figure, NotebookFigure):
+                    study = prepared.attrs.get("title", UNTITLED)
+                    figure.caption[0] = figure.caption[0][:1].upper() + figure.caption[0][1:]
+                    figure.name_subject(study * (study != UNTITLED))
+                return figure
 
         first, *options = signature(draw).parameters
         text = cleandoc(draw.__doc__ or "")
@@ -183,6 +189,8 @@ def plot(
     path: FilePath,
     *,
     dpi: float = 150.0,
+    title: str | None = None,
+    caption: FilePath | None = None,
     report: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Path:
@@ -198,8 +206,13 @@ def plot(
         File to write.
     dpi : float
         Dots per inch of a PNG, 10 to 1200.
+    title : str, optional
+        Title in place of the figure's own, which names the study and what is shown; "" leaves it out.
+    caption : path, optional
+        Text file to write the caption into: the figure's own title, the values that it is of, how many records and
+        laws it shows, and how others are drawn.
     report : callable, optional
-        Called with the figure's title if that names values of axes which stand for others.
+        Called with the caption but for the title.
     **options
         Options of the figure, such as ``x``, ``y`` and ``value``; None or False leaves one out.
 
@@ -213,7 +226,7 @@ def plot(
     InputError
         The figure or option is unknown, the dataset lacks what it needs or has no values, or `dpi` is out of range.
     OutputError
-        The file can't be written.
+        A file can't be written.
 
     Examples
     --------
@@ -224,8 +237,6 @@ def plot(
     ...     plot(cube, "force-gap", f"{folder}/force.png").name
     'force.png'
     """
-    from pounding_sweep.figures.select import OTHERS
-
     figures = _figures()
     check_choice("figure", kind, figures)
     if not _DPI[0] <= dpi <= _DPI[1]:
@@ -236,14 +247,19 @@ def plot(
             raise InputError(f"figure {kind!r} takes no {name}; it takes {', '.join(figures[kind].options) or 'none'}")
     target = expanded(path)
     figure = figures[kind].draw(dataset, **options)
-    title = " ".join(figure.get_suptitle().split())
-    if report is not None and OTHERS in title:
-        report(f"figure {kind!r} shows {title}")
+    heading, *notes = getattr(figure, "caption", [""])
+    if title is not None:
+        figure.suptitle(title, fontsize=9)
+    if report is not None and notes:
+        report(f"figure {kind!r}: {'; '.join(notes)}")
     try:
         figure.savefig(target, dpi=dpi)
+        if caption is not None:
+            expanded(caption).write_text("\n".join([title or heading, *notes, ""]), encoding="utf-8")
     except (OSError, ValueError) as error:
         raise OutputError(
-            f"can't write {str(target)!r} ({error}); give a file in a folder that exists, ending in .png, .svg or .pdf"
+            f"can't write {str(getattr(error, 'filename', None) or target)!r} ({error}); give a file in a folder that "
+            "exists, a figure ending in .png, .svg or .pdf"
         ) from error
     return target
 

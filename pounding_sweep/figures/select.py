@@ -38,10 +38,6 @@ _DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "r
 _LABEL, _TICKS, _WIDE = 36, 8, 3.999
 
 
-#: Begins the part of a title that says how other values of axes are drawn.
-OTHERS = "--at "
-
-
 class NothingToDrawError(InputError):
     """What a figure would draw has no value."""
 
@@ -64,7 +60,7 @@ def select_default(dataset: xr.Dataset, keep: Collection[str], drawn: Iterable[s
         place = {str(dim): int(best) for dim, best in score.argmax([*sizes]).items()} if sizes else place
     dataset = dataset.isel(place)
     others = " or ".join(f"{dim}=..." for dim, size in sizes.items() if size > 1)
-    words = join_nonempty(describe(dataset, sizes, but=keep), f"{OTHERS}{others} for another" if others else "")
+    words = join_nonempty(describe(dataset, sizes, but=keep), f"--at {others} for another" if others else "")
     valued = {dim: labels_with_values(dataset, dim, drawn) for dim in ("law", "pair", "building")}
     return dataset.sel({dim: labels for dim, labels in valued.items() if labels}), words
 
@@ -75,15 +71,15 @@ def several_records(dataset: xr.Dataset) -> list[str]:
 
 
 def over_records(
-    dataset: xr.Dataset, words: str, drawn: Collection[str], *, worst: bool = False, thin: str = ""
+    dataset: xr.Dataset, words: str, drawn: Collection[str], *, worst: bool = False
 ) -> tuple[xr.Dataset, str]:
-    """Take the median, or the largest, of several records, and say so, and what is `thin`, before the words."""
+    """Take the median, or the largest, of several records, and say so before the words."""
     if "record" not in dataset.dims:
         return dataset, words
     records, valued = dataset.sizes["record"], len(labels_with_values(dataset, "record", drawn))
     count = f"{valued} of {records}" if 0 < valued < records else str(records)
     result = dataset.max("record", keep_attrs=True) if worst else dataset.median("record", keep_attrs=True)
-    return result, join_nonempty(f"{'worst' if worst else 'median'} of {count} records{thin}", words)
+    return result, join_nonempty(f"{'worst' if worst else 'median'} of {count} records", words)
 
 
 def _score(dataset: xr.Dataset, names: Collection[str], dims: Collection[str]) -> xr.DataArray:

@@ -45,7 +45,17 @@ in_style = partial(context, _SETTINGS, after_reset=True)
 
 
 class NotebookFigure(Figure):
-    """A figure that notebooks show, though pyplot knows nothing of it."""
+    """A figure that notebooks show, though pyplot knows nothing of it, and its caption."""
+
+    #: what it shows, then of which values and how many, and what to do for others
+    caption: list[str]
+
+    def name_subject(self, study: str = "") -> None:
+        """Write the title: the study, if there is one, and the subject, in two lines at most."""
+        width, subject = int(14 * self.get_figwidth()), self.caption[0]
+        above = [study] if study and max(len(study), len(subject)) <= width else []  # else both do not fit
+        self.suptitle("\n".join([*above, fill(subject, width, max_lines=2, placeholder=" ...")]))
+        self.caption = [join_nonempty(study, subject), *self.caption[1:]]
 
     def _repr_png_(self) -> bytes:
         file = BytesIO()
@@ -84,10 +94,10 @@ def subplots(
     return axes
 
 
-def finish(axes: Any, x: str, y: str | Sequence[str], *title: str, legend: int = 3) -> Any:
+def finish(axes: Any, x: str, y: str | Sequence[str], subject: str = "", *notes: str, legend: int = 3) -> Any:
     """Label a grid of panels at its edges, y by one text or by one a row, with a legend in `legend` columns below.
 
-    Titles that rows have in common stand above the first one alone.
+    Titles that rows have in common stand above the first one alone. The caption has the notes.
     """
     for column in axes.T:
         column[-1].set_xlabel(x)
@@ -98,7 +108,7 @@ def finish(axes: Any, x: str, y: str | Sequence[str], *title: str, legend: int =
         ax.set_ylabel(label)
     if legend:
         legend_below(axes[0], legend)
-    return put_title(axes, *title)
+    return put_title(axes, subject, *notes)
 
 
 def legend_below(panels: Any, most: int) -> None:
@@ -119,17 +129,14 @@ def legend_beside(ax: Any) -> None:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
-def put_title(axes: Any, *parts: str) -> Any:
+def put_title(axes: Any, subject: str, *notes: str) -> Any:
     """Write what a figure shows above it, or above the one panel in a figure of the user's; return the figure."""
     panel, figure = axes.flat[0], axes.flat[0].figure
     if isinstance(figure, NotebookFigure):
-        width = int(14 * figure.get_figwidth())
-        words = join_nonempty(*parts).split("; ")  # between which lines end, if they fit
-        unbroken = "; ".join(part if len(part) > width else part.replace(" ", "\xa0") for part in words)
-        lines = fill(unbroken, width, break_long_words=False, break_on_hyphens=False)
-        figure.suptitle(lines.replace("\xa0", " "))
+        figure.caption = [" ".join(subject.split()), *filter(None, notes)]
+        figure.name_subject()
     else:
-        panel.set_title("\n".join(filter(None, (panel.get_title(), join_nonempty(*parts)))))
+        panel.set_title("\n".join(filter(None, (panel.get_title(), subject))))
     return figure
 
 

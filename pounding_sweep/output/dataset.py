@@ -40,6 +40,10 @@ TEXT: Mapping[str, Any] = {"dtype": "S1", "_FillValue": None}
 Coordinates = dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]
 
 
+#: Title of a dataset whose sweep has none.
+UNTITLED = "Parametric sweep of seismic pounding of adjacent buildings"
+
+
 @lru_cache(maxsize=1)
 def package_version() -> str:
     """Return the installed version of this package, or "unknown"."""
@@ -217,8 +221,7 @@ def label(
     coordinates = {**axes, **extra_coords}
     if "law" in coordinates:
         coordinates = {**law_coordinates(*coordinates["law"][:2]), **coordinates}
-    title = "Parametric sweep of seismic pounding of adjacent buildings"
-    parts = CubeParts({}, {}, _attributes({**global_attributes(title), **attributes}))
+    parts = CubeParts({}, {}, _attributes({**global_attributes(UNTITLED), **attributes}))
     for name, variable in VARIABLES.items():
         if name in data and variable.exists_in(scene):
             about = {"units": variable.units, "long_name": variable.long_name, "comment": variable.definition}

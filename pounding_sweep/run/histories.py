@@ -132,3 +132,12 @@ def peaks_shown(one: xr.Dataset) -> float:
             seen, reported = (float((abs(x) if sign == 0 else sign * x).max()) for x in (one[history], one[peak]))
             least = min(least, seen / reported) if reported > 0.0 else least
     return least
+
+
+def instants_in_contact(one: xr.Dataset) -> float:
+    """Return the instants of the longest contact of the floors that penetrate deepest; infinity without contact."""
+    if "penetration" not in one or not (one["penetration"] > 0.0).any():
+        return np.inf
+    floors = one["penetration"].fillna(0.0).stack(floor=("pair", "storey")).transpose("floor", "time").values
+    is_open = floors[floors.max(axis=1).argmax()] <= 0.0
+    return float(np.diff(np.flatnonzero(np.concatenate([[True], is_open, [True]]))).max() - 1)

@@ -19,7 +19,7 @@ from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.records import Record, resolve_record
-from pounding_sweep.run.histories import histories, peaks_shown
+from pounding_sweep.run.histories import histories, instants_in_contact, peaks_shown
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
@@ -321,15 +321,16 @@ def simulate_one(
     return one.assign_attrs({"scenario": details} if details else {})
 
 
-#: Share of every reported peak that histories show, and how often the step is halved for it at most.
-SHOWN, _HALVINGS = 0.99, 8
+#: Share of every reported peak that histories show, instants of their deepest contact, and how often the step is
+#: halved for them at most.
+SHOWN, _INSTANTS, _HALVINGS = 0.99, 30, 8
 
 
 def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
-    """Run one scenario as `simulate_one`, by default at steps so short that its histories show the peaks it reports."""
+    """Run one scenario as `simulate_one`, by default at steps so short that histories show peaks and contacts."""
     one = simulate_one(spec, output_step=output_step, **choice)
     for _ in range(_HALVINGS if output_step is None else 0):
-        if peaks_shown(one) >= SHOWN:
+        if peaks_shown(one) >= SHOWN and instants_in_contact(one) >= _INSTANTS:
             break
         one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
     return one

@@ -85,9 +85,10 @@ _AMPLIFIED = (
     *("displacement_peak_ratio", "drift_max_ratio", "acceleration_max_ratio"),
     *("storey_shear_max_ratio", "displacement_max_ratio", "displacement_min_ratio"),
 )
-#: Lines of records, what a title says of them, and the number of impacts from which their axis is logarithmic.
+#: Lines of records, what their band is called, and the number of impacts from which their axis is logarithmic.
 _EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
-_THIN, _MANY = " (thin: each)", 100
+_LARGEST: Any = {"linewidth": 0.8, "linestyle": ":"}
+_BAND, _MANY = "16 to 84 % of the records", 100
 _RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|drift_ratio_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 #: Outputs by which laws are compared, the first that is there.
@@ -97,6 +98,31 @@ _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)
 
 #: Laws at most, of figures that draw the first ones.
 _LAWS = 3
+
+
+def _axis_name(axis: PlotAxis) -> str:
+    """Return what a title calls an axis."""
+    return (axis.label.rpartition(" (")[0] or axis.label).partition(",")[0]
+
+
+def _draw_records(panel: Any, along: np.ndarray, values: np.ndarray, style: Any, *, upright: bool = False) -> None:
+    """Draw a line for each of few records (axis 1 of the values), of many the band of the middle two thirds.
+
+    Unless they are `upright`, values of 0 are no contact: lines end there, and that of the largest record is drawn too.
+    """
+    shown = values if upright else np.where(values == 0.0, np.nan, values)
+    if values.shape[1] <= _NAMED:
+        panel.plot(*(shown, along)[:: 1 if upright else -1], **style | _EACH)
+        panel.plot([], [], label="each record", **_EACH | {"color": "0.2"})
+        return
+    valued = np.isfinite(shown).any(axis=1)
+    band = np.nanquantile(values[valued], (0.16, 0.84), axis=1)
+    fill_band = panel.fill_betweenx if upright else panel.fill_between
+    for colour, ends, label in ((style["color"], (along[valued], *band), ""), ("0.2", ([],) * 3, _BAND)):
+        fill_band(*ends, facecolor=(colour, 0.1), edgecolor=(colour, 0.4), linewidth=0.6, label=label)
+    if not upright:
+        panel.plot(along[valued], np.nanmax(shown[valued], axis=1), color=style["color"], **_LARGEST)
+        panel.plot([], [], color="0.2", label="largest of the records", **_LARGEST)
 
 
 def _first_laws(cube: xr.Dataset, *, contact: bool) -> tuple[list[str], str]:
@@ -110,19 +136,21 @@ def _draw_laws(
 ) -> tuple[Any, str]:
     """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law.
 
-    Lines are medians of the records, those of each record are thin. The text says so before `words`.
+    Lines are medians of the records, and end where these are 0: where more than half of the records don't touch. The
+    text says how many they are before `words`.
     """
     result = result[[*rows]].sortby(axis.name)
-    median, words = over_records(result, words, rows, thin=_THIN)
+    median, words = over_records(result, words, rows)
     axes = subplots(len(rows), result.sizes[per], size, ax)
     at = axis.values(result)
     for row, name in zip(axes, rows, strict=True):
         for column, (panel, part) in enumerate(panels(row, median, per)):
             for law, style in zip(part["law"].values, MARKED(), strict=False):
-                panel.plot(at, part[name].sel(law=law), label=law_name(result, law), **style)
+                line = part[name].sel(law=law)
+                panel.plot(at, line.where(line != 0.0), label=law_name(result, law), **style)
                 if "record" in result.dims:
-                    each = result[name].sel(law=law).isel({per: column})
-                    panel.plot(at, each.transpose(axis.dim, "record"), **style | _EACH)
+                    each = result[name].sel(law=law).isel({per: column}).transpose(axis.dim, "record")
+                    _draw_records(panel, at, each.values, style)
             scale_axis(panel.xaxis, at)
     return axes, words
 
@@ -132,8 +160,9 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     """Draw the largest contact force and the impacts of each pair against the gap, or another axis, law by law.
 
     Of the storeys of a pair the largest is shown. By default along the gap, or, where there is one gap, along the
-    first axis that varies. Of several records each is a thin line beside their median. Of all other axes the middle
-    value is shown at which floors touch; the title names it. Impacts up to 100 and more are on a logarithmic axis.
+    first axis that varies. Of several records lines are the median, beside each or, of more than eight, a band. They
+    end where contact ends, the median where more than half do not touch. Of all other axes the middle value is shown
+    at which floors touch; the caption names it. Impacts up to 100 and more are on a logarithmic axis.
     """
     check_value(value, _FORCES)
     cube = pounding_only(with_dims(cube, "law", "gap"))
@@ -147,7 +176,8 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
             panel.set_yscale("symlog", linthresh=1.0)
             panel.yaxis.set_major_formatter("{x:g}")
         panel.set_ylim(bottom=0.0)
-    return finish(axes, axis.label, [*rows.values()], selection)
+    subject = " and ".join(long_name(cube[name], name) for name in rows)
+    return finish(axes, axis.label, [*rows.values()], f"{subject} by {_axis_name(axis)}", selection)
 
 
 @figure_of("amplification", "cube", f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}")
@@ -156,9 +186,9 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
 
     One column per building, one row per response, three at most, one line per law that has values: the largest over
     storeys; over the storeys themselves where no axis varies. By default along the first of gap, stiffness, scale,
-    restitution and building properties that varies. Of several records each is a thin line beside their median, of
-    the other axes the middle value is shown at which floors touch, which the title names. The grey line at 1 is no
-    change.
+    restitution and building properties that varies. Of several records lines are the median, beside each or, of more
+    than eight, their band; of the other axes the middle value is shown at which floors touch, which the caption names.
+    The grey line at 1 is no change.
     """
     present = [name for name in _AMPLIFIED if name in cube or {*needed_for([name])} <= {*cube.data_vars}]
     check_value(value, present)
@@ -177,7 +207,8 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         if axis.dim == "storey":
             panel.set_xticks(axis.values(result))
     labels = [fill(choose_response(result, "amplification", name)[1], 24) for name in rows]
-    return finish(axes, axis.label, labels, selection, over)
+    subject = f"Responses with pounding over responses without, by {_axis_name(axis)}"
+    return finish(axes, axis.label, labels, subject, selection, over)
 
 
 @figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
@@ -205,7 +236,8 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
     response = f"{get_variable(name).long_name}\nover the reference's (-)"
-    return finish(axes, label, response, f"reference law: {law_name(ratio, reference)}", selection)
+    subject = f"{get_variable(name).long_name} over that of {law_name(ratio, reference)}, by {_axis_name(axis)}"
+    return finish(axes, label, response, subject, selection)
 
 
 #: Values along both axes from which lines of equal value are more than a guess, and lines at most.
@@ -235,7 +267,7 @@ def response_map(
 
     One column per pair or building, one row per law, three at most. Shown is the largest over storeys (of what is
     negative or comes first, the smallest), of several records the median, of the other axes the middle value at which
-    floors touch, which the title names. Grey cells have no contact under any record, light grey ones under more than
+    floors touch, which the caption names. Grey cells have no contact under any record, light grey ones under more than
     half of them (with the share of records that touch), hatched ones no scenario that is ok. All panels share one scale
     of colours, logarithmic for 100 impacts and more; of amplifications its middle is 1, no change. There are no
     contours along records. A value of whole scenarios, such as ``status``, has one column; of the
@@ -300,18 +332,19 @@ def response_map(
             if names := _label_ticks(cube, along.name, per):
                 axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
     axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
-    title = {
-        selection: True,
-        others: True,
-        "largest of the storeys": storeys,
-        f"hatched: {'no such storey or ' * ('storey' in drawn)}not ok (info --status says why)": (
-            (cube[name].isnull() & cube["share"].isnull()).any()
+    looks: dict[str, tuple[Any, Any]] = {
+        f"{'no such storey or ' * ('storey' in drawn)}not ok": (
+            {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"},
+            hatched := bool((cube[name].isnull() & cube["share"].isnull()).any()),
         ),
-        "grey: no contact": (cube["share"] == 0.0).any(),
-        "light grey: the share of records that touch, less than half": (cube["share"] > 0.0).any(),
+        "no contact": ({"color": colormaps["Greys"](0.3)}, (cube["share"] == 0.0).any()),
+        "less than half of the records touch": ({"color": colormaps["Greys"](0.1)}, (cube["share"] > 0.0).any()),
     }
-    words = [text for text, is_true in title.items() if is_true]
-    return finish(axes, across.label, upward.label, *words, legend=0)
+    for text, (look, is_drawn) in looks.items():
+        axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
+    subject = f"{long_name(cube[name], name)} by {_axis_name(across)} and {_axis_name(upward)}"
+    notes = "largest of the storeys" * storeys, "hatched: info --status says why" * hatched
+    return finish(axes, across.label, upward.label, subject, selection, others, *notes)
 
 
 def _over_storeys(part: xr.DataArray) -> xr.DataArray:
@@ -407,15 +440,15 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
 
     One column per building, one row per response, one line per law: of more than three with contact the first three, as
-    the title says. Of several records each is a thin line beside their median. Of all other axes the middle value is
-    shown at which floors touch; the title names it.
+    the caption says. Of several records lines are the median, beside each or, of more than eight, their band.
+    Of all other axes the middle value is shown at which floors touch; the caption names it.
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
     each, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
     laws, others = _first_laws(each, contact=True)
     each = each[[*row_of]].sel(law=[law for law in each["law"].values if law in (*laws, "none")])
-    cube, selection = over_records(each, selection, row_of, thin=_THIN)
+    cube, selection = over_records(each, selection, row_of)
     responses = [row for row in _ROWS if row in row_of.values() and value in (None, *row[0])]
     size = (1.4, 2.4, 1.3, 1.9)
     axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
@@ -432,14 +465,14 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
                 if "record" in each.dims:
                     one = each[name].sel(law=law, building=part["building"]).transpose("storey", "record")
                     x, y, _ = _along_height(factor * one.values[floors], heights, where)
-                    ax.plot(x, y, **style | _EACH)
+                    _draw_records(ax, y, x, style, upright=True)
             if where == "floors and base":
                 ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
             ax.set_xlabel(label := f"{words} ({unit})")
         if where != "floors and base":
             row[0].set_xlim(left=0)
     axes[0, 0].set_ylim(bottom=0)
-    return finish(axes, label, "elevation (m)", selection, others, legend=4)
+    return finish(axes, label, "elevation (m)", "Peak responses over the height", selection, others, legend=4)
 
 
 def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray, slice]:
@@ -508,7 +541,9 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.set_xticks(x, names, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
-    return finish(axes[:, :buildings], "", "energy (kN m)", selection, legend=2)
+    return finish(
+        axes[:, :buildings], "", "energy (kN m)", "Where the energy of each building went", selection, legend=2
+    )
 
 
 #: Dashes of fractiles but the median, and looks of records that are named: none is black.
@@ -548,7 +583,7 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
     most, evenly chosen, or else the laws; of the other axes, and of the laws with contact, the middle value is shown.
     Bands are confidence intervals, between the least and the greatest intensity tried; marks are the shares observed at
-    each intensity where trials share them (stripes), else in classes of about equal numbers of trials. The title says
+    each intensity where trials share them (stripes), else in classes of about equal numbers of trials. The caption says
     where curves cross, footnotes why there is no fit or no band.
     """
     result = result_of(cube, "fragility", event=event or "touch", level=level)
@@ -558,16 +593,27 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     result = with_dims(result, *(dim for dim in ("law", per) if dim in result.coords))
     keep = (*MOTION_DIMS, "bound", "intensity", "quantile")
     varied = choose_axis(result, None, keep)
-    axis = varied.dim if varied else "law"
+    axis, cube = varied.dim if varied else "law", result
     if varied and "law" in result.dims and (result["law"] != "none").any():
         result = result.sel(law=result["law"] != "none")
     result, selection = select_default(result, (*keep, axis), ["happened"])
     lines = select_lines(with_dims(result, axis, absent=""), axis)
+    without = []  # curves without pounding: one for each line, or one if all are the same
+    if axis != "law" and "none" in cube.coords.get("law", []) and result["law"] != "none":
+        same = {dim: result[dim] for dim in cube.dims if dim in result.coords and not result[dim].ndim}
+        bare = cube.sel(same | {"law": "none", axis: lines[axis]})
+        count = lines.sizes[axis] if bare["happened"].fillna(-1.0).diff(axis).any() else 1
+        without = [bare.isel({axis: number}) for number in range(count)]
     axes = subplots(1, result.sizes[per], (1.4, 3.4, 4.6, 0.0))
     notes: dict[str, str] = {}
     for ax, end in panels(axes[0], lines, per):
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
-            _draw_fit(ax, end.isel({axis: number}), axis, style, marker, notes)
+            part = end.isel({axis: number})
+            _draw_fit(ax, part, coord_text(part, axis), style, marker, notes)
+        for part, dashes in zip(without, DASHED, strict=False):
+            label = join_nonempty(law_name(part, "none"), coord_text(part, axis) * (len(without) > 1))
+            look = {"color": "0.55", "linestyle": dashes["linestyle"]}
+            _draw_fit(ax, part.sel({per: end[per]}), label, look, "*", notes)
         ax.set_ylim(-0.02, 1.02)
     label = _scale_intensities(axes[0, 0].xaxis, result)  # shared: nothing drawn later would move it
     below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
@@ -575,15 +621,15 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=below, fontsize=8)
     cross = "curves cross, as each has its own dispersion" if crossed(lines) else ""
     common = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
-    footnotes = *(f"{letter} {note}" for note, letter in notes.items()), result.attrs.get("advice", "")
-    title = words, _name_records(result), selection, cross, common
-    figure = finish(axes, label, f"probability (-):\n{words}", *title, legend=0)
+    footnotes = [f"{letter} {note}" for note, letter in notes.items()]
+    details = _name_records(result), selection, cross, common, result.attrs.get("advice", ""), *footnotes
+    figure = finish(axes, label, f"probability (-):\n{words}", f"Fragility: {words}", *details, legend=0)
     text = "\n".join(fill(note, int(15 * figure.get_figwidth())) for note in footnotes)
     figure.supxlabel(text.strip(), x=0.02, ha="left", fontsize=8)
     return figure
 
 
-def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
+def _draw_fit(ax: Any, part: xr.Dataset, name: str, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
     """Draw one fit with its band and the observed shares; notes say what is missing."""
     happened = part["happened"].values.ravel()
     tried = np.isfinite(happened)
@@ -603,7 +649,7 @@ def _draw_fit(ax: Any, part: xr.Dataset, axis: str, style: dict[str, Any], marke
     else:
         known = f"median {spell_units(median_words(part))}".removesuffix("median ")
     letter = notes.setdefault(note, f"({ascii_lowercase[len(notes)]})") if note else ""
-    label = ": ".join(filter(None, (coord_text(part, axis), f"{known} {letter}".strip())))
+    label = ": ".join(filter(None, (name, f"{known} {letter}".strip())))
     ax.plot([], [], label=fill(label, _ENTRY), **(mark if fit else style))
     order = np.argsort(x, kind="stable")  # a mark for trials of one intensity, if several share it, else of a class
     groups = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1)
@@ -617,7 +663,7 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
 
     One column per pair or building, one row per law, three at most. Shown is the largest over storeys, or the storey
     that was selected. Fractiles are drawn at intensities that half of the curves reach, and enough that one lies beyond
-    the fractile (7 for 16 % and 84 %); the title says if there are none, and why.
+    the fractile (7 for 16 % and 84 %); the caption says if there are none, and why.
     """
     check_value(value, responses_of(cube, "an incremental curve", None))
     name, label, factor, per = choose_response(cube, "incremental", value)
@@ -633,7 +679,11 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     # half of the curves, and so many that one is expected beyond the fractile
     needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
     below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
-    axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), sharey=True)
+    shared: Any = {
+        "sharex": True if turn else "col",
+        "sharey": "col" if turn else True,
+    }  # a response axis for each building
+    axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), **shared)
     thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
     records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
     for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
@@ -647,15 +697,15 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
             if most >= needed[q]:
                 ax.plot(*drawn[:: -1 if turn else 1], color="black", linewidth=1.8, **look)
     intensity = _scale_intensities(axes[0, 0].xaxis if turn else axes[0, 0].yaxis, result)  # shared by all
-    if response.min() >= 0.0:
-        axes[0, 0].set(**{"ylim" if turn else "xlim": (0.0, None)})
+    for ax in axes[0] if response.min() >= 0.0 else ():
+        ax.set(**{"ylim" if turn else "xlim": (0.0, None)})
     storeys = "largest of the storeys" * (result[name].sizes.get("storey", 1) > 1)
     short = [q for q in quantiles if (count < needed[q]).any()]
     words, numbers = ", ".join(f"{q:.0%}" for q in short), ", ".join(f"{math.ceil(needed[q])}" for q in short)
     why = f"fractiles of {words} need {numbers} curves at one intensity, at most {most} reach" if short else ""
     x, y = (intensity, label) if turn else (label, intensity)
-    title = _name_records(result), storeys, selection, others, why
-    return finish(axes, x, fill(y, 32), *title, legend=4)
+    notes = _name_records(result), storeys, selection, others, why
+    return finish(axes, x, fill(y, 32), "Incremental dynamic analysis", *notes, legend=4)
 
 
 @figure_of("gap-for-probability", "cube", "pair, several record")
@@ -683,7 +733,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
             _draw_gaps(ax, part, "gap", style, label)
             gaps = 1e3 * np.sort(part["trial_gap"].dropna("record").values)
             shares = np.linspace(1.0, 0.0, gaps.size, endpoint=False)
-            ax.plot(gaps, shares, color=style["color"], linestyle="none", marker=".", markersize=3)
+            dots = {"marker": ".", "markersize": 3, "label": "shares of the records" if not number else ""}
+            ax.plot(gaps, shares, color=style["color"], linestyle="none", **dots)
     for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if years else ():
         _draw_gaps(ax, pair, "gap_in_years", {"color": COLOURS[0]}, "lognormal")
         if "rate" in pair:
@@ -701,8 +752,9 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_xlim(0.0, 1.05e3 * result.reset_coords()[drawn].to_dataarray().max().item())
     rules = spell_units(result["rule_gap"].attrs["long_name"]) if "rule_gap" in result else ""
     intervals = f"lognormal with {result.attrs['confidence']:.0%} intervals"
-    dots = f"dots: shares of the {result.attrs['suite']} records"
-    figure = finish(axes, "gap (mm)", rows, words, intervals, dots, rules, selection)
+    suite = f"{result.attrs['suite']} records"
+    subject = "Probability that a pair touches, by gap"
+    figure = finish(axes, "gap (mm)", rows, subject, words, suite, intervals, rules, selection)
     figure.legends[0].set_title(spell_units(result.attrs.get("intensity", "")), {"size": 9})
     return figure
 
@@ -753,7 +805,8 @@ def required_gap(cube: xr.Dataset) -> Figure:
         gaps.margins(y=0.1)
     axes[0, 0].set_ylim(bottom=0.0)
     rows = "required gap (mm)", "rule over exact (-)\nbelow 1: too small"
-    return finish(axes, "", rows, selection, f"factors {result.attrs['factors']}", legend=4)
+    subject = "Required gaps, exact and by separation rules"
+    return finish(axes, "", rows, subject, selection, f"factors {result.attrs['factors']}", legend=4)
 
 
 def _group_rules(pair: xr.Dataset) -> dict[str, int]:
@@ -824,9 +877,10 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
     if means is not None:
         axes[0, 0].locator_params("x", nbins=6)
         axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if min(0.0, low) <= tick <= high + room])
-        words = "bars: means at values of one axis", "right: its share of the variance alone"
-        label = f"mean {long_name(means, value)} ({drawn_unit(means.attrs)[0] or '-'})"
-        return finish(axes, label, "", result.attrs["over"].partition(":")[0], *words, legend=0)
+        words = "bars: means at values of one axis", "share: of the variance, by that axis alone"
+        subject = f"mean {long_name(means, value)}"
+        label, over = f"{subject} ({drawn_unit(means.attrs)[0] or '-'})", result.attrs["over"].partition(":")[0]
+        return finish(axes, label, "", f"{subject}: what matters", over, *words, legend=0)
     response = str(result[key].attrs["long_name"]).removeprefix("total Sobol index: ")
     title = [f"Sobol indices of the {response}", f"{result.attrs['confidence']:.0%} intervals"]
     title.append(_describe_group(result.isel(group=0), [name for name in _GROUP if name not in varied]))
@@ -852,6 +906,7 @@ def _draw_effects(panel: Any, part: xr.Dataset, value: str) -> list[float]:
     low, high = drawn_unit(means.attrs)[1] * means.transpose("bound", "input").values
     panel.barh(range(len(low)), high - low, left=low, height=0.5, zorder=2)
     shares = part[f"{value}_first"].values
+    panel.text(1.02, len(low) - 0.5, "share", fontsize=7, transform=panel.get_yaxis_transform())
     for y, ends in enumerate(part[f"{value}_at_interval"].transpose("input", "bound").values):
         lower, upper = (fill(f"{end:g}" if isinstance(end, float) else end.replace("_", " "), 14) for end in ends)
         for x, text, side, apart in ((low[y], lower, "right", -3), (high[y], upper, "left", 3)):
@@ -905,5 +960,6 @@ def work_precision(trade: xr.Dataset) -> Figure:
     axes[0, 0].set_ylim(bottom=bottom)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
-    title = f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
-    return finish(axes, "cost (s per thousand scenarios, one core)", "worst relative error", title, legend=2)
+    notes = f"{count} scenarios", f"steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
+    label = "cost (s per thousand scenarios, one core)"
+    return finish(axes, label, "worst relative error", "Worst error of the schemes by cost", *notes, legend=2)

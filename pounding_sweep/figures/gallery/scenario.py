@@ -24,6 +24,7 @@ from pounding_sweep.figures.style import (
     DASHED,
     finish,
     in_style,
+    join_nonempty,
     legend_beside,
     put_title,
     subplots,
@@ -149,21 +150,39 @@ def force_penetration(
 ) -> Figure:
     """Draw contact force against penetration, pair by pair, from 'simulate'.
 
-    There is one loop per impact, whose area is the energy it took. Contacts are short: smaller steps of the
-    histories (``output_step``) draw rounder loops.
+    There is one loop per impact, whose area is the energy it took; where the force jumps at a touch the line is
+    upright. Contacts are short: smaller steps of the histories (``output_step``) draw rounder loops.
     """
     part = time_slice(one, start, end)
     axes = subplots(1, one.sizes["pair"], (1.4, 3.2, 3.8, 0.0), ax, styles=DASHED)
     for panel, pair in panels(axes[0], part, "pair"):
         for storey in pair.storey.values:
-            depth, force = 1e3 * pair.penetration.sel(storey=storey), pair.contact_force.sel(storey=storey)
-            near = np.convolve(depth > 0.0, [1, 1, 1], "same") > 0  # with an instant apart on each side
-            label = f"storey {storey}" if near.any() else ""
-            panel.plot(depth.where(near), force.where(near), label=label, linewidth=1.0, visible=near.any())
+            depth, force = _loops(*(pair[name].sel(storey=storey).values for name in ("penetration", "contact_force")))
+            label = f"storey {storey}" if len(depth) else ""
+            panel.plot(1e3 * depth, force, label=label, linewidth=1.0, visible=bool(label))
         if panel.get_legend_handles_labels()[1]:
             panel.legend(loc="upper left", fontsize=8)
         _say_no_contact(panel)
     return finish(axes, "penetration (mm)", "contact force (kN)", scenario_title(one), legend=0)
+
+
+def _loops(depth: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return penetration and force of each contact, NaN between them; from no force and back, upright at a jump."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], depth > 0.0, [False]])))
+    parts = []
+    for start, end in ends.reshape(-1, 2).tolist():
+        d, f = depth[start:end], force[start:end]
+        first, last = _force_at_touch(d, f), _force_at_touch(d[::-1], f[::-1])
+        parts += [[[0.0, 0.0, *d, 0.0, 0.0, np.nan], [0.0, first, *f, last, 0.0, np.nan]]]
+    return np.concatenate(parts, axis=1) if parts else np.empty((2, 0))
+
+
+def _force_at_touch(depth: np.ndarray, force: np.ndarray) -> float:
+    """Return the force just after a touch, on the line through the first two instants; 0 if it changes its sign."""
+    if len(depth) < 2 or depth[1] <= depth[0]:
+        return 0.0
+    limit = force[0] - depth[0] * (force[1] - force[0]) / (depth[1] - depth[0])
+    return float(limit) if limit * force[0] > 0.0 else 0.0
 
 
 @figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
@@ -204,7 +223,8 @@ def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     show(number, forces / (forces.max(initial=0.0) or 1.0))
     largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
     when = f"{one.time.values[number]:.3f} s{largest}"
-    return put_title(axes, scenario_title(one), when, f"displacements and gaps drawn {factor:g} times")
+    axes[0, 0].set_xlabel(f"displacements and gaps drawn {factor:g} times")
+    return put_title(axes, join_nonempty(scenario_title(one), when))
 
 
 def contact_forces(one: xr.Dataset) -> np.ndarray:
@@ -262,7 +282,12 @@ def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, floa
     for number, item in enumerate(scene.row):
         edges = left[number], right[number]
         if isinstance(item, Wall):
-            ax.fill_between(edges, 0.0, 1.05 * top, facecolor="0.85", edgecolor="0.4", hatch="///")
+            met = [
+                one.contact_elevation.isel(pair=contact.place, storey=contact.storey - 1).item()
+                for contact in scene.contacts
+                if contact.pair in (number - 1, number)
+            ]
+            ax.fill_between(edges, 0.0, max(met, default=top), facecolor="0.85", edgecolor="0.4", hatch="///")
             continue
         colour = next(colours)
         columns = ax.plot([], [], [], [], color=colour, linewidth=1.4)
@@ -312,7 +337,7 @@ def animate(
 ) -> Path:
     """Write an animation of the row.
 
-    Displacements and gaps are drawn larger than they are, by the factor in the title. A star marks each impact since
+    Displacements and gaps are drawn larger than they are, by the factor below them. A star marks each impact since
     the frame before, its area the force, and fades. Below run ground acceleration and largest force of each pair.
 
     Parameters
@@ -374,7 +399,8 @@ def animate(
         cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in (ground, contacts)]
         for strip in (ground, contacts):
             strip.set_xlim(first, last)
-        figure = put_title(axes, scenario_title(one), f"displacements and gaps drawn {factor:g} times")
+        axes[0, 0].set_xlabel(f"displacements and gaps drawn {factor:g} times")
+        figure = put_title(axes, scenario_title(one))
         title = figure.get_suptitle()
         heading = figure.suptitle(f"{title}\n{first:.2f} s")
         figure.draw_without_rendering()

@@ -12,7 +12,7 @@ from pounding_sweep.analysis.spectra import floor_spectra
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.select import law_name, record_name, scenario_title
-from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, finish, subplots
+from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, finish, join_nonempty, subplots
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)
@@ -69,16 +69,17 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     values = {"title": "Response spectra", "record": "", "law": ""} | spectra.attrs | single
     names = record_name(values["record"]), law_name(spectra, values["law"])
     damping = f"damping ratio {values['damping_ratio']:g}" if "damping_ratio" in single else ""
-    return _draw_both(spectra, values["title"], *names, damping)
+    return _draw_both(spectra, join_nonempty(values["title"], *names, damping))
 
 
 @figure_of("floor-spectra", "histories", "time, acceleration")
 def floor_response(histories: xr.Dataset) -> Figure:
     """Draw 5 % response spectra of the floors' total accelerations, from 'simulate'."""
-    return _draw_both(floor_spectra(histories), scenario_title(histories), "floor spectra, damping ratio 0.05")
+    subject = join_nonempty(scenario_title(histories), "floor spectra, damping ratio 0.05")
+    return _draw_both(floor_spectra(histories), subject)
 
 
-def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
+def _draw_both(spectra: xr.Dataset, subject: str) -> Figure:
     """Draw pseudo-acceleration above displacement, in a column for each building, if there are any."""
     spectra = spectra if "building" in spectra.dims else spectra.expand_dims(building=[""])
     columns = spectra.sizes["building"]
@@ -89,7 +90,7 @@ def _draw_both(spectra: xr.Dataset, *title: str) -> Figure:
             ax.set_title(building)
         row[0].set_ylim(bottom=0.0)
     legend = 2 * columns if len(axes[0, 0].lines) > 1 else 0
-    return finish(axes, "period (s)", [label for label, _ in _ORDINATES.values()], *title, legend=legend)
+    return finish(axes, "period (s)", [label for label, _ in _ORDINATES.values()], subject, legend=legend)
 
 
 def _draw_spectra(ax: Any, values: xr.DataArray) -> None:
