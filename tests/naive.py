@@ -26,7 +26,8 @@ Conventions where a choice had to be made:
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
 * With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
   ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
-  Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone.
+  Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone. One that yields
+  falls where its drift passes its height: there the run ends.
 * A building on a foundation moves by its own displacements w on a base that sways by u and rocks by theta: floors by
   w + u + h theta. Its matrices are those of (w, u, theta), where masses are coupled, taken to the floors' displacements
   relative to the ground, the sway and the rocking of each base after all floors. C of the building acts on w alone.
@@ -54,6 +55,7 @@ SAME = 1e-6  # m/s, rate at which they neither approach nor part
 COUNTED = 1e-4  # m/s, approach speed of the slowest touch that counts where velocities jump
 
 OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
+FALLEN = 2.0  # of a storey
 
 
 @dataclass
@@ -340,6 +342,9 @@ class _Row:
         self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
 
         self.leaning = np.concatenate([b.leaning() for b in real])
+        self.limit = np.concatenate(
+            [np.where(b.p_delta, np.diff(b.elevations(), prepend=0.0), np.inf) for b in real]
+        )  # drift at which a storey falls
 
         self.softening = np.concatenate([np.full(len(b.masses), 1.0 - np.asarray(b.hardening)) for b in real])
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
@@ -407,6 +412,11 @@ class _Row:
             if p == pair and not struck and (storeys is None or (left or right) in storeys)
         ]
 
+    def place(self, floor):
+        """Building of a floor, and its storey from 1."""
+        b = int(np.searchsorted(self.start, floor, "right")) - 1
+        return b, int(floor - self.start[b]) + 1
+
     def by_building(self, x):
         return [x[..., self.start[b] : self.start[b + 1]] for b in range(self.nb)]
 
@@ -447,6 +457,7 @@ class _Solver:
         self.size = self.i_lost.stop
         self.phase = np.zeros(row.floors)  # of each storey: 0 elastic, 1 or -1 yielding to that side
         self.slip = np.zeros(row.floors)  # its plastic drift, while elastic
+        self.fallen = None  # when the first storey fell, and its number
         self.atol = np.full(self.size, float(atol))
         self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
         self.state = np.zeros(np_, dtype=int)
@@ -599,6 +610,8 @@ class _Solver:
                 out += [(row.np + i, 1.0, z - limit), (row.np + i, -1.0, -z - limit)]
             else:
                 out.append((row.np + i, 0.0, -self.phase[i] * rate[i]))
+            if np.isfinite(row.limit[i]):
+                out.append((row.np + i, FALLEN, np.abs(drift[i]) - row.limit[i]))
         return out
 
     def gauges_of_contacts(self, tau, y):
@@ -684,6 +697,9 @@ class _Solver:
         self.event_count += 1
         if p >= self.row.np:
             i = p - self.row.np
+            if target == FALLEN:
+                self.fallen = t_global, i
+                return y
             if target == 0.0:  # the drift turns
                 self.slip[i] = self.storeys(y[self.iu])[1][i]
             self.phase[i] = target
@@ -851,6 +867,8 @@ class _Solver:
             y = ys[:, 0].copy() if end == tau else dense(end)
             tau = end
             y = self.enter(t_start + tau, y, *event[1:])
+            if self.fallen is not None:
+                return y
             self.h_next, solver = None, None
             # The limit just after the event: force and acceleration may have jumped.
             self.peak = np.maximum(self.peak, self.observe_now(tau, y))
@@ -919,7 +937,7 @@ def run(
     that meet: floors (storeys left and right, None at a wall; see `struck_columns` for columns), column_shear_max
     (largest shears by the contact below and above the struck point, NaN between floors), impact_force_max,
     impact_count, penetration_max, impulse, first_impact_time (None: no impact), approach_speed_max, contact_time,
-    contact_work. Scalars: event_count, duration.
+    contact_work. Scalars: event_count, duration. fallen: None, or time and (building, storey from 1) of the first fall.
     """
     row = _Row(buildings, gaps, columns, links, only)
     ag = np.asarray(ag, dtype=float)
@@ -940,6 +958,8 @@ def run(
     history = [y[: 2 * row.n].copy()]
     for i in range(len(ag) - 1):
         y = s.interval(y, i * dt, dt, ag[i], ag[i + 1])
+        if s.fallen is not None:
+            break
         history.append(y[: 2 * row.n].copy())
     history = np.array(history)
 
@@ -994,6 +1014,7 @@ def run(
         "velocity_final": row.by_building(y[s.iv].copy()),
         "displacement": row.by_building(history[:, :n]),
         "velocity": row.by_building(history[:, n:]),
+        "fallen": None if s.fallen is None else (s.fallen[0], *row.place(s.fallen[1])),
         "event_count": s.event_count,
         "duration": (len(ag) - 1) * dt,
     }

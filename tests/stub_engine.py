@@ -170,7 +170,7 @@ def _response(
     umax = upwards[:, : shape.n_dof] + np.abs(speeds) / rate[:, owner]
     umin = downwards[:, : shape.n_dof] - np.abs(speeds) / rate[:, owner]
     closing = upwards[:, shape.n_dof :]
-    found = {"flags": np.zeros((len(given), 1)), "closing": closing}
+    found = {"flags": np.zeros((len(given), 1)), "closing": closing, "collapse_time": -1.0}
     contacts = shape.contacts
     duration = (len(motion) - 1) * interval
     work = np.zeros((len(given), max(1, len(contacts))))

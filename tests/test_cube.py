@@ -105,7 +105,7 @@ class TestRegistry:
         assert bool(variable.flag_values) == bool(variable.flag_meanings)
 
     def test_status(self):
-        assert VARIABLES["status"].flag_values == (0, 1, 2, 3, 4, 5, 6, 7)
+        assert VARIABLES["status"].flag_values == (0, 1, 2, 3, 4, 5, 6, 7, 8)
         assert VARIABLES["status"].flag_meanings.split() == [s.label for s in STATUS]
         assert VARIABLES["status"].fill is None
         assert all(s.meaning for s in STATUS)
@@ -265,8 +265,8 @@ class TestFile:
             status = file["status"]
             assert status.dtype == np.int8
             assert status.flag_values.dtype == np.int8
-            assert status.flag_values.tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
-            assert len(status.flag_meanings.split()) == 8
+            assert status.flag_values.tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 8]
+            assert len(status.flag_meanings.split()) == 9
             assert "_FillValue" not in status.ncattrs()
             counts = file["impact_count"]
             assert counts._FillValue == INTEGER_FILL

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import motion
+from against_twin import both, motion, simulate, truth
 from kernels_used import LEANING, LEANING_YIELDS
+from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 import pounding_sweep as ps
@@ -83,7 +84,7 @@ def test_a_period_factor_is_one_under_the_weights():
 def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls):
     """Without damping or ground motion the start decides: m v^2 / 2 against the work up to the drift Vy h / P.
 
-    There the storey's shear is just what its weight pushes; beyond, the weight wins.
+    There the storey's shear is just what its weight pushes; beyond, the weight wins, and the run ends at the height.
     """
     m, k, h, strength = 100.0, 3e3, 3.0, 200.0
     pushed = m * G / h
@@ -91,19 +92,73 @@ def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls)
     work = 0.5 * (k - pushed) * yields**2 + strength * (top - yields) - 0.5 * pushed * (top**2 - yields**2)
     start = share * np.sqrt(2.0 * work / m)
     scene = ps.Scene([ps.Building("a", [m], [k], 0.0, [h], yield_strengths=[strength], p_delta=True)])
-    numerics = Numerics("rk4", 0.01)
-    kernel = RowKernel(scene, LAWS["none"], numerics, reducers_for(OUTPUTS), initial_velocity=(start,))
-    still = ps.Record("still", 0.02, np.zeros(301))
-    lanes = {"scale": np.ones(1), "gaps": np.ones((1, 0)), "stiffness": np.zeros(1), "restitution": np.ones(1)}
-    raw = kernel.run(still, twin=True, **lanes)
-    found = variables_of(kernel, raw, OUTPUTS, still)
-    assert found["status"].tolist() == [Status.DIVERGED if falls else Status.OK]
-    if falls:
-        assert raw["drift"].max() > h
-    else:
+    found, raw = one_lane(scene, "rk4", 0.01, ps.Record("still", 0.02, np.zeros(301)), (start,))
+    assert found["status"].tolist() == [Status.COLLAPSED if falls else Status.OK]
+    assert found["collapsed_storey"].tolist() == [[int(falls)]]
+    if not falls:
         held = 0.5 * m * (start / share) ** 2 * (1.0 - share**2)  # what is missing to the top
         assert raw["drift"].max() == pytest.approx(top - np.sqrt(2.0 * held / pushed), rel=1e-5)
         assert found["ductility_max"].max() < top / yields
+        assert np.isnan(found["collapse_time"]).all()
+        return
+
+    def reached(_, y):
+        return y[0] - h
+
+    reached.terminal = True
+    want = solve_ivp(
+        lambda _, y: [y[1], (pushed * y[0] - min(k * y[0], strength)) / m],
+        (0.0, 6.0), [0.0, start], events=reached, rtol=1e-11, atol=1e-12, max_step=0.01,
+    )  # fmt: skip
+    assert found["collapse_time"] == pytest.approx(want.t_events[0][0], rel=1e-7)
+    np.testing.assert_allclose(found["drift_max"].ravel(), h, rtol=1e-9)
+    energy = 0.5 * m * want.y_events[0][0][1] ** 2
+    assert found["energy_kinetic"].ravel() == pytest.approx(energy, rel=1e-7)
+    assert np.isnan(found["residual_drift"]).all()  # it does not rest
+
+
+def one_lane(scene, method, dt, record, velocity=None):
+    """Run the twin of a kernel; the variables of its one scenario, and raw results."""
+    lanes = {"scale": np.ones(1), "gaps": np.ones((1, 0)), "stiffness": np.zeros(1), "restitution": np.ones(1)}
+    kernel = RowKernel(scene, LAWS["none"], Numerics(method, dt), reducers_for(OUTPUTS), initial_velocity=velocity)
+    raw = kernel.run(record, twin=True, **lanes)
+    return variables_of(kernel, raw, OUTPUTS, record), raw
+
+
+def test_a_fall_in_steps_that_do_not_resolve_it_is_none():
+    """At 12 m/s the drift passes more than a quarter of its height in one step of 0.1 s: nobody knows what it did."""
+    scene = ps.Scene([ps.Building("a", [100.0], [3e3], 0.0, [3.0], yield_strengths=[200.0], p_delta=True)])
+    status = [
+        one_lane(scene, "rk4", dt, ps.Record("still", 0.1, np.zeros(20)), (12.0,))[0]["status"].tolist()
+        for dt in (0.1, 0.01)
+    ]
+    assert status == [[Status.DIVERGED], [Status.COLLAPSED]]
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"),
+    [
+        ("rk4", 1e-3, 1e-5),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("exact", 5e-3, 1e-8), ("newmark", 2e-4, 1e-4), ("central_difference", 2e-4, 3e-4))
+        ),
+    ],
+)
+def test_a_row_that_falls_is_its_twin_up_to_the_fall(method, dt, bound):
+    """Time, storey and all values of the row against the independent solver, which ends at the same event."""
+    want = truth(LEANING_YIELDS, "kelvin_voigt", 401, 6.0)
+    got = simulate(LEANING_YIELDS, "kelvin_voigt", 401, 6.0, method=method, dt=dt)
+    time, building, storey = want["fallen"]
+    assert int(got.status) == Status.COLLAPSED
+    assert got.collapse_time.values[building] == pytest.approx(time, rel=0.1 * bound)
+    assert got.collapsed_storey.values.tolist() == [storey if b == building else 0 for b in range(2)]
+    assert time - 2.0 * dt < got.time[-1] <= time
+    values = both(got, want, LEANING_YIELDS)
+    for name, (mine, theirs) in values.items():
+        if name not in ("displacement", "plastic_drift_end", "residual_drift"):
+            size = np.nanmax(np.abs(theirs)) or 1.0
+            np.testing.assert_allclose(mine / size, theirs / size, rtol=0, atol=bound, err_msg=name)
 
 
 def test_a_storey_rests_where_its_weight_and_its_spring_agree():

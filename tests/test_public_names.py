@@ -79,7 +79,7 @@ DIMENSIONS = {
 #: ``flag_meanings`` of the variable ``status``, by value.
 MEANINGS = (
     "ok diverged under_resolved_contact newton_not_converged beyond_stability_limit not_run under_resolved_motion "
-    "unsettled"
+    "unsettled collapsed"
 )
 
 

@@ -84,8 +84,8 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
         soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
         # what a smooth storey loses on its way is not known by its drift
         slid = np.where(scene.smooth, np.inf, held + twice / soft)
-        # no energy bounds the drift of one that softens under its weight: it has fallen where that is its height
-        storeys = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
+        # no energy bounds the drift of one that softens under its weight, but the limit at which it falls, and rounding
+        storeys = np.where(r < 0.0, 1.01 * variants.drift_limits, np.minimum(hard, slid))
     parts = np.split(storeys, scene.offsets[1:-1], axis=1)
     summed = np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)  # from the ground up
     if yields:
@@ -117,7 +117,7 @@ def variables_of(
 def _status(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record, row: Variants
 ) -> np.ndarray:
-    from pounding_sweep.kernel.march import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
+    from pounding_sweep.kernel.march import FLAG_COLLAPSED, FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
     numerics, flags = kernel.numerics, raw["flags"][:, 0].astype(int)
     status = np.full(len(flags), Status.OK, np.int8)
@@ -134,7 +134,6 @@ def _status(
         energy = MAX_ENERGY * energy_limit(row, record, raw["scale"][:, 0], kernel.initial_velocity)
         limit = displacement_limit(row, energy)
         status[~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)] = Status.DIVERGED
-    if any(b.p_delta and any(b.yields) for b in row.scene.buildings):  # a storey fell under the weight above it
-        fallen = (row.hardenings < 0.0) & ~(raw["drift"] < row.storey_heights)
-        status[np.any(fallen, axis=1)] = Status.DIVERGED
+    fell = flags & FLAG_COLLAPSED > 0
+    status[fell] = np.where(status[fell] == Status.OK, Status.COLLAPSED, Status.DIVERGED)
     return status

@@ -43,7 +43,7 @@ FINEST_FLIGHT = 4.0
 SEPTIC = 10321920.0
 #: Power of the refinement by which sub-steps by series fall: so much that two runs differ by their rounding.
 SERIES_FALL = 0.5
-#: Yield drift (m) of storeys that never yield, in both number formats.
+#: Yield drift (m) of storeys that never yield, and limit of those that never fall, in both number formats.
 ELASTIC = 1e30
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
 TABLE_BYTES = 1 << 25
@@ -91,13 +91,13 @@ def kernel_shape(
         "touch": touching,
         "neighbours": bool(scene.contacts),
         "yields": any(yields),
+        "falls": any(scene.falls),
         "linked": bool(scene.links),
         "founded": bool(scene.foundations),
     }
     wanted = frozenset(name for name in reducers if exists[REDUCERS[name].where])
-    falls = any(b.p_delta and any(b.yields) for b in buildings)
-    if falls:  # which its drift tells
-        wanted |= {"drift"}
+    if any(scene.falls):
+        wanted |= {"collapse"}
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
     contacts = scene.contacts if meets else ()
     smooth = [building.bouc_wen for building in buildings for _ in building.masses]
@@ -120,7 +120,8 @@ def kernel_shape(
         windows=windows and not history,
         yielding=tuple(np.flatnonzero(yields).tolist()),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in buildings),
-        p_delta=falls and "shear" in wanted,
+        falling=tuple(np.flatnonzero(scene.falls).tolist()),
+        p_delta="shear" in wanted and any(b.p_delta and any(b.yields) for b in buildings),
         smooth=tuple((i, law.n) for i, law in enumerate(smooth) if law is not None and yields[i]),
         struck=tuple(c.struck for c in contacts) if any(c.struck >= 0 for c in contacts) else (),
         dashpots=tuple(np.flatnonzero(scene.dashed).tolist()),
@@ -378,6 +379,7 @@ PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "hardening": lambda row: row.hardenings,
     "yield_drift": lambda row: np.minimum(row.yield_drifts, ELASTIC),
     "geometric": lambda row: row.geometric_stiffnesses,
+    "drift_limit": lambda row: np.minimum(row.drift_limits, ELASTIC)[None, :],
     "tangent": _of_storeys(lambda b: b.damping_stiffness == "tangent"),
     # shares of each contact's push that the floors below and above it take
     "lower": lambda row: np.array([[column_shares(contact.xi)[0] for contact in row.scene.contacts]]),

@@ -591,10 +591,14 @@ class Flight:
         return k + self.group.prop("geometric", i) if self.group.spec.p_delta else k
 
     def _storey_limits(self, i: Any, lane: Any, kind: int) -> tuple[Any, Any]:
-        """Drifts at which a storey begins to yield, to either side, or at which its shear is the largest so far."""
+        """Drifts at which a storey begins to yield, or falls, to either side, or at which its shear is the largest."""
         storey, k = Storey(self.group, i, None), self._storey_stiffness(i)
         if kind == ONSET:
             middle, reach = storey.slip, storey.yield_drift
+            if self.group.spec.falling:
+                limit = storey.drift_limit
+                low, high = maximum(middle - reach, -limit), minimum(middle + reach, limit)
+                return lane_of(low, lane), lane_of(high, lane)
         else:
             middle, reach = storey.hardened[1] / k * storey.slip, storey.shear / k
         return lane_of(middle - reach, lane), lane_of(middle + reach, lane)

@@ -206,6 +206,7 @@ class Group:
             rows |= {"slip0": n} if spec.smooth else {}
             rows |= dict.fromkeys(("z_sign", "rate_sign"), n) if spec.smooth and spec.series else {}
             rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
+            rows |= {"fall": n, "collapsed": 1} if spec.falling else {}
             rows |= {"set": n} if spec.flies_exactly else {}
         if self.touching:
             # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law

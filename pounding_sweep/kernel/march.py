@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse, links, transfers
+from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, links, transfers
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -26,6 +26,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
+from pounding_sweep.kernel.roots import course
 from pounding_sweep.kernel.row import iter_powers, kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -36,7 +37,7 @@ LATE = 0.01
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
-FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
+FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED, FLAG_COLLAPSED = 1, 2, 4, 8
 
 
 def begin(group: Group, start: Any, lanes: Any = None) -> None:
@@ -82,7 +83,11 @@ def conclude(group: Group) -> None:
     for i in group.indices(spec.n_moving):
         v = s["v", i]
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+    if spec.falling:
+        sound.now &= ~(s["collapsed"] == collapse.UNRESOLVED)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
+    if spec.falling:
+        flags = flags + where(s["collapsed"] > 0.0, float(FLAG_COLLAPSED), 0.0)
     if group.has_events:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), 0.0)
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), 0.0)
@@ -224,6 +229,9 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
             fraction = minimum(fraction, hysteresis.locate_event(group, asks))
         if group.spec.smooth:
             fraction = minimum(fraction, bouc_wen.locate_event(group, asks))
+        if group.spec.falling:
+            fall = collapse.locate_event(group, asks, h, lambda storey: course(group, storey.drift))
+            fraction = minimum(fraction, fall)
         early = asks & (fraction < 1.0)
         s.put(early, fraction, "fraction")
         s.put(early, h * fraction, "ahead")
@@ -294,6 +302,8 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
             bouc_wen.apply_events(group, lands)
         if group.touching:
             switched.now |= kind.apply_events(group, lands, h)
+        if group.spec.falling:
+            collapse.apply_events(group, lands, h)
     if implicit:
         with when_any(switched.now):
             group.scheme.balance(group, switched.now)
@@ -326,9 +336,10 @@ def needs_ends(group: Group) -> bool:
 
 
 def storeys_may_change(group: Group, h: Any) -> Any:
-    """Lanes in which storeys that yield ask for the step just taken to be cut."""
+    """Lanes in which storeys that yield, or fall, ask for the step just taken to be cut."""
     lanes = hysteresis.may_change(group, h)
-    return lanes | bouc_wen.may_change(group, h) if group.spec.smooth else lanes
+    lanes = lanes | bouc_wen.may_change(group, h) if group.spec.smooth else lanes
+    return lanes | collapse.may_fall(group, h) if group.spec.falling else lanes
 
 
 def may_touch(group: Group, h: Any) -> Any:
@@ -359,11 +370,13 @@ class FixedSteps:
                 ga, gb = ground.ends(i, j)
                 number = i * ground.steps + j
                 group.number = lambda: number  # noqa: B023
-                s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
+                h = where(collapse.stands(group), group.full(ground.h), 0.0) if group.spec.falling else ground.h
+                s["h"], s["g0"], s["g1"] = h, s["scale"] * ga, s["scale"] * gb
                 if not group.has_events:
                     self._reduce(group.scheme.flight(group, ground.h), turning(group))
                 elif group.spec.located:
-                    self._step_events(closed, flowing, ga, gb)
+                    for _ in when(any_lane(h > 0.0)) if group.spec.falling else (None,):
+                        self._step_events(closed, flowing, ga, gb, h)
                 else:
                     self._step_sampled(number)
                 if self.note is not None:
@@ -382,14 +395,15 @@ class FixedSteps:
         if "acceleration" in group.requested:
             largest_accelerations(group, group.spec.located)
 
-    def _step_events(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
-        group, s, h = self.group, self.group.state, self.ground.h
+    def _step_events(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any, h: Any) -> None:
+        group, s = self.group, self.group.state
         touched = Cell(True)
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
             asks = storeys_may_change(group, h) if group.spec.yielding else group.full(False)
-            touched.now = any_lane(asks | may_touch(group, h) if group.touching else asks)
+            asks = asks | may_touch(group, h) if group.touching else asks
+            touched.now = any_lane(asks & (h > 0.0) if group.spec.falling else asks)
             for _ in when(not_(touched.now)):
                 if flowing is not None:
                     for _ in when(flowing.now):
@@ -403,8 +417,9 @@ class FixedSteps:
                     s[name, k] = s[f"{name}0", k]
             begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0):
-                substep(group, h)
-            closed.now = any_lane(forces.is_closed(group))
+                substep(group, self.ground.h)
+            is_closed = forces.is_closed(group)
+            closed.now = any_lane(is_closed & collapse.stands(group) if group.spec.falling else is_closed)
             if flowing is not None:
                 flowing.now = any_lane(hysteresis.is_yielding(group))
             if needs_ends(group):

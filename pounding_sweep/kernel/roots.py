@@ -110,17 +110,25 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 
 
 def first_crossing(
-    group: Group, lanes: Any, series: Series, sign: Any, crosses: Any, turns: Any, rises: Any = None, least: Any = 0.0
+    group: Group,
+    lanes: Any,
+    series: Series,
+    sign: Any,
+    crosses: Any,
+    turns: Any,
+    rises: Any = None,
+    least: Any = 0.0,
+    end: Any = 1.0,
 ) -> Any:
-    """Where sign times a series turns positive, in some lanes: before the end, where it `crosses`, else `NEVER`."""
+    """Where sign times a series turns positive, in some lanes: before the `end`, where it `crosses`, else `NEVER`."""
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
     rises = turns & ~turns if rises is None else rises
     bends = lanes & (turns | rises)
-    low, high, event = group.cell(0.0), group.cell(1.0), Cell(lanes & crosses)
+    low, high, event = group.cell(0.0), group.cell(end), Cell(lanes & crosses)
     with when_any(bends):
-        extreme = crossing(group, bends, 0.0, 1.0, series.rate, where(rises, sign, -sign))
+        extreme = crossing(group, bends, 0.0, end, series.rate, where(rises, sign, -sign))
         event.now = lanes & (crosses | (turns & (sign * series.value(extreme) > least)))
-        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
+        low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, end)
     return where(event.now, crossing(group, event.now, low.now, high.now, series, sign), NEVER)
 
 

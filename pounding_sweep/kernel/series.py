@@ -9,13 +9,13 @@ Rows with storeys of Bouc and Wen go by series all along.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import reduce
+from functools import partial, reduce
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, march, transfers
+from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Contact, Group, Indexed, Storey
 from pounding_sweep.kernel.lanes import (
@@ -251,6 +251,13 @@ def _find_event(group: Group) -> None:
             _locate(group, located)
             if group.spec.yielding:
                 _place(group)
+    if group.spec.falling:
+        drift = partial(_drift, first=0.0, sign=1.0)
+        fall = collapse.locate_event(group, ongoing, s["span"] * s["fraction"], drift, s["fraction"])
+        falls = fall < s["fraction"]
+        with when_any(falls):
+            s.put(falls, fall, "fraction")
+            _place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 

@@ -163,6 +163,7 @@ class KernelSpec:
     #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings
     windows: bool = True
     yielding: tuple[int, ...] = ()  # degrees of freedom whose storeys may yield
+    falling: tuple[int, ...] = ()  # those of them whose storeys may fall
     tangent: bool = False  # dampers of some of them follow the tangent stiffness
     #: of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where none are
     #: struck
@@ -361,6 +362,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= dict.fromkeys(("hardening", "yield_drift"), floors) if shape.yielding else {}
     count |= {"tangent": floors} if shape.yielding and shape.tangent else {}
     count |= {"geometric": floors} if shape.p_delta else {}
+    count |= {"drift_limit": floors} if shape.falling else {}
     count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma"), 1)
     # shares of a push on columns, of the floor above and below
@@ -389,7 +391,7 @@ def history_slots(shape: KernelSpec) -> Slots:
 
 def result_slots(shape: KernelSpec, reducers: Sequence[Any]) -> Slots:
     """Layout of a scenario's results: those of all kernels, then those of kernels with contacts."""
-    count = {"flags": 1}  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
+    count = {"flags": 1}  # bits `FLAG_...` of `kernel.march`
     for touch in (False, True):
         if touch and shape.law is not None:
             count["shortest"] = len(shape.laws)  # shortest contact (s) of each law, by its elastic duration

@@ -250,6 +250,8 @@ class Building:
     #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
     #: leave of it (kN/m); and P / (k h)
     geometric_stiffnesses: tuple[float, ...] = derived()
+    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields
+    drift_limits: tuple[float, ...] = derived()
     lateral_stiffnesses: tuple[float, ...] = derived()
     stability_coefficients: tuple[float, ...] = derived()
 
@@ -273,8 +275,10 @@ class Building:
             if not faults.entries:
                 weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
                 geometric = weights / self.storey_heights
+                heights = zip(self.storey_heights or (), self.yields, strict=True)
                 set_fields(
                     self,
+                    drift_limits=tuple(h if self.p_delta and flag else math.inf for h, flag in heights),
                     geometric_stiffnesses=tuple(geometric.tolist()),
                     lateral_stiffnesses=tuple(np.subtract(self.stiffnesses, geometric).tolist()),
                     stability_coefficients=tuple(np.divide(geometric, self.stiffnesses).tolist()),
@@ -762,8 +766,9 @@ class Scene:
     n_dof: int = derived()  # floors of all buildings
     n_moving: int = derived()  # the same, and displacements and rotations of bases on foundations
     offsets: tuple[int, ...] = derived()  # first degree of freedom of each building, and the total at the end
-    #: whether the storey below each floor may yield, has the hysteresis of Bouc and Wen, has a dashpot
+    #: whether the storey below each floor may yield, may fall, has the hysteresis of Bouc and Wen, has a dashpot
     yields: tuple[bool, ...] = derived()
+    falls: tuple[bool, ...] = derived()
     smooth: tuple[bool, ...] = derived()
     dashed: tuple[bool, ...] = derived()
     foundations: tuple[int, ...] = derived()  # buildings that stand on foundations, by their numbers
@@ -800,6 +805,7 @@ class Scene:
             n_moving=sum(building.n_storeys + 2 * (building.foundation is not None) for building in buildings),
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
             yields=tuple(flag for building in buildings for flag in building.yields),
+            falls=tuple(math.isfinite(limit) for building in buildings for limit in building.drift_limits),
             smooth=tuple(flag and building.bouc_wen is not None for building in buildings for flag in building.yields),
             dashed=tuple(flag for building in buildings for flag in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),

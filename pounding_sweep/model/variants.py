@@ -133,6 +133,11 @@ class Variants:
         return np.concatenate([b.storey_heights or () for b in self.scene.buildings])
 
     @cached_property
+    def drift_limits(self) -> np.ndarray:
+        """Drifts at which storeys fall (m), infinite where they never do, shape (floors,)."""
+        return np.concatenate([b.drift_limits for b in self.scene.buildings])
+
+    @cached_property
     def elastic_stiffnesses(self) -> np.ndarray:
         """Stiffnesses of the storeys themselves (kN/m), shape (n, floors)."""
         return np.asarray(self.stiffnesses + self.geometric_stiffnesses)

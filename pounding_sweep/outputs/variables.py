@@ -125,7 +125,8 @@ class Variable:
     least: float = 0.0
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
-    only: str = ""  # it exists only where a row has "columns" that are struck, "links" or "foundations"
+    #: it exists where a row has "columns" that are struck, "links", "foundations", or storeys that may fall: "falls"
+    only: str = ""
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
     default: bool = False  # it is reported where no ``outputs`` are given
     always: bool = False  # it is in every cube, asked for or not
@@ -148,7 +149,7 @@ class Variable:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
         struck = any(contact.struck >= 0 for contact in scene.contacts)
         has = {"": True, "columns": struck, "links": bool(scene.links), "foundations": bool(scene.foundations)}
-        return has[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
+        return (has | {"falls": any(scene.falls)})[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
 
     def read(self, results: KernelResults) -> np.ndarray:
         """Return its values, shape (scenarios, dimensions)."""
@@ -184,8 +185,9 @@ class Reducer:
 
     name: str  # by which outputs need it
     slots: tuple[Slot, ...]  # what it leaves for outputs
-    #: "": it exists in all kernels; else where storeys yield, "yields", neighbours are linked, "linked", buildings
-    #: stand on foundations, "founded", floors of neighbours stand at one height, "neighbours", or can touch, "touch"
+    #: "": it exists in all kernels; else where storeys yield, "yields", may fall, "falls", neighbours are linked,
+    #: "linked", buildings stand on foundations, "founded", floors of neighbours are equally high, "neighbours", or can
+    #: touch, "touch"
     where: str = ""
     looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
     #: gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
@@ -215,9 +217,9 @@ _ENDINGS = (
         "",
     ),
     (
-        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
-        "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
-        "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
+        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell in steps "
+        "that do not resolve it; no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact",
     ),
     (
         "the shortest contact lasted too few time steps for its peaks to be trusted",
@@ -244,6 +246,11 @@ _ENDINGS = (
         f"at a given step, more than {SETTLED:.0%}",
         "use a smaller dt, or ask for a larger relative error (see error_estimate)",
     ),
+    (
+        "a storey fell: with P-Delta its drift passed its height; the scenario ends at that instant, and its values are"
+        " those up to it: peaks and counts are lower bounds",
+        "see collapse_time and collapsed_storey; comparisons count the fallen building as beyond every level",
+    ),
 )
 
 
@@ -258,6 +265,7 @@ class Status(IntEnum):
     NOT_RUN = 5
     UNDER_RESOLVED_MOTION = 6
     UNSETTLED = 7
+    COLLAPSED = 8
 
     def __init__(self, code: int) -> None:
         self.meaning, self.remedy = _ENDINGS[code]
@@ -272,6 +280,8 @@ STATUS: tuple[Status, ...] = tuple(Status)
 ORIGINS = ("run", "equal", "never_touches", "not_run")
 #: Those of scenarios that have values.
 WITH_VALUES = [int(status) for status in STATUS if status.has_values]
+#: Those of scenarios whose values are right, up to their fall if they end by one.
+VALID = [int(Status.OK), int(Status.COLLAPSED)]
 
 
 def _energy_residual(results: KernelResults) -> np.ndarray:
@@ -315,7 +325,17 @@ def _residual(results: KernelResults) -> np.ndarray:
     p = np.where(results.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
     back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
     rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
+    if "collapse_time" in results.slots:  # where a storey falls, the row is still in motion
+        rest = np.where((results.slots["collapse_time"] >= 0.0).any(axis=1, keepdims=True), np.nan, rest)
     return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
+
+
+def _first_fall(results: KernelResults, of_time: bool) -> np.ndarray:
+    """Time at which each building falls, or the storey that does first."""
+    times = scatter_dof(results.get("collapse_time", "floor", missing=-1.0), results.scene)
+    times = np.where(times >= 0.0, times, np.inf)
+    fallen, standing = (times.min(axis=-1), np.nan) if of_time else (1 + times.argmin(axis=-1), 0)
+    return np.where(np.isfinite(times).any(axis=-1), fallen, standing)
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
@@ -388,6 +408,7 @@ def hysteretic(results: KernelResults) -> np.ndarray:
 _floor = partial(Variable, per="floor", error="motions")
 _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
+_collapse = partial(Variable, per="building", needs=["collapse"], error=UNMEASURED, only="falls")
 _contact = partial(Variable, per="contact", error="contacts")
 _energy = partial(Variable, per="building", error="energies")
 _of_cube = partial(Variable, always=True, of_cube=True)
@@ -463,6 +484,9 @@ DEFINITIONS = {
     " twice the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
     "amplification": "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by"
     " a change of 1e-6 of each; the scenario is ill-conditioned where it is large.",
+    "collapse_time": "Time at which a storey of the building falls, its drift reaching its height under P-Delta, after "
+    "the first point of the record; the scenario ends there. Missing where the building stands.",
+    "collapsed_storey": "Storey of the building that falls first, from 1 at the bottom; 0 where the building stands.",
     "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
     "origin": "Where the result is from: run, a run of this scenario; equal, the run of one that differs only in what "
     "its law ignores; never_touches, the run of the same buildings without pounding, as no gap closes in it; not_run: "
@@ -497,6 +521,7 @@ REDUCERS: dict[str, Reducer] = {
         ),
         Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
         Reducer("residual", (Slot("slip", "floor"),), where="yields"),
+        Reducer("collapse", (Slot("collapse_time", "floor", lambda group, i: -1.0),), where="falls"),
         Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
         Reducer(
             "link_force",
@@ -639,6 +664,8 @@ _VARIABLES = (
         relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
         per="pair",
     ),
+    _collapse("collapse_time", "s", "time at which the building falls", partial(_first_fall, of_time=True), least=0.01),
+    _collapse("collapsed_storey", "1", "storey that falls", partial(_first_fall, of_time=False), dtype="i4"),
     Variable("closing_max", "m", "largest closing displacement", "closing", error="motions", per="contact"),
     Variable("time_step", "s", "time step", lambda results: np.full(len(results), results.step)),
     Variable("error_estimate", "1", "estimated relative error"),

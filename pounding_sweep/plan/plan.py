@@ -114,8 +114,9 @@ class Plan:
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """Variables that are asked for; where steps were chosen, the step and the estimated error among them."""
-        chosen = () if self.spec.accuracy is None else ("time_step", "error_estimate")
+        """Variables that are asked for; where steps were chosen, the step and the estimated error; falls."""
+        chosen = [] if self.spec.accuracy is None else ["time_step", "error_estimate"]
+        chosen += ["collapse_time", "collapsed_storey"] if any(self.spec.scene.falls) else []
         return check_outputs((*self.spec.outputs, *chosen))
 
     @property

@@ -26,7 +26,7 @@ from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import missing_kernels, prepare
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.results import Outcome, Results, to_table
-from pounding_sweep.outputs.variables import Status, cube_variables, inner_shape
+from pounding_sweep.outputs.variables import VALID, Status, cube_variables, inner_shape
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask
 from pounding_sweep.resume import ChunkCorrupt, ChunkStore
@@ -168,7 +168,7 @@ def execute(
         slot, status = np.full(runs, -1), np.full(runs, int(Status.NOT_RUN), np.int8)
         for rows, table, slots in run_stage("no pounding", plan.uncoupled_to_run):
             status[rows], slot[rows] = table["status"], slots
-            ok = table["status"] == Status.OK
+            ok = np.isin(table["status"], VALID)
             closing[rows[ok]] = table["closing_max"][ok]
         # scenarios that never touch are answered by their run without pounding
         outcome.left_out = untouched(plan, closing) & ~plan.refused

@@ -18,7 +18,7 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.outputs.variables import CHANGE, SETTLED, Status, comparable, get_variable, relative_errors
+from pounding_sweep.outputs.variables import CHANGE, SETTLED, VALID, Status, comparable, get_variable, relative_errors
 from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
@@ -131,7 +131,7 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
         estimate[rows] = differences(comparable(outputs), coarse, fine, leeway(kernel, accuracy, allowed))
-        rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
+        rest = (estimate[rows] > allowed) | ~np.isin(fine["status"], VALID)
         if len(rows) == len(table):
             result = fine
         else:
@@ -140,7 +140,7 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     if not halvings:  # half the step is more of them than can be run
         result = run_once(task)
-    result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
+    result["status"][np.isin(result["status"], VALID) & ~(estimate <= accuracy)] = Status.UNSETTLED
     return {**result, "error_estimate": estimate}
 
 
@@ -153,5 +153,5 @@ def run_scenarios(task: ChunkTask) -> Values:
     if "error_estimate" in outputs:
         fine = run_once(task._replace(kernel=halved(kernel, record), table=apart(kernel, table, result)))
         result["error_estimate"] = estimate = differences(comparable(outputs), result, fine)
-        result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
+        result["status"][np.isin(result["status"], VALID) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     return result

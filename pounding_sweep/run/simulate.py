@@ -178,7 +178,9 @@ def simulate(
     if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
         time = np.linspace(0.0, motion.duration, len(states))
-        dataset = dataset.assign(histories(kernel, states[::every], motion, time[::every]))
+        fall = np.fmin.reduce(variables.get("collapse_time", [np.inf]), initial=np.inf)
+        end = int(np.searchsorted(time, fall, "right"))
+        dataset = dataset.assign(histories(kernel, states[:end:every], motion, time[:end:every]))
     return dataset
 
 

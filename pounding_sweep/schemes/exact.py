@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, hysteresis, march, series
+from pounding_sweep.kernel import collapse, forces, hysteresis, march, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
@@ -237,6 +237,9 @@ class Flights(Turns):
         for lane in iter_lanes(course.leaves.now):
             has = Cell(course.busy.lane(lane) > 0.0)
             self.settled.now = False
+            for _ in when(has.now & self._falls(lane)) if self.group.spec.falling else ():
+                self._finish(lane)
+                has.now = False
             for _ in when(has.now):
                 self._leave(lane, course.at.lane(lane) // self.short)
             for _ in while_any(lambda: not_(self.settled.now)):
@@ -255,6 +258,11 @@ class Flights(Turns):
                     for _ in when(not_(hits)):
                         self._finish(lane)
                         has.now = False
+
+    def _falls(self, lane: Any) -> Any:
+        """Whether a storey of the scenario of a lane has fallen."""
+        s = self.group.state
+        return s.lane(s.first["collapsed"], lane) > 0.0
 
     def _leave(self, lane: Any, point: Any) -> None:
         """Take the scenario of a lane into flight, by the tables of its row of buildings."""
@@ -306,6 +314,7 @@ def run_scenarios(
                 full_step = over & ~(left > 0.0)
                 course.left.now = where(full_step, real(short), where(over, left, course.left.now))
                 closed, ends = forces.is_closed(group), over & (at >= last)
+                ends = over & ((at >= last) | ~collapse.stands(group)) if group.spec.falling else ends
                 stays, ahead = Cell(closed), AHEAD * group.full(ground.long)
                 for contact in group.iter_contacts(straight=True):
                     stays.now |= fma(ahead, contact.between("v"), contact.penetration()) > 0.0
