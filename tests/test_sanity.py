@@ -173,6 +173,20 @@ def test_drifts_are_doubted_once_they_are_known():
     assert [*doubts_of(variants, {"drift_max": 0.5 * drift})] == []
 
 
+def test_drifts_of_isolators_are_not_doubted():
+    """Linear ones and such that yield; a soft storey that yields, and a storey above isolators, are."""
+    frame = ps.Building("a", [150.0] * 3, [3e5] * 3, 0.02)
+    drift = np.array([[0.4, 0.001, 0.001, 0.001]])
+    for building in (ps.base_isolated(frame, 150.0, 2.5, 0.05, strength=s) for s in (0.0, 250.0)):
+        variants = variants_of(ps.Scene([building]))
+        assert [*doubts_of(variants, {"drift_max": drift})] == []
+        (text,) = doubts_of(variants, {"drift_max": drift[:, ::-1]})
+        assert "(a, storey 4)" in text
+    soft = ps.Building("a", [150.0] * 2, [1e5, 3e5], yield_strengths=[500.0, 1e4], hardening=0.02)
+    (text,) = doubts_of(variants_of(ps.Scene([soft])), {"drift_max": drift[:, :2]})
+    assert "(a, storey 1)" in text
+
+
 def test_a_row_that_may_yield_and_does_not_is_doubted():
     scene, drift = row(stiffnesses=[1e5], yield_strengths=[300.0]), np.array([[0.1] * 3, [2.9e-5] * 3])  # 3 mm at yield
     (text,) = doubts_of(variants_of(scene), {"drift_max": drift})
