@@ -147,8 +147,6 @@ class Hazard:
 
     def _pieces(self, log_median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
         """Return what each stretch between points, the first and the last beyond them, gives to the mean rate."""
-        from scipy.special import log_ndtr
-
         x, rates, slopes = self._lines()
         mu, beta = np.broadcast_arrays(np.asarray(log_median, float), np.maximum(dispersion, _SHARP))
         # of each stretch: its ends, a point of it, and the power
@@ -157,11 +155,18 @@ class Hazard:
         bottom, top, base, at, k = (part.reshape(-1, *[1] * mu.ndim) for part in stretches)
         shifted = mu - k * beta**2
         with np.errstate(divide="ignore", invalid="ignore"):
-            z = np.stack([(bottom - shifted) / beta, (top - shifted) / beta])
-            z = np.where((z[0] + z[1] > 0.0)[None], -z[::-1], z)  # on the side where the difference keeps its digits
-            low, high = log_ndtr(z)
-            share = high + np.log1p(-np.exp(np.minimum(low - high, 0.0)))
+            share = log_normal_share((bottom - shifted) / beta, (top - shifted) / beta)
             return np.exp(at - k * (mu - base) + 0.5 * (k * beta) ** 2 + share)
+
+
+def log_normal_share(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the logarithm of the share of a standard normal between two values."""
+    from scipy.special import log_ndtr
+
+    z = np.stack(np.broadcast_arrays(low, high))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below, upto = log_ndtr(np.where(z[0] + z[1] > 0.0, -z[::-1], z))  # the side where the difference keeps digits
+        return upto + np.log1p(-np.exp(np.minimum(below - upto, 0.0)))
 
 
 def _check_points(

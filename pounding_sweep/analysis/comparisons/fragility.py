@@ -24,6 +24,7 @@ from pounding_sweep.analysis.comparisons import (
     over_text,
     plain_rows,
 )
+from pounding_sweep.analysis.hazard import log_normal_share
 from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.analysis.scenarios import (
     described,
@@ -43,8 +44,11 @@ SAME = 1e-9
 FARTHEST = 10.0
 #: A dispersion above this is no result: the probability then hardly changes over any intensities that are tried.
 WIDEST = 5.0
+#: Least dispersion of the curves that intervals are made of, points of their grids, each refined from the one before,
+#: and by how much the logarithm of a likelihood that does not count is lower than the largest.
+SHARPEST, _GRIDS, _UNLIKELY = 1e-3, (24, 24, 24, 24, 64), 8.0
 #: Intensities at which curves are given, where none are.
-LEVELS = 60
+LEVELS = 100
 #: Curves are said to cross where the probability is farther from 0 and 1 than this.
 SEEN = 1e-3
 #: Ends of an interval.
@@ -77,7 +81,7 @@ MEANINGS = (
 #: Why there is no band: an interval whose ends differ by more than a factor is of no use, or there is none.
 WIDE = 10.0
 TOO_WIDE = f"no band: the confidence interval of the median or dispersion spans more than a factor of {WIDE:g}"
-NO_INTERVAL = "no band: without one of the records there is no fit"
+NO_INTERVAL = "no band: one record alone, or records that too often go back and forth as the intensity rises"
 #: Records from which intervals are dependable.
 ENOUGH = 20
 
@@ -168,38 +172,68 @@ def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Lognorma
     return fits
 
 
-def jackknife(
-    fit: LognormalFit, without: Sequence[LognormalFit], intensity: np.ndarray, confidence: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return confidence intervals of a fit from those without one record each; NaN where there is none.
+def record_capacities(happened: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return logarithms of the intensities of a record between which it begins to happen, shape (2,), infinite at ends.
 
-    They are of the median, the dispersion and the probability at n intensities, each by itself, shapes (2,), (2,) and
-    (2, n).
+    Of a record that goes back and forth those around all beginnings that the fewest trials contradict.
     """
-    from scipy.special import ndtr, stdtrit
+    levels, number = np.unique(merged(x), return_inverse=True)
+    yes, no = (np.bincount(number, part, len(levels)) for part in (happened, ~happened))
+    contradict = np.append(0.0, yes.cumsum()) + np.append(no[::-1].cumsum()[::-1], 0.0)
+    best, ends = np.flatnonzero(contradict == contradict.min()), np.array([-np.inf, *np.log(levels), np.inf])
+    return ends[[best[0], best[-1] + 1]]
 
-    n = len(without)
-    # log median and dispersion
-    pseudo = n * np.array([fit[1:3]]) - (n - 1) * np.array([other[1:3] for other in without]).reshape(n, 2)
-    if n < 2 or not np.isfinite(pseudo).all() or pseudo[:, 1].mean() <= 0.0:
-        return np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan)
-    log_median, dispersion = pseudo.mean(axis=0)
-    covariance = np.cov(pseudo.T) / n
-    wide = float(stdtrit(n - 1, 0.5 + confidence / 2.0))
-    ends = wide * np.array([-1.0, 1.0])
-    of_median, mixed, of_dispersion = (covariance / fit.dispersion**2)[[0, 0, 1], [0, 1, 1]]
-    bounds = np.tile((np.log(intensity) - log_median) / dispersion, (2, 1))
-    if wide**2 * of_dispersion > 1.0:
-        level = np.sqrt(max(of_median * of_dispersion - mixed**2, 0.0) / (wide**2 * of_dispersion - 1.0))
-        bounds[0] = np.minimum(bounds[0], (level - mixed) / of_dispersion)
-        bounds[1] = np.maximum(bounds[1], -(level + mixed) / of_dispersion)
-    # of two records it may round below zero
-    variance = np.maximum(of_median + 2.0 * mixed * bounds + of_dispersion * bounds**2, 0.0)
-    return (
-        np.exp(log_median + ends * np.sqrt(covariance[0, 0])),
-        dispersion * np.exp(ends * np.sqrt(of_dispersion)),
-        ndtr(bounds + ends[:, None] * np.sqrt(variance)),
+
+def plausible_curves(capacities: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return logarithms of medians, dispersions, and how plausible these are together, of curves of one dispersion.
+
+    Each curve has the capacities of its records, shape (record, 2). Grids are refined where there is any likelihood.
+    Curves of the same records tell no more of the dispersion together than one: the mean of their likelihoods counts.
+    """
+    sets = [np.unique(part, axis=0, return_counts=True) for part in capacities]
+    finite = [part[np.isfinite(part)] for part in capacities]
+    medians = [(part.min() - np.log(FARTHEST), part.max() + np.log(FARTHEST)) for part in finite]
+    spreads = np.log(SHARPEST), np.log(WIDEST)
+    for step, size in enumerate(_GRIDS):
+        axis, grids, seen = np.linspace(*spreads, size), [np.linspace(*ends, size) for ends in medians], []
+        for grid, (cells, count) in zip(grids, sets, strict=True):
+            z = (cells - grid[:, None, None, None]) / np.exp(axis)[:, None, None]
+            seen.append(log_normal_share(z[..., 0], z[..., 1]) @ count)
+        own = [np.logaddexp.reduce(part) for part in seen]  # of the dispersion
+        logs = [part - alone + np.mean(own, axis=0) for part, alone in zip(seen, own, strict=True)]
+        inside = [part > part.max() - _UNLIKELY for part in logs]
+        medians = [_around(grid, part.any(axis=1)) for grid, part in zip(grids, inside, strict=True)]
+        if step > 1:  # medians between points of a coarse grid seem to disperse
+            spreads = _around(axis, np.any([part.any(axis=0) for part in inside], axis=0))
+    weights = [np.exp(part - part.max()) for part in logs]
+    return [(grid, np.exp(axis), part / part.sum()) for grid, part in zip(grids, weights, strict=True)]
+
+
+def _around(grid: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
+    """Return the points of a grid just outside of some of it."""
+    places = np.flatnonzero(inside)
+    return float(grid[max(places[0] - 1, 0)]), float(grid[min(places[-1] + 1, len(grid) - 1)])
+
+
+def intervals_of(
+    curves: tuple[np.ndarray, np.ndarray, np.ndarray], at: np.ndarray, confidence: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return intervals of the median, the dispersion and the probability at n intensities: (2,), (2,) and (2, n)."""
+    from scipy.special import ndtr
+
+    medians, dispersions, weights = curves
+    ends = np.array([0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
+    middle, spread = (
+        np.interp(ends, part.cumsum() - 0.5 * part, grid)
+        for grid, part in ((medians, weights.sum(axis=1)), (np.log(dispersions), weights.sum(axis=0)))
     )
+    rows, columns = np.nonzero(weights > np.exp(-_UNLIKELY) * weights.max())
+    # every curve rises, and so do fractiles of them
+    z = (np.log(at)[:, None] - medians[rows]) / dispersions[columns]
+    order = np.argsort(z, axis=1)
+    below = weights[rows, columns][order].cumsum(axis=1)
+    places = [np.take_along_axis(order, (below < end * below[:, -1:]).sum(axis=1)[:, None], axis=1) for end in ends]
+    return np.exp(middle), np.exp(spread), ndtr([np.take_along_axis(z, place, axis=1)[:, 0] for place in places])
 
 
 def equal_axes(result: xr.Dataset) -> list[str]:
@@ -280,8 +314,11 @@ def fragility(
 
     Notes
     -----
-    Intervals come from leaving out one record after the other with all its trials (see `jackknife`), and are missing of
-    one record, or where the others have no fit without one of them.
+    Intervals of median, dispersion and probabilities are fractiles of one set of curves, by how plausible they make the
+    intensities between which each record begins to be one of the event (see `plausible_curves`): the posterior under a
+    prior that is flat in the logarithms of both, which for records of known capacity is the exact interval of Student
+    and chi-square. So they agree, and bands rise. They are missing of one record, and where so many records go back
+    and forth that they do not hold the fit.
 
     Examples
     --------
@@ -317,7 +354,7 @@ def fragility(
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name = strength.attrs["units"], strength.attrs["long_name"]
     words = about.in_words(level)
-    at = np.linspace(x.max() / LEVELS, x.max(), LEVELS)
+    at = np.geomspace(x.max() / LEVELS, x.max(), LEVELS)
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
     cache: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
@@ -409,26 +446,28 @@ def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float |
     """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
     from scipy.special import ndtr
 
-    finite = np.isfinite(tables)
-
-    def fits(records: np.ndarray) -> list[LognormalFit]:
-        parts = zip(tables, finite & records, strict=True)
-        return fit_lognormals([(x[part], table[part] > 0.0) for table, part in parts])
-
-    result = fits(np.array(True))
-    tried = finite.any(axis=2)  # whether a curve has trials of a record
-    without = {}
-    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in result):
-        without = {record: fits(np.arange(len(x))[:, None] != record) for record in np.flatnonzero(tried.any(axis=0))}
-    rows = []
-    for number, (table, fit) in enumerate(zip(tables, result, strict=True)):
-        fitted = fit.status == FitStatus.FITTED
-        others = [without[record][number] for record in np.flatnonzero(tried[number]) if without and fitted]
-        intervals = jackknife(fit, others, at, confidence or np.nan)
-        values = (np.exp(fit.log_median), fit.dispersion) if fitted else (np.nan, np.nan)
-        counts, curve = (finite[number].sum(), (table > 0.0).sum()), ndtr(np.log(at / values[0]) / values[1])
-        rows.append((np.int8(fit.status), *values, *intervals[:2], fit[3:], *counts, curve, intervals[2]))
-    return rows
+    tried = np.isfinite(tables)
+    fits = fit_lognormals([(x[part], table[part] > 0.0) for table, part in zip(tables, tried, strict=True)])
+    fitted = [i for i, fit in enumerate(fits) if fit.status == FitStatus.FITTED and confidence]
+    # of each curve, the records that have motions
+    rows = [
+        [(tables[i, r, ok] > 0.0, x[r, ok]) for r, ok in enumerate(tried[i] & (x > 0.0)) if ok.any()] for i in fitted
+    ]
+    plausible = plausible_curves([np.array([record_capacities(*row) for row in part]) for part in rows]) if rows else []
+    intervals = {
+        i: intervals_of(curves, at, confidence or np.nan)
+        for i, part, curves in zip(fitted, rows, plausible, strict=True)
+        if len(part) > 1
+    }
+    results = []
+    for i, (table, fit) in enumerate(zip(tables, fits, strict=True)):
+        values = (np.exp(fit.log_median), fit.dispersion) if fit.status == FitStatus.FITTED else (np.nan, np.nan)
+        parts = intervals.get(i)
+        if parts is None or any(not low <= value <= high for value, (low, high) in zip(values, parts, strict=False)):
+            parts = np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(at)), np.nan)
+        counts, curve = (tried[i].sum(), (table > 0.0).sum()), ndtr(np.log(at / values[0]) / values[1])
+        results.append((np.int8(fit.status), *values, *parts[:2], fit[3:], *counts, curve, parts[2]))
+    return results
 
 
 def crossed(dataset: xr.Dataset) -> str:

@@ -642,8 +642,9 @@ def _draw_fit(ax: Any, part: xr.Dataset, name: str, style: dict[str, Any], marke
         low, high = part[["median_interval", "dispersion_interval"]].to_dataarray().transpose("bound", ...).values
         missing = "confidence" in part.attrs and bool(np.isnan(high).any())
         note = TOO_WIDE if (high > WIDE * low).any() else NO_INTERVAL * missing
-        inside = (at >= x.min()) & (at <= x.max()) & (np.isfinite(band).all() and not note)
-        ax.fill_between(at, *band, where=inside, color=style["color"], alpha=0.15, linewidth=0)
+        ax.fill_between(
+            at, *band, where=np.isfinite(band).all(axis=0) & (not note), color=style["color"], alpha=0.15, linewidth=0
+        )
         known = f"median {part['median']:.3g} {units}, dispersion {part['dispersion']:.2g}"
         ax.plot(at, part["probability"].values, **style)
     else:
