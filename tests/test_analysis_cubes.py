@@ -270,7 +270,7 @@ def test_fractiles_by_a_plain_loop():
         here = (*place[:3], slice(None), place[3])
         status = cube.status.values[here]
         rows = cube.drift_max.values[here][status == 0][:, 0, 0]
-        expected = np.quantile(rows, [0.16, 0.5, 0.84]) if rows.size else np.full(3, np.nan)
+        expected = np.quantile(rows, [0.16, 0.5, 0.84, 1.0]) if rows.size else np.full(4, np.nan)
         np.testing.assert_allclose(result.drift_max_fractiles.values[(slice(None), *place, 0, 0)], expected)
         assert result.drift_max_count.values[(*place, 0, 0)] == result.scenarios.values[place] == rows.size
         assert result.left_out_diverged.values[place] == (status == int(Status.DIVERGED)).sum()

@@ -15,6 +15,7 @@ from scenes import call
 from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
 from pounding_sweep.analysis.rebuild import intensity_of
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
 
@@ -171,7 +172,7 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--event force", "event 'force' needs a level"),
         ("--level 3", "event 'touch' takes no level"),
         ("--event drift --level 1%", "level '1%' is in per cent, which is for drift_ratio and roof_drift_ratio"),
-        ("--event drift --level x", "level 'x' is no number; give one, such as 0.01, or 1% for a drift ratio"),
+        ("--event drift --level x", "'x' is no number; give one, such as 0.01, or 1%"),
         ("--event drift_ratio --level 2", "level 2 of event 'drift_ratio' is 200%; give a ratio below 1"),
         ("--reference liner", "unknown reference law 'liner'; did you mean 'linear'? Valid: "),
         ("--reference none", "unknown reference law 'none'"),
@@ -180,8 +181,12 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--what sensitivity --intensity sa", "--intensity is for the comparisons 'amplification', 'ener"),
         ("--what laws --probability 0.1", "--probability is for the comparison 'gap-for-probability'"),
         *(
-            (f"--probability {text}", f"probability '{text}' is not in (0, 1); give 0.01 or 1%")
-            for text in ("1", "0%", "one")
+            (f"--probability {text}", said)
+            for text, said in (
+                ("1", "probabilities: 1 is not in (0, 1)"),
+                ("0%", "probabilities: 0 is not in (0, 1)"),
+                ("one", "'one' is no number; give one, such as 0.01, or 1%"),
+            )
         ),
         ("--q left", "factor q ['left']: give one number, or BUILDING=NUMBER for each"),
         ("--what laws --ie 1.5", "--cd, --ie, --q, --r is for the comparisons 'gap-for-probability', 'required-gap'"),
@@ -287,3 +292,58 @@ def test_the_question_of_a_gap_for_one_percent(tmp_path):
     (tmp_path / "site.csv").write_text("x,rate\n1,1e-3\n2,2e-3\n")
     refused = run(*asked, "--hazard", tmp_path / "site.csv", code=2)
     assert "site.csv:3: annual rate 0.002 follows 0.001: a stronger motion must be rarer" in refused.stderr
+
+
+@pytest.fixture(scope="module")
+def floors_file(tmp_path_factory):
+    """Two buildings of two storeys that meet at 3 and 6 m, five records: the lower floors touch under two of them."""
+    scene = Scene([Building(name, [100.0, 80.0], [2e4, 1e4]) for name in "ab"], gaps=[0.01])
+    force = np.array([[[0, 0, 0, 10, 30], [50, 100, 200, 400, 800]], [[0] * 5, [0] * 5]], float)  # law, storey, record
+    force = force.transpose(0, 2, 1)[:, None, :, None, :]  # law, gap, record, pair, storey
+    shear = np.array([[[7.0, 99.0], [5.0, 99.0]], [[4.0, 99.0], [3.0, 99.0]]])[:, None, None]  # law, building, storey
+    axes = {"law": ["linear", "none"], "gap": [0.01], "record": list("vwxyz")}
+    fill = {
+        "impact_force_max": force,
+        "storey_shear_max": shear,
+        "impact_count": (force > 0).astype(int),
+    }
+    return write_cube(hand_cube(axes, fill, scene=scene), tmp_path_factory.mktemp("floors") / "cube.nc")
+
+
+@pytest.mark.parametrize(
+    ("words", "lower", "counted"),
+    [
+        ("impacts", {"values": 2, "16 %": 13.2, "median": 20, "84 %": 26.8, "largest": 30}, "do not count as 0"),
+        ("fractiles --at law=linear", {"values": 5, "16 %": 0, "median": 0, "84 %": 17.2, "largest": 30}, "count as 0"),
+    ],
+)
+def test_forces_floor_by_floor(floors_file, words, lower, counted):
+    part = told(floors_file, "--what", words)
+    rows = [row for row in part["rows"] if row["variable"] == "impact_force_max_fractiles"]
+    upper = {"values": 5, "16 %": 82.0, "median": 200.0, "84 %": 544.0, "largest": 800.0}
+    for row, storey, share, numbers in zip(rows, (1, 2), (0.4, 1.0), (lower, upper), strict=True):
+        assert (row["storey"], row["elevation (m)"], row["touching"]) == (storey, 3.0 * storey, share)
+        assert {name: row[name] for name in numbers} == pytest.approx(numbers)
+    assert counted in part["attributes"]["counted"]
+    assert f"counted: {part['attributes']['counted']}" in run(floors_file, "--what", words).stdout
+
+
+def test_base_shear_with_pounding_and_without(floors_file):
+    rows = told(floors_file, "--what amplification --over record")["rows"]
+    shears = {(row["variable"], row["building"]): row["median"] for row in rows if row["units"] == "kN"}
+    with_pounding, without = (dict(zip("ab", pair, strict=True)) for pair in ((7.0, 5.0), (4.0, 3.0)))
+    for building in "ab":
+        assert shears["base_shear", building] == with_pounding[building]
+        assert shears["base_shear_without", building] == without[building]
+
+
+def test_many_rows_are_summed_up_in_print_alone(tmp_path):
+    axes = {"law": ["linear", "none"], "gap": [0.01], "record": [f"r{i}" for i in range(120)]}
+    path = write_cube(hand_cube(axes, random_fill(1, "drift_max", "impact_count")), tmp_path / "many.nc")
+    rows = told(path, "--what amplification")["rows"]
+    printed = run(path, "--what amplification").stdout
+    assert len(rows) > 200
+    assert "over: 120 records" in printed
+    assert f"summary of {len(rows)} rows: choose with --at and --over, or write all with -o FOLDER" in printed
+    assert "r7" not in printed
+    assert "r7" in run(path, "--what amplification --at record=r7 --at record=r8").stdout

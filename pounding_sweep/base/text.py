@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from pounding_sweep.base.errors import InputError
+
 #: Control characters, line ends of all kinds, marks that turn the direction of writing, and what UTF-8 can't hold.
 _UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 #: Longer labels fill the tables they stand in.
@@ -128,8 +130,11 @@ def number_text(value: float | None) -> str:
 
 
 def read_share(text: str) -> float:
-    """Return a number from a text, which may be in per cent: 0.01 of "1%"; raises `ValueError` if it is none."""
-    return float(text.rstrip("% ")) / (100.0 if "%" in text else 1.0)
+    """Return a number from a text, which may be in per cent: 0.01 of "1%"; raises `InputError` if it is none."""
+    try:
+        return float(text.rstrip("% ")) / (100.0 if "%" in text else 1.0)
+    except ValueError:
+        raise InputError(f"{text!r} is no number; give one, such as 0.01, or 1%") from None
 
 
 def seconds_text(value: float) -> str:

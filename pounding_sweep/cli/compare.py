@@ -17,8 +17,8 @@ from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, c
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Rows of each table in a summary.
-SHOWN = 12
+#: Rows of each table in a summary, and of a whole one beyond which records, storeys and scales are taken together.
+SHOWN, MOST = 12, 200
 #: Options whose flag is not the name of the argument of comparisons that they give.
 _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"} | {
     "behaviour": "cd, --ie, --q, --r"
@@ -27,7 +27,7 @@ _FACTORS = ("cd", "importance", "q", "r")
 #: Options that are for every comparison, or part of another one.
 _COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", *_FACTORS)
 #: Options that are numbers, and where they must lie.
-_INTERVALS = {"quantiles": "[0, 1]", "years": "(0, inf)", "levels": "(0, inf)"}
+_INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
 
 
 @dataclass
@@ -78,6 +78,7 @@ class CompareOptions:
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import numbers_in
+        from pounding_sweep.base.text import read_share
         from pounding_sweep.output.netcdf import check_output
 
         keys = list(dict.fromkeys(self.what or COMPARISONS))
@@ -90,7 +91,7 @@ class CompareOptions:
         if factors := {name: options[name] for name in _FACTORS if name in options}:
             arguments["behaviour"] = read_factors(factors)
         if self.probabilities:
-            arguments["probabilities"] = [_read_probability(text) for text in self.probabilities]
+            arguments["probabilities"] = [read_share(text) for text in self.probabilities]
         for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
@@ -120,33 +121,11 @@ class CompareOptions:
         return keys, arguments
 
 
-def _read_probability(text: str) -> float:
-    """Return a probability from a number or, with a sign, per cent."""
-    from pounding_sweep.base.text import read_share
-
-    try:
-        number = read_share(text)
-    except ValueError:
-        number = 0.0
-    if not 0.0 < number < 1.0:
-        raise InputError(f"probability {text!r} is not in (0, 1); give 0.01 or 1% for 1 %")
-    return number
-
-
 #: Attributes of results that are told above their tables.
 _NOTES = (
-    *("answer", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "intensity"),
-    *(
-        "no_fractiles",
-        "advice",
-        "equal_along",
-        "one_dispersion",
-        "curves_cross",
-        "hazard",
-        "years",
-        "confidence",
-        "factors",
-    ),
+    *("answer", "counted", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words"),
+    *("intensity", "no_fractiles", "advice", "equal_along", "one_dispersion", "curves_cross", "hazard", "years"),
+    *("confidence", "factors"),
 )
 
 
@@ -197,7 +176,8 @@ def _compare(
     settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
     settings |= {} if what or options.out else comparison.summary
     if "over" in comparison.arguments and what:
-        settings["over"] = [dim for dim in scenario_dims(selection) if dim not in {"law", *MOTION_DIMS} - {*over}]
+        apart = {"law", *MOTION_DIMS} - {*over, "" if options.intensity else "record"}
+        settings["over"] = [dim for dim in scenario_dims(selection) if dim not in apart]
     try:
         result = compared(cube, comparison, at, **settings)
     except InputError as error:
@@ -212,6 +192,9 @@ def _compare(
     part["attributes"] = {str(name): finite(plain(value)) for name, value in result.attrs.items()}
     part["rows"] = table_rows(result, comparison, over=over, quantiles=quantiles, intensity=strength)
     part["lead"] = part["rows"] if what else table_rows(result, comparison, lead=True, over=over, quantiles=quantiles)
+    for dims in (("record",), ("record", "storey"), (*MOTION_DIMS, "storey")) if not over and strength is None else ():
+        if len(part["lead"]) > MOST:
+            part["lead"] = table_rows(result, comparison, over=dims, quantiles=quantiles)
     if options.out is not None:
         part["files"] = _write(result, part["rows"], comparison.figure, options.out / key, options.overwrite)
     return part
@@ -259,6 +242,8 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
             print("  no values")
         if more := len(part["lead"]) - len(rows):
             print(f"  and {more} more rows: --what {key}")
+        if not summary and len(rows) < len(part["rows"]):
+            print(f"  summary of {len(part['rows'])} rows: choose with --at and --over, or write all with -o FOLDER")
         for file in part.get("files", ()):
             print(file)
 

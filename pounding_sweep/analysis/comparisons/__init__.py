@@ -75,7 +75,7 @@ COMPARISONS: dict[str, Comparison] = {
             needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
             requires={"laws": 1},
             columns=("law", "building"),
-            variables=("_ratio",),
+            variables=("_ratio", "base_shear", "base_shear_without"),
             lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
             figure="amplification",
         ),
@@ -94,7 +94,8 @@ COMPARISONS: dict[str, Comparison] = {
             "responses.fractiles",
             "median and fractiles of responses over a suite of records",
             needs="an axis of several records",
-            columns=("law", "building", "pair", "quantile"),
+            columns=("law", "building", "pair", "storey", "quantile"),
+            variables=("_fractiles",),
             lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
         ),
         Comparison(
@@ -122,7 +123,8 @@ COMPARISONS: dict[str, Comparison] = {
             "how often, how hard and how soon floors touch",
             needs="pairs, a law with contact, and impact counts or any other output of contacts",
             requires={"pairs": True, "laws": 1},
-            columns=("law", "pair", "quantile"),
+            columns=("law", "pair", "storey", "quantile"),
+            variables=("_fractiles", "pair_touching_share"),
             lead=("pair_touching_share", "impact_force_max_fractiles"),
         ),
         Comparison(
@@ -279,6 +281,12 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
     return [{str(name): finite(value) for name, value in row.items()} for row in rows]
 
 
+#: What some fractiles are called.
+_NAMED = {0.0: "smallest", 0.5: "median", 1.0: "largest"}
+#: What a table by storeys has beside the values.
+_BY_STOREY = dict.fromkeys(("contact_elevation", "floor_elevation"), "elevation (m)") | {"touching_share": "touching"}
+
+
 def table_rows(
     result: xr.Dataset,
     comparison: Comparison,
@@ -305,7 +313,7 @@ def table_rows(
         names = [name for name in comparison.lead if name in names] or names[:2]
     motions = [dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1 and not lead]
     apart = [dim for dim in (*comparison.columns, *motions) if dim not in over]
-    shares = {"smallest": 0.0, "median": 0.5, "largest": 1.0}
+    shares = {name: share for share, name in _NAMED.items()}
     if quantiles is not None:
         shares = {f"{q:g} fractile": q for q in quantiles}
     parts: list[tuple[Row, xr.Dataset]] = [({}, result)]
@@ -318,7 +326,19 @@ def table_rows(
         columns = [dim for dim in apart if dim in variable.dims]
         pooled = [str(dim) for dim in variable.dims if dim not in columns]
         spread, count = fractiles_over(variable.astype(float), pooled, list(shares.values()), "share")
-        table = xr.Dataset({"values": count, **dict(zip(shares, spread.drop_vars("share"), strict=True))})
+        headings, beside = [*shares], {}
+        if "quantile" in columns and all(variable.sizes[dim] == 1 for dim in pooled):  # a column for each fractile
+            columns.remove("quantile")
+            spread = variable.squeeze(pooled).transpose("quantile", ...).rename(quantile="share")
+            headings = [_NAMED.get(q, f"{100 * q:g} %") for q in spread["share"].values.tolist()]
+            stem = f"{name.removesuffix('fractiles')}count"
+            number = part[stem if stem in part else "touching"]
+            count = number.max([dim for dim in pooled if dim in number.dims]).fillna(0).astype(int)
+        for key, heading in _BY_STOREY.items() if "storey" in columns else ():
+            if key in part.variables and {*part[key].dims} <= {*columns, *pooled}:
+                beside[heading] = part[key].mean([dim for dim in pooled if dim in part[key].dims])
+        values = dict(zip(headings, spread.drop_vars("share"), strict=True))
+        table = xr.Dataset(beside | {"values": count} | values).reset_coords(drop=True)
         if "never" in part and {*part["never"].dims} <= {*variable.dims} and part["never"].any():
             never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
             table["never touches"] = never.sum(pooled).astype(int)
@@ -329,7 +349,7 @@ def table_rows(
                 table[intensity.name] = intensity
         pooled_text = over_text({dim: variable.sizes[dim] for dim in pooled})
         for row in plain_rows(table.transpose(*columns)):
-            if row["values"] or row.get("never touches"):
+            if row["values"] or row.get("never touches") or row.get("touching") is not None:
                 rows.append({**about, **row, "over": pooled_text})
     return rows
 
@@ -391,7 +411,4 @@ def read_level(key: str, text: str | None) -> float | None:
     if text is not None and "%" in text and not EVENTS[key].percent:
         ratios = " and ".join(name for name, event in EVENTS.items() if event.percent)
         raise InputError(f"level {text!r} is in per cent, which is for {ratios}; event {key!r} has another unit")
-    try:
-        return None if text is None else read_share(text)
-    except ValueError:
-        raise InputError(f"level {text!r} is no number; give one, such as 0.01, or 1% for a drift ratio") from None
+    return None if text is None else read_share(text)

@@ -66,6 +66,7 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     xarray.Dataset
         ``<response>_ratio`` (dimensionless, above 1 where pounding amplifies) on the cube's axes, without the law
         "none"; ``displacement_peak_ratio`` of the largest absolute displacements where the cube has both signs;
+        ``base_shear`` and ``base_shear_without`` (kN), that of the lowest storey with pounding and without;
         ``touches``, 1 where floors of the row touch and 0 where none do, where the cube tells. Missing where either
         scenario is not ok, and where the response without pounding is below 1e-9 of the largest in the row.
 
@@ -95,6 +96,10 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         comment = "value with pounding over value without; missing where either scenario is not ok"
         share = ratio(response, base, runs[PEAK][1] if name in _SIGNED and PEAK in runs else base)
         ratios[f"{name}_ratio"] = described(share, "1", f"amplification of the {long_name(response, name)}", comment)
+    for key, (part, words) in {"base_shear": (pounding, "with"), "base_shear_without": (uncoupled, "without")}.items():
+        if "storey_shear_max" in names and 1 in part.get("storey", []):
+            shear = values(part, "storey_shear_max").sel(storey=1, drop=True)
+            ratios[key] = described(shear, "kN", f"largest shear of the lowest storey {words} pounding", bare=True)
     if any(name in pounding for name in TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
@@ -239,7 +244,19 @@ def impact_statistics(
         result = xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
     else:
         result = _statistics(cube, together, quantiles)
-    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}))
+    result = result.assign_coords(_elevations(cube))
+    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}), counted=_TOUCHING_ONLY)
+
+
+#: What fractiles are of, as tables say.
+_TOUCHING_ONLY = "fractiles are of the scenarios in which these floors touch; the others do not count as 0"
+_ALL = (
+    "fractiles are of all scenarios that are ok; forces, penetrations and impulses of those without contact count as 0"
+)
+
+
+def _elevations(cube: xr.Dataset) -> dict[str, xr.DataArray]:
+    return {name: cube[name] for name in ("floor_elevation", "contact_elevation") if name in cube.coords}
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
@@ -364,7 +381,10 @@ def responses_of(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> 
 
 @comparison("fractiles")
 def fractiles(
-    cube: xr.Dataset, quantiles: Sequence[float] = QUANTILES, dim: str = "record", outputs: Iterable[str] | None = None
+    cube: xr.Dataset,
+    quantiles: Sequence[float] = (*QUANTILES, 1.0),
+    dim: str = "record",
+    outputs: Iterable[str] | None = None,
 ) -> xr.Dataset:
     """Return fractiles of every response over the records of a suite.
 
@@ -373,7 +393,7 @@ def fractiles(
     cube : xarray.Dataset
         A cube with the axis `dim`.
     quantiles : sequence of float
-        In [0, 1].
+        In [0, 1]; 1 is the largest value.
     dim : str
         The axis to take together.
     outputs : iterable of str, optional
@@ -385,7 +405,8 @@ def fractiles(
         On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own units, and
         ``<output>_count``, how many values these are of: those of scenarios that are ok and have one. ``scenarios`` is
         the number along `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs;
-        where these are extreme, fractiles are too low.
+        where these are extreme, fractiles are too low. ``touching_share`` is the share of scenarios in which floors
+        touch; the others count with force 0.
 
     Raises
     ------
@@ -415,7 +436,12 @@ def fractiles(
             elif count.any():
                 text = f"scenarios along {dim} that are left out: {status.label}"
                 result[f"left_out_{status.label}"] = described(count, "1", text, bare=True)
-    return xr.Dataset(result, attrs={"over": over_text({dim: cube.sizes[dim]})})
+    about = {"over": over_text({dim: cube.sizes[dim]})}
+    if any(name in cube for name in TOUCH_VARIABLES):
+        touch, about["counted"] = touched(cube, "fractiles"), _ALL
+        if dim in touch.dims:
+            result["touching_share"] = described(touch.mean(dim), "1", "share of scenarios in which the floors touch")
+    return xr.Dataset(result, attrs=about).assign_coords(_elevations(cube))
 
 
 #: Intensities at which the fractiles of a suite are given, where none are.
