@@ -197,5 +197,9 @@ def kernels() -> tuple[KernelSpec, ...]:
         *ps.load_sweep(own_law()).plan().shapes(),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
         kernel_shape(pair(), LAWS["kelvin_voigt"], Numerics("exact", 1e-3), reducers_for(EVERY)),
+        *(  # which audits of sweeps at a fixed step compare with
+            kernel_shape(row(), LAWS[law], Numerics("exact", 1e-3), reducers_for(OUTPUTS), varied=varied)
+            for law, varied in (("kelvin_voigt", False), ("linear", False))
+        ),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

@@ -75,7 +75,7 @@ def test_every_key_of_a_sweep_file_is_explained(pages):
     explained = [sorted(re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE)) for part in text.split("### ")]
     for keys in (*wanted, *map(list, SECTIONS.values())):
         assert sorted(keys) in explained
-    assert re.search(r"^\| `audit` \|.*\| `0\.05` \| Share of the sweep's cost", text, re.MULTILINE)
+    assert re.search(r"^\| `audit` \|.*\| `0\.05` \| Share of the cost of a sweep at a fixed step", text, re.MULTILINE)
     assert re.search(r"^\| `locate` \| true or false \| `true` \| Split steps", text, re.MULTILINE)
     assert re.search(r"^\| `masses` \|.*\| needed \| Floor masses \(t\)", text, re.MULTILINE)
 

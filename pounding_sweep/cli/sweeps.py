@@ -129,6 +129,7 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
         "compile_seconds": outcome.compile_seconds,
         "kernels_compiled": outcome.compiled,
         "failures": outcome.failures,
+        "refined": outcome.refined if "error_estimate" in outcome.results.names else None,
         **summary,
         "warnings": app.WARNINGS,
         "cube": str(out),
@@ -211,10 +212,9 @@ def _print_run(report: dict[str, Any]) -> None:
         ("run", seconds_text(report["run_seconds"]) + speed),
     ]
     lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
-    lines += [("audit", report["audit_sentence"])] if report["audit"] else []
-    errors = {row["output"]: row["error_max"] for row in report["audit"] if row["scenarios"]}
-    if texts := [f"{name} {'infinite' if error is None else f'{error:.1e}'}" for name, error in errors.items()]:
-        lines.append(("errors", f"relative, up to: {', '.join(texts)}"))
+    if report["refined"] is not None:
+        lines.append(("refined", f"{report['refined']} of {counts['run']} scenarios run beyond half their step"))
+    lines += [("errors", report["errors_sentence"])] if report["errors_sentence"] else []
     for item in report["statuses"]:
         if item["remedy"]:
             lines.append((item["label"], "{count}: {meaning}; {remedy}".format(**item)))

@@ -1,23 +1,25 @@
-"""The audit of a cube: the measured errors of its own outputs, stored and in a few rows."""
+"""Errors of a cube: what its audit measured, and what its scenarios estimate themselves, stored and in a sentence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.output.dataset import Coordinates, CubeParts
-from pounding_sweep.outputs.variables import CHANGE
+from pounding_sweep.outputs.variables import Status
 
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")
 #: What it measured; its other arrays say which scenarios these are.
-_MEASURED = ("audit_error", "audit_sensitivity", "audit_sensitive", "audit_undecided", "audit_status")
+_MEASURED = ("audit_error", "audit_undecided", "audit_random", "audit_status")
+#: Confidence of what is said of the scenarios that were not drawn.
+CONFIDENCE = 0.95
 
 
-def add_audit(cube: CubeParts, arrays: Coordinates, touching: int, share: float) -> None:
+def add_audit(cube: CubeParts, arrays: Coordinates, touching: int, share: float, reference: str) -> None:
     """Put the arrays of an audit into a cube, attributes on every output, and what of the sweep was run again."""
     for name, (dims, values, about) in arrays.items():
         part = cube.data_vars if name in _MEASURED else cube.coords
@@ -32,13 +34,13 @@ def add_audit(cube: CubeParts, arrays: Coordinates, touching: int, share: float)
         audit_scenarios=len(error),
         audit_touching=touching,
         audit_share=share,
-        audit_perturbation=CHANGE,
+        audit_reference=reference,
         audit_undecided_share=float(undecided.mean()),
     )
 
 
 def has_audit(cube: Mapping[Any, Any]) -> bool:
-    """Whether a cube carries the measured errors of a sample of its scenarios."""
+    """Whether a cube carries the measured errors of a part of its scenarios."""
     return "audit_error" in cube
 
 
@@ -53,23 +55,21 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``output``; ``scenarios`` run again that are not undecided, and ``error_median``
-        and ``error_max`` over them; how many are ``sensitive``; ``undecided`` ones and their
-        ``error_max_undecided``.
+        ``output``; ``scenarios`` compared that are not undecided, and ``error_median``, ``error_99`` (99 % are no
+        larger) and ``error_max`` over them; how many are ``undecided``, and their ``error_max_undecided``.
         None where there is none, or where an error is infinite (a touch in one run only).
         Empty for a cube without audit.
 
     Examples
     --------
     >>> import pounding_sweep as ps
-    >>> cube = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02]).run()
+    >>> cube = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.01, 0.02], dt=1e-3).run()
     >>> [row["output"] for row in audit_table(cube)][:2]
     ['displacement_max', 'displacement_min']
     """
     if not has_audit(cube):
         return []
-    error = np.asarray(cube["audit_error"][...])
-    sensitive, undecided = (np.asarray(cube[name][...], bool) for name in ("audit_sensitive", "audit_undecided"))
+    error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
 
     def reduced(reduce: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
         number = float(reduce(values)) if values.size else math.inf
@@ -80,8 +80,8 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
             "output": output,
             "scenarios": int((~undecided).sum()),
             "error_median": reduced(np.median, error[~undecided, i]),
+            "error_99": reduced(_most, error[~undecided, i]),
             "error_max": reduced(np.max, error[~undecided, i]),
-            "sensitive": int(sensitive.sum()),
             "undecided": int(undecided.sum()),
             "error_max_undecided": reduced(np.max, error[undecided, i]),
         }
@@ -89,19 +89,42 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def audit_sentence(rows: Sequence[Mapping[str, Any]], attributes: Mapping[Any, Any]) -> str:
-    """Say in one line what was audited, how much of it is sensitive, and what is set apart; "" without an audit."""
-    # rows of `audit_table`, and attributes of the cube
-    if not rows:
+def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> str:
+    """Say in one line how large the errors of a cube are, of which scenarios; "" where nothing was measured."""
+    if "error_estimate" in cube:
+        estimate = np.asarray(cube["error_estimate"][...])[np.asarray(cube["status"][...]) == Status.OK]
+        estimate = estimate[~np.isnan(estimate)]
+        if not len(estimate):
+            return ""
+        numbers = f"largest {estimate.max():.2g}, 99 % within {_most(estimate):.2g}, median {np.median(estimate):.2g}"
+        return f"relative, estimated in all {len(estimate)} scenarios that are ok: {numbers}"
+    if not has_audit(cube):
         return ""
-    sensitive, undecided = rows[0]["sensitive"], rows[0]["undecided"]
-    n, change = rows[0]["scenarios"] + undecided, attributes["audit_perturbation"]
-    text = (
-        f"{n} of {attributes['audit_touching']} touching scenarios run again at half the step "
-        f"({attributes['audit_share']:.2g} of their cost)"
-    )
-    if sensitive:
-        text += f"; {sensitive} of them ({sensitive / n:.1%}) sensitive: inputs changed by {change:g} change the answer"
-    if undecided:
-        text += f"; {undecided} ({undecided / n:.1%}) undecided and set apart: no step settles them"
+    error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
+    random, touching = np.asarray(cube["audit_random"][...], bool), attributes["audit_touching"]
+    n, reference = len(error), attributes["audit_reference"]
+    laws = np.asarray(cube["audit_law"][...])
+    how_many = f"all {n} touching scenarios" if n == touching else f"{n} of {touching} touching scenarios"
+    some = sorted({*laws.tolist()})
+    which = "all laws" if {*np.ravel(cube["law"][...]).tolist()} <= {*some, "none"} else ", ".join(some)
+    text = f"{how_many}, {which}, compared with {reference}"
+    if not undecided.all():
+        decided = np.where(undecided[:, None], -1.0, error)
+        row, output = np.unravel_index(int(decided.argmax()), error.shape)
+        gaps = ", ".join(
+            f"{1e3 * gap:.3g}" for gap in dict.fromkeys(np.atleast_1d(cube["audit_gap"][int(row)]).tolist())
+        )
+        where = f"{np.asarray(cube['output'][...])[output]}, {laws[row]}, gap {gaps} mm"
+        largest = "infinite, a touch in one run only" if np.isinf(decided.max()) else f"{decided.max():.2g}"
+        text += f": largest error {largest} ({where}), median {np.median(decided[~undecided].max(axis=1)):.2g}"
+    if drawn := int((random & ~undecided).sum()) if n < touching else 0:
+        others = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / drawn)
+        text += f"; with {CONFIDENCE:.0%} confidence at most {others:.1%} of the others err more"
+    if undecided.any():
+        text += f"; {undecided.sum()} ({undecided.mean():.1%}) undecided and set apart: no step settles them"
     return text
+
+
+def _most(values: np.ndarray) -> float:
+    """Return what 99 % of values do not exceed."""
+    return float(np.quantile(values, 0.99, method="higher"))

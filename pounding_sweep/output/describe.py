@@ -19,7 +19,7 @@ from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
+from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_sentence
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _SECTION_ATTRIBUTES = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", *ORIGINS),
     *("accuracy_choice", "accuracy_numbers"),
-    *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
+    *("audit_scenarios", "audit_touching", "audit_share", "audit_reference", "audit_undecided_share"),
 }
 #: Attributes that are JSON.
 _CODED = frozenset({"records", "records_left_out", "sweep", "accuracy_numbers", *ORIGINS})
@@ -199,6 +199,8 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         lines.append(f"  {requested} scenarios asked, {attributes.get('scenarios_run')} run")
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
+    if "error_estimate" in dataset and status is not None:
+        lines.append(f"  errors {errors_sentence(dataset, attributes)}")
 
     axes: dict[bool, list[tuple[str, ...]]] = {False: [], True: []}
     for dim, axis in cube["dims"].items():
@@ -219,7 +221,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             inner = " and ".join(dim for dim in variable["dims"] if dim in INNER_DIMS)
             text = f"{variable['long_name']}, per {inner}" if inner else variable["long_name"]
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
-    errors = "Audit: relative error, by the difference to half the step"
+    errors = "Audit: relative errors"
     others = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
     sections: dict[str, list[tuple[str, ...]]] = {
         "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
@@ -243,7 +245,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
     hangs = dict[int, int]()
     for heading, rows in sections.items():
         if rows:
-            lines += ["", heading] + ([f"  {audit_sentence(cube['audit'], attributes)}"] if heading == errors else [])
+            lines += ["", heading] + ([f"  {errors_sentence(dataset, attributes)}"] if heading == errors else [])
             widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
             for row in rows:
                 cells = (cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False))
@@ -304,13 +306,13 @@ def summarize(path: FilePath) -> dict[str, Any]:
     with NETCDF_LOCK, netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         attributes, arrays = file.__dict__, file.variables
-        audit = audit_table(arrays)
+        texts = {name: _texts(arrays[name]) for name in ("audit_law", "law") if name in arrays}
         return {
             "extended_from": json.loads(attributes.get("extended_from", "null")),
             "accuracy_choice": attributes.get("accuracy_choice", ""),
             "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
-            "audit": audit,
-            "audit_sentence": audit_sentence(audit, attributes),
+            "audit": audit_table(arrays),
+            "errors_sentence": errors_sentence({**arrays, **texts}, attributes),
             "statuses": statuses(arrays["status"][...]),
             "summary": _impacts(arrays) if "pair" in arrays else [],
         }

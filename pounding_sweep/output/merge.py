@@ -399,6 +399,7 @@ def _merge_audits(cube: CubeParts, parts: Parts) -> None:
         {str(name): (tuple(map(str, v.dims)), v.values, v.attrs) for name, v in merged.variables.items()},
         sum(touching),
         float(np.average([float(run["audit_share"]) for run in totals], weights=touching)),
+        " or ".join(dict.fromkeys(str(part.attrs["audit_reference"]) for part in audited.values())),
     )
 
 

@@ -99,6 +99,7 @@ class Outcome:
     copied: int = 0  # scenarios taken from an earlier cube, in this run or an interrupted one
     copied_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.run.reuse`
     compiled: int = 0  # kernels that had to be compiled
+    refined: int = 0  # scenarios run at less than half of the step that they began with, for an accuracy
     #: wall time of the two stages
     compile_seconds: float = 0.0
     run_seconds: float = 0.0

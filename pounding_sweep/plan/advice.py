@@ -390,8 +390,5 @@ def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[
     }
     largest = float((interval / uncoupled.min(axis=1)).max())
     settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
-    sentence = (
-        f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval, about {1.0 - quantile:.0%} of "
-        f"scenarios refined{more}"
-    )
+    sentence = f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
     return Numerics(method, largest, *settings), steps, uncoupled, sentence, numbers

@@ -1,64 +1,68 @@
-"""The audit: a sample of a sweep's own scenarios run again at half the step.
+"""The audit: scenarios of a sweep at a fixed step, compared with runs that are more exact.
 
-The sweep's digest seeds the sample, so the same sweep has the same audit. Scenarios run at half the step and again with
-gaps, contact stiffness and ground motion changed by `CHANGE`: a scenario is sensitive if that changes an output by more
-than the tolerance. One whose error is beyond the tolerance runs once more, in double precision and at ever finer steps;
-it is undecided if these runs do not settle.
+A sweep by a scheme that steps all along is compared with exact flight in all of its scenarios where that costs little
+beside the sweep; else a sample runs again at half the step, in double precision: a group of each law with its extreme
+stiffnesses and smallest gap, and others at random. A scenario beyond the tolerance runs once more, at ever finer steps;
+it is undecided if these do not settle. Sweeps whose scenarios have an ``error_estimate`` need none.
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pounding_sweep.base.errors import RunError
+from pounding_sweep.engine.compile import compiling_seconds, missing_kernels
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.outputs.variables import CHANGE, VARIABLES, WITH_VALUES, Status, relative_errors
-from pounding_sweep.plan.plan import CHUNK_BYTES, REFINED
-from pounding_sweep.plan.scenarios import Chunk, ChunkTask, changed, cut, joined, row_codes
+from pounding_sweep.outputs.variables import VARIABLES, WITH_VALUES, Status, relative_errors
+from pounding_sweep.plan.plan import CHUNK_BYTES
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask, cut, row_codes
 from pounding_sweep.run.execute import Dispatcher
-from pounding_sweep.run.refinement import Values, ended, halved
+from pounding_sweep.run.refinement import MOST_HALVINGS, halved
+from pounding_sweep.schemes import SCHEMES
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
 
-#: Scenarios of one lane group, which is run twice.
-GROUP = LANES // 2
-#: Most scenarios of an audit: with them, 19 of 20 audits hold one of a kind that one scenario in 700 is of.
-MOST = 2048
+#: Most scenarios of a sample, and most that are compared where all are.
+MOST, MOST_OF_ALL = 2048, 200_000
 #: Steps of the audit in one step of the sweep.
 FINER = 2
-#: Steps that most scenarios end with, over those that they begin with, where they are refined for an accuracy.
-ENDS = 2
-#: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
+#: Error of an ok scenario beyond which a warning is given.
 TOLERANCE = 0.05
 #: Share of the tolerance within which the runs agree that tell the error of a scenario beyond it.
 CONVERGED = 0.25
+#: Estimated seconds that an audit may take beside any sweep, and share of the sweep's that comparing all may.
+LEAST_SECONDS, SHARE_OF_ALL = 2.0, 1.0 / 3.0
+#: Largest step (s) of exact flight that others are compared with.
+EXACT_STEP = 1e-3
 #: Estimated duration (s) of the longest chunk of the sample; the last ones are a quarter of it.
 LONGEST_CHUNK = 0.4
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Measured errors of a sample of scenarios, the arrays of shape (n,) or (n, outputs)."""
+    """Measured errors of scenarios, the arrays of shape (n,) or (n, outputs)."""
 
     rows: np.ndarray  # of the plan's unique scenarios, rising
+    random: np.ndarray  # which of them were drawn at random
     outputs: tuple[str, ...]  # that have an error
-    error: np.ndarray  # relative difference to half the step
-    sensitivity: np.ndarray  # relative change by the perturbation
+    error: np.ndarray  # relative difference to the more exact run
     status: np.ndarray  # how the scenario ended in the sweep
-    sensitive: np.ndarray  # whether the perturbation changes an output beyond the tolerance, or a number of impacts
-    undecided: np.ndarray  # whether it is beyond the tolerance and no step settles it in double precision
-    touching: int  # scenarios of the sweep that the sample was drawn from
-    share: float  # cost over that of the touching scenarios in the sweep, in lane-steps
-    tolerance: float  # error that was asked for, or `TOLERANCE`
+    undecided: np.ndarray  # whether it is beyond the tolerance and no step settles it
+    touching: int  # scenarios of the sweep that have contacts and values
+    reference: str  # what they were compared with
+    share: float  # estimated cost over that of the touching scenarios in the sweep
+    tolerance: float  # `TOLERANCE`
 
     @property
     def exceeding(self) -> np.ndarray:
@@ -72,7 +76,7 @@ class Audit:
         return (
             f"the audit of {len(self.rows)} scenarios found {int(self.exceeding.sum())} with status ok whose error is "
             f"beyond {self.tolerance:g}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; use a "
-            "smaller dt, or ask for a smaller accuracy (see audit_error in the cube)"
+            "smaller dt, or ask for an accuracy (see audit_error in the cube)"
         )
 
 
@@ -83,53 +87,94 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     return np.flatnonzero(touched & ~outcome.left_out & np.isin(outcome.results.status, WITH_VALUES)).astype(np.int32)
 
 
-def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, float]:
-    """Draw the scenarios of an audit from `rows`; returns them, rising, and what they cost over all `rows`."""
+def seconds_of(plan: Plan, rows: np.ndarray) -> np.ndarray:
+    """Estimate the seconds that each of these scenarios took in the sweep, on one core."""
+    table = plan.unique[rows]
+    result = np.zeros(len(rows))
+    for record, count, part in table.by_step(plan.steps[rows]):
+        result[part] = plan.scenario_seconds(record, count)
+    return result
+
+
+def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Draw scenarios of an audit from `rows`: rising, which of them at random, and their cost over that of all."""
     if not len(rows) or plan.spec.audit <= 0.0:
-        return rows[:0], 0.0
-    table, is_refined = plan.unique, plan.spec.accuracy is not None
-    lengths = plan.steps * np.array([record.n_points - 1 for record in plan.spec.records])[table.record]
-    whole = (REFINED if is_refined else 1) * int(lengths[rows].sum())
-    # lane groups of scenarios of one record, law and number of steps
-    random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
-    rows = random.permutation(rows)
-    kinds = row_codes([column[rows] for column in (table.record, table.law, plan.steps)])
-    order = np.argsort(kinds, kind="stable")
-    rows, kinds = rows[order], kinds[order]
-    begins = np.searchsorted(kinds, kinds)  # where the kind of a scenario begins
-    starts = np.flatnonzero((np.arange(len(rows)) - begins) % GROUP == 0)
-    sizes = np.diff([*starts, len(rows)])
-    costs = LANES * FINER * (ENDS if is_refined else 1) * lengths[rows[starts]]
-    # groups in random order, each as likely as it is large, as far as their costs go
-    order = np.argsort(random.exponential(size=len(starts)) / sizes)
-    spent, most = np.cumsum(costs[order]), min(MOST, max(1, len(rows) // 2))
-    enough = int(np.searchsorted(np.cumsum(sizes[order]), most)) + 1
-    count = max(1, min(enough, int(np.searchsorted(spent, plan.spec.audit * whole, "right"))))
-    groups = np.split(rows, starts[1:])
-    sample = np.concatenate([groups[index] for index in order[:count]])[:most]
-    return np.sort(sample), float(spent[count - 1] / whole)
+        return rows[:0], np.zeros(0, bool), 0.0
+    random, table = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16))), plan.unique[rows]
+    kinds = row_codes([column for column in (table.record, table.law, plan.steps[rows])])
+    cost = LANES * FINER * seconds_of(plan, rows)  # of a group of lanes
+    order = np.concatenate([*_representatives(plan, rows, random), random.permutation(len(rows))])
+    _, first = np.unique(order, return_index=True)
+    is_random = first >= len(order) - len(rows)
+    order = order[np.sort(first)]
+    by_kind = np.argsort(kinds[order], kind="stable")  # the place of each among those of its kind, in that order
+    sorted_kinds = kinds[order][by_kind]
+    place = np.empty(len(rows), int)
+    place[by_kind] = np.arange(len(rows)) - np.searchsorted(sorted_kinds, sorted_kinds)
+    spent = np.cumsum(np.where(place % LANES == 0, cost[order], 0.0))
+    whole = cost.sum() / (LANES * FINER)
+    allowed = max(LEAST_SECONDS, plan.spec.audit * whole)
+    count = min(MOST, max(1, int(np.searchsorted(spent, allowed, "right"))))
+    sample = np.sort(order[:count])
+    return rows[sample], is_random[sample], float(spent[count - 1] / whole)
 
 
-def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
-    """Run a sample of a sweep's scenarios again at half the step; warns of errors beyond what was asked for."""
-    rows, accuracy = candidates(plan, outcome), plan.spec.accuracy
-    outputs = tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
-    sample, share = draw(plan, rows) if outputs else (rows[:0], 0.0)
-    if not len(sample):
+def _representatives(plan: Plan, rows: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
+    """Places in `rows` of a group of each law, records in turn: extreme stiffnesses, smallest gap, and others."""
+    table, groups = plan.unique[rows], list[np.ndarray]()
+    for turn, law in enumerate(np.unique(table.law).tolist()):
+        of_law = np.flatnonzero(table.law == law)
+        records = np.unique(table.record[of_law])
+        part = random.permutation(of_law[table.record[of_law] == records[turn % len(records)]])
+        stiffness, gap = table.stiffness[part], table.gaps[part].min(axis=1)
+        extremes = part[[int(stiffness.argmin()), int(stiffness.argmax()), int(gap.argmin())]]
+        groups.append(np.concatenate([extremes, part[: LANES - len(extremes)]]))
+    return groups
+
+
+def exact_kernel(plan: Plan) -> Callable[[RowKernel], RowKernel] | None:
+    """Return what makes of a kernel that of exact flight; None where the sweep ran by it, or the row refuses it."""
+    names = [name for name, scheme in SCHEMES.items() if scheme.flies_exactly]
+    able = [name for name in names if SCHEMES[name].refuses(plan.spec.scene) is None]
+    if plan.numerics.method in names or not able:
         return None
-    tolerance = TOLERANCE if accuracy is None else accuracy
-    swept, undecided = outcome.results.gather(sample), np.zeros(len(sample), bool)
+    numerics = Numerics(able[0], min(EXACT_STEP, plan.numerics.dt))
+    return lambda kernel: replace(kernel, numerics=numerics)
+
+
+def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = False) -> Audit | None:
+    """Compare scenarios with more exact runs, with `check` all of them; warns of errors beyond the tolerance."""
+    rows, outputs = candidates(plan, outcome), tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
+    if not outputs or not len(rows) or (not check and ("error_estimate" in plan.outputs or plan.spec.audit <= 0.0)):
+        return None
+    seconds, exact = seconds_of(plan, rows), exact_kernel(plan)
+    sample, random, share, reference = *draw(plan, rows), "half the step"
+    if exact is not None:
+        kernels = [exact(plan.kernel(law)) for law in np.unique(plan.unique.law[rows]).tolist()]
+        ratio = kernels[0].numerics.scheme.step_cost / plan.numerics.scheme.step_cost
+        steps = max(1.0, plan.numerics.dt / kernels[0].numerics.dt)
+        allowed = max(LEAST_SECONDS, SHARE_OF_ALL * seconds.sum())
+        pieces = {piece for kernel in kernels for piece in kernel.shape.pieces}
+        cost = ratio * steps * seconds.sum()
+        if check or (cost + compiling_seconds(pieces) <= allowed and len(rows) <= MOST_OF_ALL):
+            sample, random, share = rows, np.zeros(len(rows), bool), float(cost / seconds.sum())
+            reference = kernels[0].numerics.method
+            if missing_kernels(shapes := [kernel.shape for kernel in kernels])[0]:
+                dispatcher.prepare(shapes)
+    elif check:
+        sample, random, share = rows, np.zeros(len(rows), bool), float(FINER)
+    compared = _Comparison(plan, outcome, dispatcher, outputs, exact if reference != "half the step" else None)
+    dispatcher.progress.stage("audit", len(sample))
+    status, undecided = outcome.results.status[sample], np.zeros(len(sample), bool)
     try:
-        fine, moved = _run(plan, dispatcher, outputs, sample, swept)
-        error, sensitivity = (
-            np.stack([*relative_errors(outputs, values, fine).values()], axis=1) for values in (swept, moved)
-        )
-        again = np.flatnonzero((swept["status"] == Status.OK) & (error.max(axis=1) > tolerance))
+        error, _ = compared.run(sample)
+        again = np.flatnonzero((status == Status.OK) & (error.max(axis=1) > TOLERANCE))
+        # what no step settles takes the most of them: so many scenarios are followed as take no longer than the audit
+        longest = 2.0 ** (MOST_HALVINGS + 1) * float(seconds.mean())
+        again = again[: max(LANES, int(max(LEAST_SECONDS, share * seconds.sum()) / longest))]
         if len(again):
-            part = {name: values[again] for name, values in swept.items()}
-            (settled,) = _run(plan, dispatcher, outputs, sample[again], part, accuracy=CONVERGED * tolerance)
-            error[again] = np.stack([*relative_errors(outputs, part, settled).values()], axis=1)
-            undecided[again] = settled["status"] != Status.OK
+            error[again], ended = compared.run(sample[again], accuracy=CONVERGED * TOLERANCE)
+            undecided[again] = ended != Status.OK
     except RunError as failure:
         warnings.warn(
             f"the audit has no result: {failure}. The cube has none; to have it audited again, run the sweep with "
@@ -138,74 +183,63 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
             stacklevel=3,
         )
         return None
-    sensitive = sensitivity.max(axis=1) > tolerance
-    if "impact_count" in fine:  # impacts that are won or lost
-        sensitive |= (moved["impact_count"] != fine["impact_count"]).reshape(len(sample), -1).any(axis=1)
-    measured = error, sensitivity, swept["status"], sensitive, undecided
-    result = Audit(sample, outputs, *measured, len(rows), share, tolerance)
+    result = Audit(sample, random, outputs, error, status, undecided, len(rows), reference, share, TOLERANCE)
     if len(again) and result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result
 
 
-def _run(
-    plan: Plan,
-    dispatcher: Dispatcher,
-    outputs: tuple[str, ...],
-    rows: np.ndarray,
-    swept: Values,
-    accuracy: float | None = None,
-) -> list[Values]:
-    """Run scenarios at half the step, as they are and with all inputs changed, or in double precision to an accuracy.
+@dataclass(frozen=True)
+class _Comparison:
+    """What scenarios are compared by."""
 
-    Returns the results in the order of their rows; raises `RunError` if some could not be run.
-    """
-    table, begun, records = plan.unique[rows], plan.steps[rows], plan.spec.records
-    steps = begun
-    if plan.spec.accuracy is not None:
-        steps = np.rint(np.array([record.dt for record in records])[table.record] / swept["time_step"]).astype(int)
-    chunks = cut(
-        table,
-        np.arange(len(rows)),
-        steps,
-        begun,
-        name=f"audit:{plan.digest}:{accuracy}",
-        longest=LONGEST_CHUNK,
-        most=CHUNK_BYTES // plan.bytes_per_scenario,
-        seconds=lambda record, count: plan.scenario_seconds(record, FINER * count),
-    )
+    plan: Plan
+    outcome: Outcome
+    dispatcher: Dispatcher
+    outputs: tuple[str, ...]
+    exact: Callable[[RowKernel], RowKernel] | None  # else half the step, in double precision
 
-    def task_of(chunk: Chunk) -> ChunkTask:
-        record, scenarios = records[chunk.record], table[chunk.rows]
-        kernel = plan.kernel(chunk.law, record=chunk.record, steps=int(begun[chunk.rows[0]]))
-        kernel = halved(ended(kernel, record, chunk.steps), record)
-        if accuracy is None:
-            scenarios = joined([scenarios, changed(scenarios)])
-        else:
-            kernel = kernel.in_double
-        kernel = replace(kernel, accuracy=accuracy)
-        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], outputs)
+    def run(self, rows: np.ndarray, accuracy: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors (n, outputs) beside a more exact run, or one to an accuracy, and how that one ended."""
+        plan, table, steps = self.plan, self.plan.unique[rows], self.plan.steps[rows]
+        chunks = cut(
+            table,
+            np.arange(len(rows)),
+            steps,
+            np.zeros(len(rows), np.int16),
+            name=f"audit:{plan.digest}:{accuracy}",
+            longest=LONGEST_CHUNK,
+            most=CHUNK_BYTES // plan.bytes_per_scenario,
+            seconds=lambda record, count: plan.scenario_seconds(record, FINER * count),
+        )
 
-    order, tables = [], []
-    for chunk, result in dispatcher.run(chunks, task_of):
-        if isinstance(result, str):
-            raise RunError(result)
-        order.append(chunk.rows)
-        tables.append(result.reshape(-1, len(chunk.rows)))
-    whole = np.concatenate(tables, axis=1)[:, np.argsort(np.concatenate(order))]
-    return [{name: part[name] for name in part.dtype.names or ()} for part in whole]
+        def task_of(chunk: Chunk) -> ChunkTask:
+            record, scenarios = plan.spec.records[chunk.record], table[chunk.rows]
+            kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+            kernel = halved(kernel, record).in_double if self.exact is None else self.exact(kernel)
+            kernel = replace(kernel, accuracy=accuracy)
+            return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], self.outputs)
+
+        error, status = np.zeros((len(rows), len(self.outputs))), np.zeros(len(rows), np.int8)
+        for chunk, fine in self.dispatcher.run(chunks, task_of):
+            if isinstance(fine, str):
+                raise RunError(fine)
+            swept = self.outcome.results.gather(rows[chunk.rows])
+            reference = {name: fine[name] for name in fine.dtype.names or ()}
+            error[chunk.rows] = np.stack([*relative_errors(self.outputs, swept, reference).values()], axis=1)
+            status[chunk.rows] = reference["status"]
+            self.dispatcher.progress.advance(len(chunk.rows))
+        return error, status
 
 
 def add_to_cube(cube: CubeParts, plan: Plan, result: Audit) -> None:
     """Put an audit into a cube: dimensions ``audit`` and ``output``, attributes on every output."""
     rows, both = ("audit",), ("audit", "output")
     dt = np.array([record.dt for record in plan.spec.records])[plan.unique.record[result.rows]]
-    sensitive = f"whether that is more than {result.tolerance:g}, or changes a number of impacts"
     arrays = {
-        "audit_error": (both, result.error, "relative error, by the difference to half the time step", "1"),
-        "audit_sensitivity": (both, result.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
-        "audit_sensitive": (rows, result.sensitive.astype(np.int8), sensitive, "1"),
+        "audit_error": (both, result.error, f"relative error, by the difference to {result.reference}", "1"),
         "audit_undecided": (rows, result.undecided.astype(np.int8), "whether no step settles it", "1"),
+        "audit_random": (rows, result.random.astype(np.int8), "whether it was drawn at random", "1"),
         "audit_status": (rows, result.status.astype(np.int8), "status of the scenario in the sweep", "1"),
         "audit": (rows, np.arange(1, len(dt) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(result.outputs), "output whose error it is", ""),
@@ -217,7 +251,7 @@ def add_to_cube(cube: CubeParts, plan: Plan, result: Audit) -> None:
     }
     described |= listed_coordinates(plan, result.rows, "audit", "audit_")
     status, flags = cube.data_vars["status"][2], {"flag_values": np.array([0, 1], np.int8)}
-    described["audit_sensitive"][2].update(flags, flag_meanings="steady sensitive")
+    described["audit_random"][2].update(flags, flag_meanings="chosen random")
     described["audit_undecided"][2].update(flags, flag_meanings="decided undecided")
     described["audit_status"][2].update({key: status[key] for key in ("flag_values", "flag_meanings")})
-    add_audit(cube, described, result.touching, result.share)
+    add_audit(cube, described, result.touching, result.share, result.reference)

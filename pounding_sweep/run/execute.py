@@ -255,4 +255,7 @@ def _run_stage(
             outcome.failures.append(result)
             progress.advance(len(chunk.rows))
         else:
+            if plan.spec.accuracy is not None:
+                steps = plan.spec.records[chunk.record].dt / result["time_step"]
+                outcome.refined += int((steps > 3.0 * chunk.steps).sum())
             yield answer("run", chunk, result)

@@ -292,7 +292,6 @@ class Sweep:
                             f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
                             f"{str(target)!r} stays as it was; see to what failed and run again"
                         )
-                    progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
                 cube = write_cube_of(plan, outcome, self.last_audit, progress, target, overwrite=overwrite)

@@ -770,8 +770,8 @@ def build_spec(**arguments: Any) -> SweepSpec:
         given. Where that cannot be kept (``locate=False``, a row or a law without measured errors), the default is a
         step of 1e-3 s.
     audit : float
-        Share of the sweep's cost, in [0, 1], spent on running a sample of its own scenarios again at a finer step, to
-        measure their error; 0 for none.
+        Share of the cost of a sweep at a fixed step, in [0, 1], spent on comparing a sample of its scenarios with
+        finer runs, to measure their error; 0 for none.
     sa_period : float, optional
         Period (s) at which the spectral accelerations `sas` are meant; needed with them.
     folders : path or several, optional

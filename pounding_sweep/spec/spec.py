@@ -72,7 +72,7 @@ class SweepSpec(AxisValues):
     #: rebound at exactly it; one of {"published", "realised"}
     restitution_basis: str = "published"
     accuracy: float | None = None  # relative error asked for; the engine then chooses scheme and step
-    audit: float = AUDIT_SHARE  # share of the sweep's cost spent on running a sample again at a finer step; 0: none
+    audit: float = AUDIT_SHARE  # share of the cost at a fixed step spent on comparing a sample; 0: none
     #: records asked for that are missing, where going on without them was allowed
     records_left_out: tuple[str, ...] = ()
     own_laws: tuple[Law, ...] = ()  # those laws that are not in the registry
