@@ -97,7 +97,7 @@ _OWN = (
         "gap-for-probability",
         (
             "run gaps.toml -o gaps.nc",
-            "compare gaps.nc --what gap-for-probability --intensity pga --given 2 --given 4 --hazard site.csv -o gaps",
+            "compare gaps.nc --what gap-for-probability --given 0.2 --given 0.4 --hazard site.csv -o gaps",
             "plot gaps/gap-for-probability.nc gap-for-probability -o gap_for_probability.png",
         ),
         "gap_for_probability.png",

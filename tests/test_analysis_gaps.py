@@ -24,6 +24,7 @@ from pounding_sweep.analysis import (
     response_spectrum,
 )
 from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlation, gap_rows, read_factors
+from pounding_sweep.analysis.hazard import hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_sweep
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -341,6 +342,27 @@ def test_rates_of_the_records_by_hand():
     assert float(gaps.beyond) == 0.0
 
 
+GAPS = ["gap_in_years", "gap_in_years_lower", "gap_in_years_upper"]
+
+
+def test_answers_are_of_each_probability_in_the_unit_of_the_hazard():
+    """k0 of 1 g is k0 g^kappa of 1 m/s2: the same gaps in years, whichever unit says so."""
+    cube = growing(RATIOS, (0.5, 2.0))
+    in_g = gap_for_probability(cube, [0.1, 0.02], levels=[0.2], hazard=hazard_of("k0=1e-3,kappa=2", "g"))
+    metric = gap_for_probability(cube, [0.1, 0.02], levels=[1.962], hazard=f"k0={1e-3 * 9.81**2},kappa=2")
+    for name in ("gap", "gap_in_years", "rate"):
+        np.testing.assert_allclose(in_g[name].squeeze(), metric[name].squeeze())
+    assert in_g.intensity.attrs["units"] == "g"
+    assert in_g.attrs["intensity"] == "peak ground acceleration (g)"
+    assert gap_rows(in_g)[0]["given"] == "intensity 0.2 g"
+    numbers = [f"{1e3 * x:.0f}" for i in (0, 1) for x in in_g.isel(probability=i)[GAPS].squeeze().to_array().values]
+    words = "a-b: {} mm ({} to {}) touch with 10 %, {} mm ({} to {}) with 2 % probability in 50 years; the 50 mm of"
+    assert in_g.answer.startswith(words.format(*numbers))
+    assert metric.answer == in_g.answer
+    alone = gap_for_probability(cube, [0.1, 0.02], levels=[3.0], intensity="pga")
+    assert alone.answer.endswith("with 2 % probability given intensity 3 m s-2")
+
+
 def test_gaps_by_rules_are_those_of_the_motion_that_standards_design_for():
     """By hand of a power law: k0 x^-kappa = -ln(0.9) / 50."""
     exact = growing(RATIOS, (0.5, 2.0))
@@ -365,7 +387,7 @@ def test_intervals_under_a_hazard_hold_the_truth_as_often_as_they_say():
 
 def test_records_that_never_touch_are_told():
     rows = gap_rows(gap_for_probability(growing([0.0, 0.02, 0.03]), [0.5], hazard="k0=1e-3,kappa=2"))
-    assert [row["given"] for row in rows] == ["intensity 2", "in 50 years", "the row's gap"]
+    assert [row["given"] for row in rows] == ["intensity 2 m s-2", "in 50 years", "the row's gap"]
     assert all(row["never touches"] == 1 and row["over"] == "3 records" for row in rows)
     assert rows[0]["gap"] is None
     assert rows[0]["gap_observed"] == pytest.approx(0.04)

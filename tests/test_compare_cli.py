@@ -281,7 +281,7 @@ def test_the_question_of_a_gap_for_one_percent(tmp_path):
     asked = (write_cube(cube, tmp_path / "still.nc"), "--what", "gap-for-probability", "--probability", "1%")
     asked = (*asked, "--intensity", "pga", "--given", "2")
     rows = told(*asked, "--hazard k0=1e-3,kappa=2 --years 10 --at pair=a-b")["rows"]
-    assert [row["given"] for row in rows] == ["intensity 2", "in 10 years", "the row's gap"]
+    assert [row["given"] for row in rows] == ["intensity 2 m s-2", "in 10 years", "the row's gap"]
     per_pga = cube.closing_max.isel(law=0).sel(pair="a-b").max("storey") / cube.record_pga * 2.0
     logs = np.log(per_pga.values)
     assert rows[0]["gap"] == pytest.approx(np.exp(logs.mean() + 2.3263478740 * logs.std(ddof=1)))

@@ -60,6 +60,8 @@ class Hazard:
         Whether the powers beyond the ends are meant, as of a power law, and not prolonged.
     measure : str
         The intensity by its name: "pga", "pgv", "sa", "sa(PERIOD)"; "" where it is not said.
+    own_unit : tuple of str and float
+        The unit that it was given in, such as "g", and its size in `units`: answers are in it.
 
     Examples
     --------
@@ -74,6 +76,7 @@ class Hazard:
     units: str = ""
     everywhere: bool = False
     measure: str = ""
+    own_unit: tuple[str, float] = ("", 1.0)
 
     def __post_init__(self) -> None:
         if len(self.intensity) != len(self.rate) or len(self.rate) < 2:
@@ -252,7 +255,7 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
         raise InputError(f"{rows[0][0]}: {measure} is not measured in {unit}; mend the heading {heading!r}")
     _, intensity, rate = zip(*points, strict=True)
     rates = tuple(-math.log1p(-p) / years for p in rate) if years else rate
-    return Hazard(tuple(factor * x for x in intensity), rates, target.name, metric, measure=measure)
+    return Hazard(tuple(factor * x for x in intensity), rates, target.name, metric, False, measure, (unit, factor))
 
 
 def _years_of(heading: str, place: str) -> float:
@@ -284,7 +287,7 @@ def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:
     if units is None:
         return site
     factor, metric = _unit(units, "hazard", "")
-    return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric)
+    return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric, own_unit=(units, factor))
 
 
 def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collection[float]]) -> None:

@@ -58,7 +58,9 @@ class CompareOptions:
         "Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
         "what the records are scaled to by default.",
     )
-    levels: list[float] | None = option("X", "Intensity that gaps are for, in its unit; repeat for several.", "--given")
+    levels: list[float] | None = option(
+        "X", "Intensity that gaps are for, in its unit or the hazard's; repeat for several.", "--given"
+    )
     hazard: str | None = option(
         "CURVE",
         "CSV file of intensities and annual rates, or 'poe in 50 years', or k0=RATE,kappa=SLOPE of k0 x^-kappa.",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -361,7 +361,7 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
         names |= {"records": "records", "never": "never touches"}
         for row in plain_rows(result.reset_coords()[[*names]].rename(names)):
             level = row.pop("intensity", None)
-            row["given"] = given if level is None else f"{given} {level:.4g}"
+            row["given"] = given if level is None else f"{given} {level:.4g} {result['intensity'].attrs['units']}"
             if stem == "gap_in_years":
                 row["rate"] = -math.log1p(-row["probability"]) / years
             elif stem == "rate":
@@ -371,20 +371,22 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
 
 
 def answers(result: xr.Dataset) -> str:
-    """Say which gap each pair needs for the least probability in the years, and how likely its own touches, if any."""
-    rows, least = gap_rows(result), float(result["probability"].min())
+    """Say which gap each pair needs for each probability, and how likely its own touches; "" of several motions."""
+    rows = gap_rows(result)
     row_gaps = {
         row["pair"]: f"; the {1e3 * row['gap']:g} mm of the file with {100 * row['probability']:.3g} %"
         for row in rows
         if row["given"] == "the row's gap" and row["probability"]
     }
-    lines = [
-        f"{row['pair']}: {1e3 * row['gap']:.0f} mm ({1e3 * row['gap_lower']:.0f} to {1e3 * row['gap_upper']:.0f}) "
-        f"touch with {100 * least:g} % probability {row['given']}{row_gaps.get(row['pair'], '')}"
-        for row in rows
-        if row["given"].startswith("in ") and row["probability"] == least and row["gap"]
-    ]
-    return "; ".join(lines) if len(lines) <= result.sizes.get("pair", 1) else ""
+    rows = [row for row in rows if row["gap"] and row["given"].startswith("in " * ("gap_in_years" in result))]
+    pairs: dict[str, list[str]] = {}
+    for row in rows:
+        gap, low, high = (f"{1e3 * row[name]:.0f}" for name in ("gap", "gap_lower", "gap_upper"))
+        pairs.setdefault(row["pair"], []).append(f"{gap} mm ({low} to {high}) with {100 * row['probability']:g} %")
+    texts = {pair: ", ".join(parts).replace(" with", " touch with", 1) for pair, parts in pairs.items()}
+    when = f" probability {'given ' * ('gap_in_years' not in result)}{rows[0]['given']}" if rows else ""
+    lines = [f"{pair}: {text}{when}{row_gaps.get(pair, '')}" for pair, text in texts.items()]
+    return "; ".join(lines) if len(rows) <= result.sizes.get("pair", 1) * result.sizes["probability"] else ""
 
 
 @comparison("gap-for-probability")
@@ -414,7 +416,8 @@ def gap_for_probability(
         As for `pounding_sweep.analysis.rebuild.intensity_of`: every record is taken as scaled to one intensity.
         Without it, the motions are those of the cube, at each of its scales.
     levels : sequence of float, optional
-        Those intensities; by default the suite's median at each scale of the cube, of equal ones their own.
+        Those intensities, in the hazard's own unit if there is one; by default the suite's median at each scale of the
+        cube, of equal ones their own.
     behaviour : BehaviourFactors, optional
         As for `pounding_sweep.analysis.required_gap`.
     hazard : Hazard, str or path, optional
@@ -482,6 +485,10 @@ def gap_for_probability(
     attributes: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
     if intensity is not None or site is not None:
         strength = intensity_of(cube, intensity, records=records, folders=folders)
+        if site is not None and site.own_unit[1] != 1.0 and site.units == strength.attrs["units"]:
+            own, size = site.own_unit
+            strength = (strength / size).assign_attrs(strength.attrs | {"units": own})
+            site = replace(site, intensity=tuple(x / size for x in site.intensity), units=own)
         name, units = strength.attrs["long_name"], strength.attrs["units"]
         attributes["intensity"] = f"{name} ({units})"
         exact = _per_intensity(exact, strength, cube)
