@@ -35,6 +35,7 @@ exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"
 html_title = "pounding_sweep: parametric sweeps of seismic pounding"
 html_static_path = ["_static"]
+html_css_files = ["boxes.css"]
 numpydoc_show_class_members = False
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True

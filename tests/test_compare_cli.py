@@ -100,7 +100,7 @@ def test_files(cube_file, written):
     _, folder = written
     made = {path.name for path in folder.iterdir()}
     for key in ("amplification", "laws", "incremental", "fragility", "impacts", "fractiles"):
-        assert {f"{key}.csv", f"{key}.nc", *([f"{key}.png"] if COMPARISONS[key].figure else [])} <= made
+        assert {f"{key}.csv", f"{key}.nc", *([f"{key}.png", f"{key}.txt"] if COMPARISONS[key].figure else [])} <= made
     with open_cube(cube_file) as cube, open_cube(folder / "amplification.nc") as stored:
         expected = COMPARISONS["amplification"].make(cube)
         xr.testing.assert_allclose(stored, expected)

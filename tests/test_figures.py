@@ -257,6 +257,7 @@ def test_lines_of_forces_end_where_contact_ends():
         median, *each = [line.get_ydata() for line in ax.lines if len(line.get_ydata())]
         assert np.isfinite(median).tolist() == [True, True, False, False]
         assert sorted(np.isfinite(line).sum() for line in each) == [1, 2, 2, 3]
+        assert ax.get_xlim()[1] > 1e3 * cube["gap"].max()
 
 
 @pytest.mark.parametrize(("key", "count"), [("force-gap", 2), ("profiles", 3 * 2)])

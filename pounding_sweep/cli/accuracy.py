@@ -60,7 +60,7 @@ def tradeoff_command(
     if out is not None:
         write_cube(trade, out, overwrite)
     if figure is not None:
-        plot(trade, "work-precision", figure)
+        plot(trade, "work-precision", figure, report=say)
     if as_json:
         print_json(report(trade))
     else:

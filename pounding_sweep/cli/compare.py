@@ -203,13 +203,13 @@ def _compare(
 
 
 def _write(result: xr.Dataset, rows: list[Row], figure: str, stem: Path, overwrite: bool) -> list[str]:
-    """Write the table, the result and the figure of a comparison; returns the names of the files."""
+    """Write the table, the result and the figure of a comparison, and its caption; returns the names of the files."""
     from pounding_sweep.base.files import replacing
     from pounding_sweep.base.text import CSV_NUMBER
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import write_cube
 
-    table, cube, picture = (stem.with_suffix(suffix) for suffix in (".csv", ".nc", ".png"))
+    table, cube, picture, caption = (stem.with_suffix(suffix) for suffix in (".csv", ".nc", ".png", ".txt"))
     stem.parent.mkdir(parents=True, exist_ok=True)
     with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, dict.fromkeys(itertools.chain(*rows)))
@@ -218,7 +218,7 @@ def _write(result: xr.Dataset, rows: list[Row], figure: str, stem: Path, overwri
     files = [table, write_cube(result, cube, overwrite)]
     if figure:
         try:
-            files.append(plot(result, figure, picture))
+            files += [plot(result, figure, picture, caption=caption), caption]
         except InputError as error:  # tables can say more than pictures
             say(f"no figure of {stem.name}: {error}")
     return [str(file) for file in files]

@@ -54,7 +54,9 @@ class NotebookFigure(Figure):
         """Write the title: the study, if there is one, and the subject, in two lines at most."""
         width, subject = int(14 * self.get_figwidth()), self.caption[0]
         above = [study] if study and max(len(study), len(subject)) <= width else []  # else both do not fit
-        self.suptitle("\n".join([*above, fill(subject, width, max_lines=2, placeholder=" ...")]))
+        parts = (part if len(part) > width else part.replace(" ", "\xa0") for part in subject.split("; "))  # unbroken
+        lines = fill("; ".join(parts), width, max_lines=2, placeholder=" ...").replace("\xa0", " ")
+        self.suptitle("\n".join([*above, lines]))
         self.caption = [join_nonempty(study, subject), *self.caption[1:]]
 
     def _repr_png_(self) -> bytes:

@@ -151,6 +151,7 @@ def _draw_laws(
                 if "record" in result.dims:
                     each = result[name].sel(law=law).isel({per: column}).transpose(axis.dim, "record")
                     _draw_records(panel, at, each.values, style)
+            panel.update_datalim(np.column_stack([at, at]), updatey=False)  # lines may end before
             scale_axis(panel.xaxis, at)
     return axes, words
 
