@@ -385,15 +385,35 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
-    with open_cube(tmp_path / "old.nc") as old:
-        for key in ("method", "precision"):  # by costs measured anew, another may be chosen today
-            other = write_cube(old.assign_attrs({key: "another"}), tmp_path / f"{key}.nc")
-            with pytest.raises(InputError, match=r"for the accuracy it ran by .*another.*, the new sweep takes"):
-                EarlierCube(other, job.plan())
     fewer = sweep(**few, records=motions()[1:])
     found = fewer.run(extend=tmp_path / "old.nc", workers=1)
     same(found, fewer.run(workers=1))
     assert found_taken(found) > 0
+
+
+def test_what_kept_an_accuracy_answers_whatever_scheme_was_chosen(stub_engine, tmp_path):
+    """A tighter accuracy answers too, a looser one does not; nor does any for a scheme that is named."""
+    axes = {"restitutions": 0.7, "dt": None, "method": None}
+    old, other = tmp_path / "old.nc", tmp_path / "other.nc"
+    sweep(**axes, accuracy=1e-3, laws="linear").run(old, workers=1).close()
+    with open_cube(old) as cube:
+        write_cube(cube.load().assign_attrs(method="another", precision="float16"), other)
+    for accuracy in (1e-3, 1e-2):
+        job = sweep(**axes, accuracy=accuracy, laws=["linear", "kelvin_voigt"])
+        found = job.run(extend=other, workers=1)
+        assert found_taken(found) > 4
+        assert float(found.error_estimate.max()) <= accuracy
+    with pytest.raises(InputError, match=r"accuracy is 0\.001 in the first and 0\.0001 in the second"):
+        sweep(**axes, accuracy=1e-4, laws="linear").run(extend=other)
+    with pytest.raises(InputError, match="method is None in the first and 'rk4' in the second"):
+        sweep(**{**axes, "method": "rk4"}, accuracy=1e-3, laws="linear").run(extend=other)
+    # parts of which each chose a scheme are one cube, which a sweep may extend
+    sweep(**axes, accuracy=1e-3, laws="hertz").run(tmp_path / "hertz.nc", workers=1).close()
+    merged = merge_cubes([other, tmp_path / "hertz.nc"], tmp_path / "both.nc")
+    with open_cube(merged.path) as cube:
+        assert cube.attrs["method"].startswith("another | ")
+    found = sweep(**axes, accuracy=1e-3, laws=["linear", "hertz"]).run(extend=merged.path, workers=1)
+    assert found_taken(found) > 8
 
 
 def test_a_disk_that_gets_full_while_results_are_taken(whole, earlier, tmp_path, monkeypatch):

@@ -51,6 +51,8 @@ PART_ATTRIBUTES = frozenset(
     }
 )
 PART_PREFIXES = ("scenarios_", "audit_")
+#: Attributes that an accuracy chooses.
+CHOSEN = ("method", "precision")
 #: Variables that follow from all parts.
 _OF_CUBE = ("origin", "run")
 #: What else helps where parts were made by two sources.
@@ -232,8 +234,9 @@ def _differences(
 
 
 def _shared(cube: xr.Dataset) -> dict[str, Any]:
-    """Return the global attributes in which all parts agree."""
-    return {k: v for k, v in cube.attrs.items() if k not in PART_ATTRIBUTES and not k.startswith(PART_PREFIXES)}
+    """Return the global attributes in which all parts agree; for an accuracy each chose its scheme."""
+    of_part = {*PART_ATTRIBUTES, *(CHOSEN if "accuracy" in cube.attrs else ())}
+    return {k: v for k, v in cube.attrs.items() if k not in of_part and not k.startswith(PART_PREFIXES)}
 
 
 def _of_one_design(parts: Parts, sweeps: Sweeps) -> Parts:
@@ -365,8 +368,8 @@ def _merge_attributes(parts: Parts, sweeps: Sweeps, n: int, cases: list[dict[str
         for sweep, cube in zip(sweeps, cubes, strict=True):
             steps |= dict(zip(identity.motions_of(sweep), np.ravel(cube.attrs["time_step"]).tolist(), strict=True))
         attributes["time_step"] = np.array([steps[name] for name in names])
-    if "accuracy_choice" in base:
-        attributes["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
+    for key in (key for key in (*CHOSEN, "accuracy_choice") if key in base):
+        attributes[key] = " | ".join(dict.fromkeys(str(cube.attrs[key]) for cube in cubes))
     if merged["records_left_out"]:
         attributes["records_left_out"] = json.dumps(merged["records_left_out"])
     all_makers = set().union(*(identity.makers(cube.attrs) for cube in cubes))

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
-from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import (
     MAKERS_REMEDY,
@@ -38,9 +37,6 @@ from pounding_sweep.plan.plan import Plan
 from pounding_sweep.plan.scenarios import Chunk, chunk_key
 from pounding_sweep.spec.spec import to_json
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 #: Scenarios whose keys are worked out at once.
 KEY_BLOCK = 2**18
 
@@ -59,12 +55,21 @@ class EarlierCube:
                 )
             self._sweep = recorded_sweep(self.path, cube)
             self._new = json.loads(to_json(plan.spec))
-            pairs = differing_sweeps({**self._sweep, "force_unstable": None}, {**self._new, "force_unstable": None})
+            # what kept as small an error is as good, by whatever scheme and steps
+            self._accuracies = self._sweep["accuracy"], plan.spec.accuracy
+            is_kept = None not in self._accuracies and self._accuracies[0] <= self._accuracies[1]
+            chosen = {name for name in ("method", "precision") if self._new[name] is None} | {"accuracy"}
+            free = dict.fromkeys({"force_unstable", *(chosen if is_kept else ())})
+            pairs = differing_sweeps(self._sweep | free, self._new | free)
             check_one_study(repr(self.path), "this sweep", pairs, "Make them agree, or run the sweep without the cube")
             made, now = made_by(cube.attrs), installed()
             check_one_study(repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], MAKERS_REMEDY)
-            if fault := self._fault_of_numerics(cube):
-                raise InputError(f"{self.path!r} can't be extended: {fault}; run the sweep without it")
+            varied = varies_buildings(cube, self._sweep), len(plan.variants) > 1
+            if not is_kept and varied[0] != varied[1]:
+                raise InputError(
+                    f"{self.path!r} can't be extended: only one of the two sweeps varies building properties, which "
+                    "runs in kernels of its own; run the sweep without it"
+                )
             self.origin = source(self.path, cube.attrs)
 
     def chunks(self, wanted: np.ndarray) -> Iterator[tuple[Chunk, np.ndarray]]:
@@ -92,6 +97,8 @@ class EarlierCube:
                     continue
                 table, places = read_rows(self.path, cube, where, kind)[hits], places[hits]
                 has_result = ~np.isin(table["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
+                if self._accuracies[0] != self._accuracies[1]:  # what did not settle to less may settle now
+                    has_result &= table["status"] != Status.UNSETTLED
                 # what never touched may be from the kernel without contacts, if this sweep has not run that
                 has_result &= np.isfinite(table["steps_per_contact"]) | has_flight[plan.uncoupled_of[rows[places]]]
                 places, first = np.unique(places[has_result], return_index=True)
@@ -102,29 +109,3 @@ class EarlierCube:
                     of_kind = (kinds == (law, record)).all(axis=1)
                     key = chunk_key(f"{plan.digest}:{self.origin['sweep_sha256']}:", answered[of_kind])
                     yield Chunk(key, law, record, answered[of_kind], 0), table[of_kind]
-
-    def _fault_of_numerics(self, cube: xr.Dataset) -> str:
-        """Say where other kernels ran, or other steps were chosen for an accuracy; "" if neither."""
-        plan, numerics = self._plan, self._plan.numerics
-        if varies_buildings(cube, self._sweep) != (len(plan.variants) > 1):
-            return "only one of the two sweeps varies building properties, which runs in kernels of its own"
-        if plan.spec.accuracy is None:
-            return ""
-        if "accuracy_numbers" not in cube.attrs:
-            return "with an accuracy, it must not be merged"
-        ran = [str(cube.attrs.get(key)) for key in ("method", "precision")]
-        if ran != [numerics.method, numerics.precision]:
-            return f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
-        differ = self._steps_differ(json.loads(cube.attrs["accuracy_numbers"]))
-        return f"for its accuracy the new sweep takes other steps: {plan.choice}" if differ else ""
-
-    def _steps_differ(self, then: dict[str, Any]) -> bool:
-        """Whether scenarios of both sweeps have other steps: these follow from what their laws need."""
-        now: Any = self._plan.choice_numbers
-        exact = self._plan.numerics.scheme.flies_exactly
-        old, new = (numbers["refinement" if exact else "steps_in_shortest_time"] for numbers in (then, now))
-        laws = {**LAWS, **{law.key: law for law in self._plan.laws}}
-        jumps = {any(laws[key].impulsive for key in laws.keys() & sweep["laws"]) for sweep in (self._sweep, self._new)}
-        if exact:
-            return len(jumps) > 1 or max(old.values()) != max(new.values())
-        return len(jumps) > 1 or any(old[law] != new[law] for law in old.keys() & new)
