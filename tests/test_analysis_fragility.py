@@ -334,13 +334,14 @@ def test_events_are_outputs():
     for event in EVENTS.values():
         if event.variable:
             assert event.per in VARIABLES[event.variable].dims
-            assert event.units == VARIABLES[event.variable].units
+            assert event.units == ("" if event.key == "collapse" else VARIABLES[event.variable].units)
 
 
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        ({}, {"event": "collapse"}, "unknown event 'collapse'"),
+        ({}, {"event": "fire"}, "unknown event 'fire'"),
+        ({}, {"event": "collapse"}, "no storey of this row may fall"),
         ({}, {"event": "force"}, "needs a level that impact_force_max must exceed"),
         ({}, {"level": 1.0}, "takes no level"),
         ({}, {"event": "force", "level": 10.0}, "'impact_force_max', which this cube lacks"),

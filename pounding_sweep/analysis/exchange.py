@@ -16,7 +16,7 @@ import xarray as xr
 from pounding_sweep.analysis.comparisons import MOTION_DIMS, get_event
 from pounding_sweep.analysis.comparisons.fragility import equal_axes, fragility, sentence
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
-from pounding_sweep.analysis.scenarios import OTHER_DIMS, law_keys, need_variables, scenario_dims, trusted, values
+from pounding_sweep.analysis.scenarios import OTHER_DIMS, fell, law_keys, need_variables, scenario_dims, trusted
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, check_choice
 from pounding_sweep.base.files import FilePath, failure, replacing
@@ -31,6 +31,7 @@ _NO_IDENTIFIER, _NO_NAME = re.compile(r"[^\w\-=.+]", re.ASCII), re.compile(r"[^\
 _MEASURES = {"pga": ("PGA", 1.0 / STANDARD_GRAVITY), "pgv": ("PGV", 100.0)}
 #: Demands of Pelicun, and the output that each is made of.
 _DEMANDS = {"PID": "drift_max", "PFA": "acceleration_max"}
+_UNITS_OF = {"PID": "rad", "PFA": "g", "COLLAPSE": "unitless"}
 
 
 def export_nrml(
@@ -154,7 +155,7 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
     ----------
     cube : xarray.Dataset
         A cube with ``drift_max`` or ``acceleration_max``, of one law and one value of every axis but records and
-        scales, or of cases of one law: each scenario that is ok is a sample.
+        scales, or of cases of one law: each scenario that is ok is a sample, and each that ends as the building falls.
     path : path-like
         The file, ``.csv``.
     building : str
@@ -178,7 +179,8 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
     -----
     Columns are EVENT-TYPE-LOCATION-DIRECTION: ``1-PID-2-1`` is the peak drift ratio of storey 2 (``drift_max`` over
     its height, rad), ``1-PFA-3-1`` the peak total acceleration of floor 3 and ``1-PFA-0-1`` that of the ground (g of
-    9.81 m/s2). The first row has the units.
+    9.81 m/s2). The first row has the units. Where the building falls ``1-COLLAPSE-0-1`` is 1, and demands are those up
+    to there: 1 rad in the storey that falls.
     """
     cube = cube.drop_dims(OTHER_DIMS, errors="ignore")
     stored = need_variables(cube, "a file of demands", list(_DEMANDS.values()), one=True)
@@ -195,13 +197,16 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
     target = check_output(path, overwrite, netcdf=False)
     part = cube.sel(building=building) if "building" in cube.dims else cube
     heights = np.diff(part["floor_elevation"].dropna("storey").values, prepend=0.0)
-    demands = xr.Dataset({"ok": trusted(part)})
+    falls = falls_of(cube, building)
+    demands = xr.Dataset({"ok": trusted(part) & (~fell(part) | falls)})
     for kind, output in _DEMANDS.items():
         if kind == "PFA" and "record" in part.coords:
             demands["1-PFA-0-1"] = abs(intensity_of(part, "pga")) / STANDARD_GRAVITY
         for storey, height in enumerate(heights if output in stored else ()):
-            demand = values(part, output).isel(storey=storey)
+            demand = part[output].astype(float).isel(storey=storey)  # where it falls up to there
             demands[f"1-{kind}-{storey + 1}-1"] = demand / (height if kind == "PID" else STANDARD_GRAVITY)
+    if falls.any():
+        demands["1-COLLAPSE-0-1"] = falls.astype(float)
     demands = demands.reset_coords(drop=True).expand_dims("_row")  # one scenario makes a row, too
     table = demands.to_dataframe(dim_order=["_row", *scenario_dims(part)]).reset_index(drop=True)
     table = table[table.pop("ok") & np.isfinite(table).all(axis=1)].reset_index(drop=True)
@@ -209,9 +214,15 @@ def export_pelicun(cube: xr.Dataset, path: FilePath, building: str, *, overwrite
         raise InputError(
             f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         )
-    units = pd.DataFrame({name: ["rad" if "-PID-" in name else "g"] for name in table}, index=["Units"])
+    units = pd.DataFrame({name: [_UNITS_OF[name.split("-")[1]]] for name in table}, index=["Units"])
     _write(path, target, pd.concat([units, table.map(CSV_NUMBER.__mod__)]).to_csv(lineterminator="\r\n").encode())
     return len(table)
+
+
+def falls_of(cube: xr.Dataset, building: str) -> xr.DataArray:
+    """Whether a building falls, scenario by scenario."""
+    part = cube.sel(building=building) if "building" in cube.dims else cube
+    return part["collapsed_storey"] > 0 if "collapsed_storey" in part else xr.DataArray(False)
 
 
 def _write(path: FilePath, target: Path, data: bytes) -> None:

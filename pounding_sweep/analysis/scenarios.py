@@ -11,7 +11,7 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
-from pounding_sweep.outputs.variables import INNER_DIMS, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, VALID, VARIABLES, Status
 from pounding_sweep.spec.axes import DIMENSIONS
 
 #: Key of the law without contact.
@@ -36,13 +36,24 @@ def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:
-    """Whether each scenario is ok; true where the cube has no ``status``."""
-    return cube["status"] == int(Status.OK) if "status" in cube.data_vars else xr.DataArray(True)
+    """Whether each scenario is ok, or so up to a fall; true where the cube has no ``status``."""
+    return cube["status"].isin(VALID) if "status" in cube.data_vars else xr.DataArray(True)
 
 
-def values(cube: xr.Dataset, name: str) -> xr.DataArray:
-    """Return a variable as float64 with its attributes, missing where the scenario is not ok."""
-    return cube[name].astype(np.float64).where(trusted(cube)).assign_attrs(cube[name].attrs)
+def fell(cube: xr.Dataset) -> xr.DataArray:
+    """Whether each scenario ends where a storey falls."""
+    return cube["status"] == int(Status.COLLAPSED) if "status" in cube.data_vars else xr.DataArray(False)
+
+
+def values(cube: xr.Dataset, name: str, fallen: float = np.inf) -> xr.DataArray:
+    """Return a variable as float64 with its attributes, missing where the scenario is not ok.
+
+    Drift and ductility of a building that fell are `fallen`, all else is what happened up to there.
+    """
+    part = cube[name].astype(np.float64).where(trusted(cube))
+    if "collapsed_storey" in cube and name in VARIABLES and VARIABLES[name].unbounded:
+        part = part.where(~(cube["collapsed_storey"] > 0) | part.isnull(), fallen)
+    return part.assign_attrs(cube[name].attrs)
 
 
 def need_variables(cube: xr.Dataset, what: str, names: Iterable[str], *, one: bool = False) -> list[str]:
@@ -144,14 +155,19 @@ def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
 def exceeds(cube: xr.Dataset, what: str, variable: str, level: float | None) -> xr.DataArray:
     """Return 1 where an output exceeds a level at any storey, or floors touch ("" for the output), 0 where not.
 
-    Missing where the scenario is not ok, or there is nothing of the kind.
+    Missing where the scenario is not ok, or there is nothing of the kind, and of a building for which nobody knows, as
+    another one fell before.
     """
+    if variable == "collapsed_storey" and variable not in cube:
+        raise InputError(f"{what}: no storey of this row may fall; give its buildings p_delta and yield_strengths")
     if not variable:
         happened = touched(cube, what)
     else:
         need_variables(cube, what, [variable])
         response = values(cube, variable)
         happened = (response > (level or 0.0)).astype(np.float64).where(response.notnull())
+        if "collapsed_storey" in cube and "building" in VARIABLES[variable].dims:
+            happened = happened.where(~fell(cube) | (cube["collapsed_storey"] > 0) | (happened > 0.0))
     return happened.max("storey") if "storey" in happened.dims else happened
 
 
@@ -190,7 +206,8 @@ def interpolate(table: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.nd
     position = np.interp(inside, places, np.arange(len(places)))
     low = position.astype(int)
     high, share = np.minimum(low + 1, len(places) - 1), position - low
-    between = (1.0 - share) * table[..., low] + share * table[..., high]
+    with np.errstate(invalid="ignore"):  # of a building that fell at one of them infinite
+        between = (1.0 - share) * table[..., low] + share * table[..., high]
     result = np.where(share == 0.0, table[..., low], between)
     return np.where(abs(targets - inside) <= ROUND_OFF * abs(places).max(), result, np.nan)
 
@@ -208,5 +225,7 @@ def fractiles_over(
     low = place.astype(np.intp)
     bottom, top = (np.take_along_axis(ordered, np.minimum(low + i, last), axis=0) for i in (0, 1))
     coords = {**inner.coords, dim: labelled(dim, quantiles, "share of the values below", "1")}
-    fractiles = xr.DataArray(bottom + (place - low) * (top - bottom), coords, (dim, *inner.dims), attrs=part.attrs)
+    with np.errstate(invalid="ignore"):  # those of buildings that fell are infinite
+        between = np.where((top == bottom) | (place == low), bottom, bottom + (place - low) * (top - bottom))
+    fractiles = xr.DataArray(between, coords, (dim, *inner.dims), attrs=part.attrs)
     return fractiles, inner.copy(data=count)

@@ -127,7 +127,7 @@ class CompareOptions:
 _NOTES = (
     *("answer", "counted", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words"),
     *("intensity", "no_fractiles", "advice", "equal_along", "one_dispersion", "curves_cross", "hazard", "years"),
-    *("confidence", "factors"),
+    *("confidence", "factors", "falls"),
 )
 
 
@@ -138,7 +138,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     from pounding_sweep.output.describe import statuses
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.output.select import select
-    from pounding_sweep.outputs.variables import Status
+    from pounding_sweep.outputs.variables import VALID
 
     at = axis_values(options.at)
     keys, arguments = options.checked()
@@ -148,7 +148,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
             check_choice("reference law", options.reference, laws)
         selection = select(cube, at)
         ends = statuses(selection.get("status", []))
-        left_out = {row["label"]: row["count"] for row in ends if row["status"] != Status.OK}
+        left_out = {row["label"]: row["count"] for row in ends if row["status"] not in VALID}
         report = {key: {"left_out": left_out} | _compare(cube, selection, key, at, arguments, options) for key in keys}
     if as_json:
         print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})

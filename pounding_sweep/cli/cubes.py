@@ -211,7 +211,7 @@ def export_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
-    from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
+    from pounding_sweep.analysis.exchange import export_nrml, export_pelicun, falls_of
     from pounding_sweep.analysis.rebuild import with_intensities
     from pounding_sweep.output.export import export_tables
     from pounding_sweep.output.netcdf import open_cube
@@ -243,7 +243,10 @@ def export_command(
         paths: list[Any] = [out]
         if pelicun is not None:
             samples = export_pelicun(part, out, pelicun, overwrite=overwrite)
-            say(f"{samples} samples of building {pelicun}")
+            falls = int(falls_of(part, pelicun).sum())
+            others = f", in {falls} of which ({falls / samples:.0%}) it falls: 1-COLLAPSE-0-1 is 1" if falls else ""
+            others += f"; {n} scenarios are left out" if (n := part["status"].size - samples) else ""
+            say(f"{samples} samples of building {pelicun}{others}")
         elif fragility:
             states = dict(map(_limit_state, limit_states or ["touch=touch"]))
             measure = next(iter(measures), None)

@@ -117,7 +117,8 @@ def variables_of(
 def _status(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record, row: Variants
 ) -> np.ndarray:
-    from pounding_sweep.kernel.march import FLAG_COLLAPSED, FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
+    from pounding_sweep.kernel.collapse import FLAG_BLURRED, FLAG_COLLAPSED
+    from pounding_sweep.kernel.march import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
     numerics, flags = kernel.numerics, raw["flags"][:, 0].astype(int)
     status = np.full(len(flags), Status.OK, np.int8)
@@ -129,7 +130,7 @@ def _status(
     touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
     status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED
-    status[flags & FLAG_DIVERGED > 0] = Status.DIVERGED
+    status[flags & (FLAG_DIVERGED | FLAG_BLURRED) > 0] = Status.DIVERGED
     if "umax" in raw:  # farther than the energy that the ground can bring in allows
         energy = MAX_ENERGY * energy_limit(row, record, raw["scale"][:, 0], kernel.initial_velocity)
         limit = displacement_limit(row, energy)

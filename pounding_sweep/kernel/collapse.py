@@ -5,7 +5,7 @@ Lanes whose scenario has ended wait with steps of no length.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey
@@ -14,13 +14,8 @@ from pounding_sweep.kernel.roots import NEVER, Series, first_crossing
 
 #: Largest share of its limit that a drift passes in a step which resolves its fall.
 RESOLVED = 0.25
-#: How a scenario ended in the row ``collapsed``: by a fall, or by one in a step that does not resolve it.
-FELL, UNRESOLVED = 1.0, 2.0
-
-
-def iter_storeys(group: Group) -> Iterator[Storey]:
-    """Go through the storeys that may fall."""
-    yield from group.iter_storeys(group.spec.falling)
+#: Bits of the output ``flags``, in the row ``collapsed``: a fall, and one in a step that does not resolve it.
+FLAG_COLLAPSED, FLAG_BLURRED = 8, 16
 
 
 def stands(group: Group) -> Any:
@@ -39,7 +34,7 @@ def _may_fall(storey: Storey, h: Any) -> Any:
 def may_fall(group: Group, h: Any) -> Any:
     """Lanes in which any storey may fall in the step just taken."""
     lanes = group.cell(False)
-    for storey in iter_storeys(group):
+    for storey in group.iter_storeys(group.spec.falling):
         lanes.now |= _may_fall(storey, h)
     return lanes.now
 
@@ -47,7 +42,7 @@ def may_fall(group: Group, h: Any) -> Any:
 def locate_event(group: Group, asks: Any, h: Any, motion: Callable[[Storey], Series], end: Any = 1.0) -> Any:
     """Fraction of the step at which the first storey falls (`NEVER`: none) before `end`, h later, in lanes that ask."""
     first = group.cell(NEVER)
-    for storey in iter_storeys(group):
+    for storey in group.iter_storeys(group.spec.falling):
         storey.put(asks, fall=NEVER)
         busy = asks & _may_fall(storey, h)
         with when_any(busy):
@@ -64,10 +59,11 @@ def locate_event(group: Group, asks: Any, h: Any, motion: Callable[[Storey], Ser
 def apply_events(group: Group, lands: Any, h: Any) -> None:
     """End the scenarios in which a fall ends this sub-step of a step of length h."""
     s = group.state
-    for storey in iter_storeys(group):
+    for storey in group.iter_storeys(group.spec.falling):
         due = lands & (storey.fall <= s["fraction"] + group.limit.same_time)
         with when_any(due):
             resolved = h * size(storey.drift("v")) <= RESOLVED * storey.drift_limit
+            flag = where(resolved, float(FLAG_COLLAPSED), float(FLAG_BLURRED))
             storey.put(due, collapse_time=group.clock(h))
-            s.put(due, maximum(s["collapsed"], where(resolved, FELL, UNRESOLVED)), "collapsed")
+            s.put(due, maximum(s["collapsed"], flag), "collapsed")
     s.put(~stands(group), 0.0, "time_left")

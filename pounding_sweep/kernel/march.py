@@ -37,7 +37,7 @@ LATE = 0.01
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
-FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED, FLAG_COLLAPSED = 1, 2, 4, 8
+FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 
 
 def begin(group: Group, start: Any, lanes: Any = None) -> None:
@@ -83,11 +83,8 @@ def conclude(group: Group) -> None:
     for i in group.indices(spec.n_moving):
         v = s["v", i]
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
-    if spec.falling:
-        sound.now &= ~(s["collapsed"] == collapse.UNRESOLVED)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
-    if spec.falling:
-        flags = flags + where(s["collapsed"] > 0.0, float(FLAG_COLLAPSED), 0.0)
+    flags = flags + s["collapsed"] if spec.falling else flags
     if group.has_events:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), 0.0)
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), 0.0)

@@ -125,6 +125,7 @@ class Variable:
     least: float = 0.0
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
+    unbounded: bool = False  # comparisons take it for beyond every level where the building falls
     #: it exists where a row has "columns" that are struck, "links", "foundations", or storeys that may fall: "falls"
     only: str = ""
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
@@ -406,6 +407,7 @@ def hysteretic(results: KernelResults) -> np.ndarray:
 
 
 _floor = partial(Variable, per="floor", error="motions")
+_drift = partial(Variable, error="motions", unbounded=True)
 _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
 _collapse = partial(Variable, per="building", needs=["collapse"], error=UNMEASURED, only="falls")
@@ -584,20 +586,19 @@ REDUCER_OF: dict[Any, str] = {slot.name: reducer.name for reducer in REDUCERS.va
 _VARIABLES = (
     _floor("displacement_max", "m", "largest floor displacement", "umax", relative_to=_EXTREMES, default=True),
     _floor("displacement_min", "m", "smallest floor displacement", "umin", relative_to=_EXTREMES, default=True),
-    _floor("drift_max", "m", "largest interstorey drift", "drift", default=True),
-    _floor(
+    _drift("drift_max", "m", "largest interstorey drift", "drift", "floor", default=True),
+    _drift(
         "drift_ratio_max",
         "1",
         "largest interstorey drift ratio",
         lambda results: results.slots["drift"] / results.variants.storey_heights,
-        needs=["drift"],
+        "floor",
+        ["drift"],
     ),
-    Variable(
-        "roof_drift_ratio_max", "1", "largest roof drift ratio", _roof_ratio, "building", ["displacement"], "motions"
-    ),
+    _drift("roof_drift_ratio_max", "1", "largest roof drift ratio", _roof_ratio, "building", ["displacement"]),
     _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
     _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
-    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"]),
+    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"], unbounded=True),
     _yielding(
         "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=[("drift_max",)]
     ),

@@ -237,7 +237,8 @@ class Flights(Turns):
         for lane in iter_lanes(course.leaves.now):
             has = Cell(course.busy.lane(lane) > 0.0)
             self.settled.now = False
-            for _ in when(has.now & self._falls(lane)) if self.group.spec.falling else ():
+            s = self.group.state
+            for _ in when(has.now & (s.lane(s.first["collapsed"], lane) > 0.0)) if self.group.spec.falling else ():
                 self._finish(lane)
                 has.now = False
             for _ in when(has.now):
@@ -258,11 +259,6 @@ class Flights(Turns):
                     for _ in when(not_(hits)):
                         self._finish(lane)
                         has.now = False
-
-    def _falls(self, lane: Any) -> Any:
-        """Whether a storey of the scenario of a lane has fallen."""
-        s = self.group.state
-        return s.lane(s.first["collapsed"], lane) > 0.0
 
     def _leave(self, lane: Any, point: Any) -> None:
         """Take the scenario of a lane into flight, by the tables of its row of buildings."""

@@ -134,7 +134,7 @@ COMPARISONS: dict[str, Comparison] = {
             needs="an axis of several scales or peak ground accelerations",
             requires={"several": MOTION_DIMS[1:]},
             columns=("law", "building", "pair", "quantile", "level"),
-            variables=("_fractiles",),
+            variables=("_fractiles", "collapse_share"),
             lead=("drift_max_fractiles", "impact_force_max_fractiles"),
             figure="incremental",
         ),
@@ -187,7 +187,7 @@ def comparison(key: str) -> Callable[[Function], Function]:
         def make(*args: Any, **kwargs: Any) -> xr.Dataset:
             import xarray as xr
 
-            from pounding_sweep.analysis.scenarios import COMPARISON, OTHER_DIMS
+            from pounding_sweep.analysis.scenarios import COMPARISON, OTHER_DIMS, fell
             from pounding_sweep.output.netcdf import with_texts
 
             bound = parameters.bind(*args, **kwargs)
@@ -197,6 +197,11 @@ def comparison(key: str) -> Callable[[Function], Function]:
                 cube = bound.arguments[name] = with_texts(cube).drop_dims(OTHER_DIMS, errors="ignore")
                 check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
                 attributes |= {name: cube.attrs[name] for name in _IDENTITY if name in cube.attrs}
+                if falls := int(fell(cube).sum()):
+                    attributes["falls"] = (
+                        f"{falls} of {cube['status'].size} scenarios end where a storey falls: of its building "
+                        "drift and ductility are beyond every level (inf), all else is what happened up to there"
+                    )
             result = function(*bound.args, **bound.kwargs).load()
             result.attrs = attributes | result.attrs
             return result
@@ -278,7 +283,7 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
     order = dict.fromkeys(["_row", *(dim for part in columns.values() for dim in part.dims)])
     table = xr.Dataset(columns).expand_dims("_row")  # one that has no dimensions makes a row, too
     rows = table.to_dataframe(dim_order=list(order)).reset_index().drop(columns="_row").to_dict("records")
-    return [{str(name): finite(value) for name, value in row.items()} for row in rows]
+    return [{str(n): "inf" if x == math.inf else finite(x) for n, x in row.items()} for row in rows]
 
 
 #: What some fractiles are called.
@@ -362,7 +367,7 @@ class Event:
     title: str  # in words, ``{level}`` standing for the level with its unit
     variable: str  # output that must exceed the level; "" for a touch, which needs none
     per: str  # whom it happens to, "pair" or "building"; any storey counts
-    units: str = ""  # unit of the level
+    units: str = ""  # unit of the level; "": it takes none
     percent: bool = False  # the level is a ratio that texts give in per cent
 
     def in_words(self, level: float | None) -> str:
@@ -386,6 +391,7 @@ EVENTS: dict[str, Event] = {
         Event("ductility", "storey ductility above {level}", "ductility_max", "building", "1"),
         Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
         Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
+        Event("collapse", "the building falls", "collapsed_storey", "building"),
     )
 }
 
@@ -394,13 +400,13 @@ def get_event(key: str, level: float | None) -> Event:
     """Return an event by key; its level must be one that it takes."""
     check_choice("event", key, EVENTS)
     event = EVENTS[key]
-    if event.variable and (level is None or not math.isfinite(level) or level < 0.0):
+    if event.units and (level is None or not math.isfinite(level) or level < 0.0):
         raise InputError(
             f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
         )
     if event.percent and level is not None and level >= 1.0:
         raise InputError(f"level {level:g} of event {key!r} is {level:.0%}; give a ratio below 1, such as 0.01, or 1%")
-    if not event.variable and level is not None:
+    if not event.units and level is not None:
         raise InputError(f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one")
     return event
 

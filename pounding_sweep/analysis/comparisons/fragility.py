@@ -65,6 +65,7 @@ class FitStatus(IntEnum):
     SEPARATED = 4
     ONE_LEVEL = 5
     NOT_RISING = 6
+    UNKNOWN = 7
 
 
 #: What the statuses mean, by their values.
@@ -77,6 +78,7 @@ MEANINGS = (
     "all trials have one intensity, so there is no curve",
     "does not get more likely as the intensity rises, or hardly so over the intensities tried: no "
     "lognormal describes it",
+    "never happened in the scenarios that count, and stronger motions are left out: the statuses say why",
 )
 #: Why there is no band: an interval whose ends differ by more than a factor is of no use, or there is none.
 WIDE = 10.0
@@ -286,7 +288,7 @@ def fragility(
     event : str
         A key of `pounding_sweep.analysis.comparisons.EVENTS`.
     level : float, optional
-        What must be exceeded, in the event's unit; needed by all but "touch".
+        What must be exceeded, in the event's unit; needed by all but "touch" and "collapse".
     intensity, records, folders : optional
         As for `pounding_sweep.analysis.rebuild.intensity_of`.
     confidence : float or None
@@ -448,6 +450,9 @@ def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float |
 
     tried = np.isfinite(tables)
     fits = fit_lognormals([(x[part], table[part] > 0.0) for table, part in zip(tables, tried, strict=True)])
+    for i, fit in enumerate(fits):
+        if fit.status == FitStatus.NEVER and (x[~tried[i]] > fit.low).any():
+            fits[i] = LognormalFit(FitStatus.UNKNOWN)
     fitted = [i for i, fit in enumerate(fits) if fit.status == FitStatus.FITTED and confidence]
     # of each curve, the records that have motions
     rows = [

@@ -23,6 +23,7 @@ from pounding_sweep.analysis.scenarios import (
     COMPARISON,
     ROUND_OFF,
     described,
+    fell,
     labelled,
     numbers_in,
     peak_displacement,
@@ -235,7 +236,8 @@ def required_gap(
     """
     factors = behaviour or BehaviourFactors()
     scene, runs = uncoupled_runs(source, records, folders)
-    closing, ends = values(runs, "closing_max"), _neighbours(scene, runs, factors)
+    closing = values(runs, "closing_max").where(~fell(runs))  # it may go on closing after the fall
+    ends = _neighbours(scene, runs, factors)
     closest = closing.where(~(closing <= ROUND_OFF * (ends.left + ends.right)), 0.0)
     exact, reach = (closest + ends.thickness).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())

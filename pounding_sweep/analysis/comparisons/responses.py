@@ -15,6 +15,7 @@ from pounding_sweep.analysis.scenarios import (
     TOUCH_VARIABLES,
     chosen_variables,
     described,
+    exceeds,
     fractiles_over,
     interpolate,
     labelled,
@@ -34,7 +35,7 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import STATUS, VARIABLES
+from pounding_sweep.outputs.variables import STATUS, VALID, VARIABLES
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
 
@@ -370,7 +371,8 @@ def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
 #: Lower, median and upper fractile of a suite: a normal variable's mean and one standard deviation to each side.
 QUANTILES = (0.16, 0.5, 0.84)
 #: Results that are no response.
-_NO_RESPONSES = ("status", "origin", "run", "energy_residual", "steps_per_contact", "time_step")
+_NO_RESPONSES = {"status", "origin", "run", "energy_residual", "steps_per_contact", "time_step"}
+_NO_RESPONSES |= {"collapse_time", "collapsed_storey"}
 
 
 def responses_of(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> list[str]:
@@ -429,11 +431,11 @@ def fractiles(
             result[f"{name}_fractiles"], count = fractiles_over(part, [dim], quantiles)
             result[f"{name}_count"] = described(count, "1", f"values that the fractiles of {name} are of")
     if dim in trusted(cube).dims:
-        for status in STATUS:
+        count = trusted(cube).sum(dim)
+        result["scenarios"] = described(count, "1", f"scenarios along {dim} that are ok, or so up to a fall", bare=True)
+        for status in (status for status in STATUS if status not in VALID):
             count = (cube["status"] == int(status)).sum(dim)
-            if not int(status):
-                result["scenarios"] = described(count, "1", f"scenarios along {dim} that are ok", bare=True)
-            elif count.any():
+            if count.any():
                 text = f"scenarios along {dim} that are left out: {status.label}"
                 result[f"left_out_{status.label}"] = described(count, "1", text, bare=True)
     about = {"over": over_text({dim: cube.sizes[dim]})}
@@ -482,7 +484,8 @@ def incremental_curves(
         Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
         ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
         many of the ``curves`` (attribute) have a value there: linear between the two nearest scales, missing outside
-        their range and next to a scenario that is not ok. Fractiles are missing where fewer than half have one.
+        their range and next to a scenario that is not ok. Fractiles are missing where fewer than half have one. Where
+        storeys may fall, ``collapse_share`` by building and level.
 
     Raises
     ------
@@ -531,6 +534,11 @@ def incremental_curves(
         fractile, count = suite_fractiles(result[name], strength, level, quantiles)
         result[f"{name}_fractiles"] = fractile.where(count >= 0.5 * len(ends)).assign_attrs(fractile.attrs)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
+    if "collapsed_storey" in cube:
+        fallen = exceeds(cube, "the share of falls", "collapsed_storey", None)
+        share = _on_levels(fallen.where(fallen == 0.0, np.inf).where(fallen.notnull()), strength, level)
+        share = (share > 0.0).where(share.notnull()).mean("curve")
+        result["collapse_share"] = described(share, "1", "share of the curves in which the building has fallen")
     over = over_text({"record": len(x), "direction": len(ways)})
     about: dict[str, Any] = {"curves": len(ends), "intensity": f"{words} ({units})", "over": over}
     if not (((low <= at) & (at <= high)).mean(axis=0) >= 0.5).any():
@@ -544,9 +552,14 @@ def incremental_curves(
 def suite_fractiles(
     response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray, quantiles: Sequence[float]
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return fractiles of a response at levels of intensity, over records and directions, and counts of the curves.
+    """Return fractiles of a response at levels of intensity, over records and directions, and counts of the curves."""
+    return fractiles_over(_on_levels(response, strength, level), ["curve"], quantiles)
 
-    The strength is the intensity by record and scale. Curves are linear between their scales, missing outside them.
+
+def _on_levels(response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray) -> xr.DataArray:
+    """Return curves of a response at levels of intensity: linear between their scales, missing outside them.
+
+    The strength is the intensity by record and scale.
     """
     scaled = strength.dims[-1]
     part = response.transpose("record", ..., scaled)
@@ -556,8 +569,7 @@ def suite_fractiles(
         for way in directions(strength[scaled].values)
     ]
     coords = {dim: part[dim] for dim in part.dims[1:-1] if dim in part.coords} | {"level": level}
-    on_levels = xr.DataArray(np.stack(rows), coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
-    return fractiles_over(on_levels, ["curve"], quantiles)
+    return xr.DataArray(np.stack(rows), coords, ("curve", *part.dims[1:-1], "level"), attrs=part.attrs)
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:

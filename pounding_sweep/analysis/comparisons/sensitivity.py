@@ -29,7 +29,7 @@ from pounding_sweep.spec.design import Design, design_of
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
 _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_residual", "first_impact_time"}
-_ASIDE |= {"origin", "run"}
+_ASIDE |= {"origin", "run", "collapse_time"}
 #: Times that the points are drawn anew for an interval.
 RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
@@ -115,7 +115,7 @@ def sensitivity(
     for name in names:
         parts = xr.apply_ufunc(
             _indices,
-            values(cube, name).reset_coords(drop=True).drop_vars("case").isel(case=points),
+            values(cube, name, np.nan).reset_coords(drop=True).drop_vars("case").isel(case=points),
             kwargs={"confidence": confidence, "resamples": resamples},
             input_core_dims=[["block", "sample"]],
             output_core_dims=[["kind", "input"], ["kind", "input", "bound"], []],
@@ -148,7 +148,7 @@ def _shares(cube: xr.Dataset, names: Iterable[str]) -> xr.Dataset:
         raise InputError('the sensitivity needs an axis of several values, or a design of kind "saltelli"')
     counts, *parts = (xr.Dataset() for _ in ("", *axes))
     for name in names:
-        text, response = long_name(cube[name], name), values(cube, name).reset_coords(drop=True)
+        text, response = long_name(cube[name], name), values(cube, name, np.nan).reset_coords(drop=True)
         response = response.squeeze([dim for dim in scenario_dims(cube) if dim not in axes], drop=True)
         count, spread = response.count(axes), response.var(axes)
         whole = (count * spread).where(spread > (ROUND_OFF * abs(response).max(axes)) ** 2)
