@@ -96,7 +96,7 @@ def test_cubes_that_xarray_opened(tmp_path):
         path = write_cube(cube, tmp_path / f"{number}.nc")
         with xr.open_dataset(path) as opened, open_cube(path) as own:
             assert opened.law.dtype.kind in "OS"
-            for compare in (analysis.amplification, analysis.impact_statistics):
+            for compare in (analysis.amplification, analysis.impacts):
                 xr.testing.assert_identical(compare(cube=opened), compare(cube))
                 xr.testing.assert_allclose(compare(own), compare(cube))
             if "scale" in opened.dims:
@@ -122,12 +122,12 @@ def test_what_is_left_of_a_cube_after_a_selection_is_a_cube():
     np.testing.assert_array_equal(ratios.drift_max_ratio, analysis.amplification(cube).drift_max_ratio.sel(at))
     assert ratios.gap == 0.02
     at["pair"] = "a-b"
-    compared = analysis.compare_laws(part, "linear").impact_force_max_ratio
-    whole = analysis.compare_laws(cube, "linear").impact_force_max_ratio.sel(basis=["nominal"])
+    compared = analysis.laws(part, "linear").impact_force_max_ratio
+    whole = analysis.laws(cube, "linear").impact_force_max_ratio.sel(basis=["nominal"])
     np.testing.assert_array_equal(compared, whole.sel(at))
     over = ["record", "scale"]
-    touching = analysis.impact_statistics(part, over).touching
-    np.testing.assert_array_equal(touching, analysis.impact_statistics(cube, over).touching.sel(at))
+    touching = analysis.impacts(part, over).touching
+    np.testing.assert_array_equal(touching, analysis.impacts(cube, over).touching.sel(at))
     curve = analysis.fragility(part.sel(law="linear"), confidence=None)
     whole = analysis.fragility(cube.sel(storey=[1]), confidence=None).sel(law="linear", gap=0.02, restitution=0.6)
     assert (curve.pair, curve.law) == ("a-b", "linear")
@@ -139,7 +139,7 @@ def test_what_is_left_of_a_cube_after_a_selection_is_a_cube():
 
 def test_nominal_ratios_by_a_plain_loop():
     cube = spoiled(5, "impact_force_max", "impact_count")
-    ratios = analysis.compare_laws(cube, "linear").sel(basis="nominal").impact_force_max_ratio
+    ratios = analysis.laws(cube, "linear").sel(basis="nominal").impact_force_max_ratio
     np.testing.assert_array_equal(ratios, over_base(cube, "impact_force_max", 1))
 
 
@@ -150,7 +150,7 @@ def test_realised_values_are_those_of_a_law_that_is_linear_in_it():
     realised = np.array([realised_restitution(get_law(law), nominal) for law in laws])
     force = 1000.0 - 400.0 * realised
     cube = hand_cube({"law": laws, "restitution": nominal}, {"impact_force_max": force[:, :, None, None]})
-    compared = analysis.compare_laws(cube).sel(basis="realised", **AT)
+    compared = analysis.laws(cube).sel(basis="realised", **AT)
     inside = (nominal >= realised.min(axis=1)[:, None]) & (nominal <= realised.max(axis=1)[:, None])
     expected = np.where(inside, 1000.0 - 400.0 * nominal, np.nan)
     np.testing.assert_allclose(compared.impact_force_max_compared, expected, rtol=1e-9)
@@ -161,7 +161,7 @@ def test_realised_values_are_those_of_a_law_that_is_linear_in_it():
 
 def test_law_without_damping_realises_one_only():
     cube = hand_cube({"law": ["linear", "hertz_damped"], "restitution": [0.6, 1.0]}, random_fill(1, "impulse"))
-    compared = analysis.compare_laws(cube)
+    compared = analysis.laws(cube)
     assert compared.attrs["reference_law"] == "hertz_damped"  # the first damped one
     part = compared.impulse_compared.sel(basis="realised", law="linear", **AT)
     assert np.isnan(part.sel(restitution=0.6))
@@ -169,7 +169,7 @@ def test_law_without_damping_realises_one_only():
 
 
 def test_one_restitution_says_why_there_is_no_second_basis():
-    compared = analysis.compare_laws(hand_cube({"law": ["linear", "hertz"]}, random_fill(1, "impulse")))
+    compared = analysis.laws(hand_cube({"law": ["linear", "hertz"]}, random_fill(1, "impulse")))
     assert compared.basis.values.tolist() == ["nominal"]
     assert "one restitution" in compared.attrs["realised_basis"]
     assert compared.attrs["reference_law"] == "linear"
@@ -183,7 +183,7 @@ def test_one_restitution_says_why_there_is_no_second_basis():
 )
 def test_impact_statistics_by_a_plain_loop(over):
     cube = spoiled(6, "impact_count", "impact_force_max", "first_impact_time")
-    statistics = analysis.impact_statistics(cube, over).sel(AT)
+    statistics = analysis.impacts(cube, over).sel(AT)
     together = [dim for dim in AXES if dim != "law"] if over is None else over
     apart = [dim for dim in AXES if dim not in together]
     part = cube.sel(law=["linear", "hertz_damped"]).sel(AT)
@@ -206,7 +206,7 @@ def test_impact_statistics_by_a_plain_loop(over):
 def test_impacts_of_listed_cases_by_law():
     coords = {"law": (("case",), ["linear", "none", "hertz", "linear"], {})}
     cube = hand_cube({"case": [1, 2, 3, 4]}, {"impact_count": of_storeys(2, 0, 0, 4)}, coords=coords)
-    statistics = analysis.impact_statistics(cube)
+    statistics = analysis.impacts(cube)
     np.testing.assert_array_equal(statistics.pair_touching_share.sel(pair="a-b"), [1.0, 0.0])
     np.testing.assert_array_equal(statistics.scenarios, [2, 1])
     assert statistics.impact_count_fractiles.sel(law="linear", quantile=0.5, **AT) == 3.0
@@ -215,12 +215,12 @@ def test_impacts_of_listed_cases_by_law():
 def test_touch_is_told_by_what_has_values():
     """A law whose velocities jump has no force; pairs that never meet have nothing."""
     fill = {"impact_force_max": np.full(1, np.nan), "approach_speed_max": of_storeys(0.0, 0.5)}
-    statistics = analysis.impact_statistics(hand_cube({"law": ["linear", "stereomechanical"]}, fill))
+    statistics = analysis.impacts(hand_cube({"law": ["linear", "stereomechanical"]}, fill))
     np.testing.assert_array_equal(statistics.touching.sel(AT), [0.0, 1.0])
     assert statistics.impact_force_max_fractiles.isnull().all()
     a, b = (Building(name, [1.0], [1.0], storey_heights=[height]) for name, height in (("a", 3.0), ("b", 4.0)))
     scene = Scene([a, b], [0.1], allow_unmet=True)
-    statistics = analysis.impact_statistics(hand_cube({"law": ["linear"]}, {"impact_count": [-1]}, scene=scene))
+    statistics = analysis.impacts(hand_cube({"law": ["linear"]}, {"impact_count": [-1]}, scene=scene))
     assert statistics.pair_touching_share.isnull().all()
 
 
@@ -229,7 +229,7 @@ def test_touch_is_told_by_what_has_values():
 
 def test_energy_budget_by_a_plain_loop():
     cube = spoiled(7, *ENERGIES)
-    budget = analysis.energy_budget(cube)
+    budget = analysis.energy(cube)
     for place in np.ndindex(2, 2, 3, 3, 2):
         here = (place[0] + 1, *place[1:])
         parts = [cube[name].values[here] for name in ENERGIES]
@@ -246,7 +246,7 @@ def test_energy_budget_by_a_plain_loop():
 
 def test_single_building_has_no_contacts():
     single = Scene([Building("a", [1.0], [1.0])])
-    budget = analysis.energy_budget(hand_cube({"law": ["none"]}, random_fill(2, *ENERGIES[:4]), scene=single))
+    budget = analysis.energy(hand_cube({"law": ["none"]}, random_fill(2, *ENERGIES[:4]), scene=single))
     np.testing.assert_allclose(budget.residual, budget.energy_transfer.sel(building="a"))
 
 
@@ -255,9 +255,9 @@ def test_a_part_of_the_row_has_no_balance(dim):
     row = Scene([Building(name, [1.0], [1.0]) for name in "abc"], [0.1, 0.1])
     attributes = sweep_attribute(row, "el_centro", laws="none")
     cube = hand_cube({"law": LAWS}, random_fill(1, *ENERGIES), scene=row, attributes=attributes)
-    assert analysis.energy_budget(cube).sizes[dim] == cube.sizes[dim]
+    assert analysis.energy(cube).sizes[dim] == cube.sizes[dim]
     with pytest.raises(InputError, match=f"has 1 of {cube.sizes[dim]} along '{dim}'"):
-        analysis.energy_budget(cube.isel({dim: [0]}))
+        analysis.energy(cube.isel({dim: [0]}))
 
 
 # -- suites ------------------------------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ def test_incremental_curves_by_a_plain_loop():
     status[0, 1, 0] = int(Status.DIVERGED)
     axes = {"law": ["linear"], "record": list(PGA), "scale": scales}
     cube = hand_cube(axes, random_fill(9, "drift_max"), status=status)
-    curves = analysis.incremental_curves(cube, ["drift_max"], levels=levels)
+    curves = analysis.incremental(cube, ["drift_max"], levels=levels)
     np.testing.assert_array_equal(curves.intensity, np.outer(list(PGA.values()), scales))
     assert curves.intensity.attrs["units"] == "m s-2"
     curves = curves.sel(law="linear", building="a", storey=1)
@@ -308,26 +308,26 @@ def test_incremental_fractiles_go_as_far_as_half_of_the_records_reach():
     drift = (np.outer(peaks, scales))[..., None, None]  # that of each record is its intensity
     coords = {"record_pga": (("record",), peaks, {"units": "m s-2"})}
     cube = hand_cube({"record": list("abcd"), "scale": scales}, {"drift_max": drift}).assign_coords(coords)
-    curves = analysis.incremental_curves(cube, quantiles=[0.5]).sel(building="a", storey=1)
+    curves = analysis.incremental(cube, quantiles=[0.5]).sel(building="a", storey=1)
     np.testing.assert_allclose(curves["level"][[0, -1]], [2.0, 6.0])
     level = curves["level"].where(curves["drift_max_count"] >= 2)  # one record alone reaches 2 to 3
     assert level.count() == 20
     np.testing.assert_allclose(curves["drift_max_fractiles"].sel(quantile=0.5), level)
     assert "no_fractiles" not in curves.attrs
     apart = cube.assign_coords(record_pga=("record", [1.0, 10.0, 100.0, 1000.0], {"units": "m s-2"}))
-    assert "half of the 4 curves" in analysis.incremental_curves(apart).attrs["no_fractiles"]
+    assert "half of the 4 curves" in analysis.incremental(apart).attrs["no_fractiles"]
 
 
 def test_incremental_curves_of_both_directions():
     """A record at negative scales is another motion: the fractiles are of twice as many curves."""
     settings = {"outputs": ["drift_max"], "levels": [2.0, 3.3, 5.0, 6.0]}
     cube = hand_cube({"record": list(PGA), "scale": [-2.0, -1.0, 1.0, 2.0]}, random_fill(4, "drift_max"))
-    curves = analysis.incremental_curves(cube, **settings)
+    curves = analysis.incremental(cube, **settings)
     apart = [
         cube.sel(scale=way).assign_coords(record=[f"{name} {way[0]}" for name in PGA], scale=[1.0, 2.0])
         for way in ([1.0, 2.0], [-1.0, -2.0])
     ]
-    suite = analysis.incremental_curves(xr.concat(apart, "record"), **settings)
+    suite = analysis.incremental(xr.concat(apart, "record"), **settings)
     assert curves.attrs["curves"] == suite.attrs["curves"] == 2 * len(PGA)
     assert int(curves["drift_max_count"].max()) > len(PGA)
     for name in ("drift_max_fractiles", "drift_max_count"):
@@ -337,10 +337,10 @@ def test_incremental_curves_of_both_directions():
 def test_incremental_curves_against_another_intensity():
     cube = hand_cube({"record": ["one", "two"], "scale": [1.0, 2.0]}, random_fill(1, "drift_max"))
     sa = xr.DataArray([7.0, 5.0], dims="record", coords={"record": ["two", "one"]}, attrs={"units": "m s-2"})
-    curves = analysis.incremental_curves(cube, intensity=sa)
+    curves = analysis.incremental(cube, intensity=sa)
     np.testing.assert_array_equal(curves.intensity, [[5.0, 10.0], [7.0, 14.0]])
     with pytest.raises(InputError, match="along 'record' alone"):
-        analysis.incremental_curves(cube, intensity=sa.expand_dims("period"))
+        analysis.incremental(cube, intensity=sa.expand_dims("period"))
 
 
 # -- what can not be compared ------------------------------------------------------------------------------------------
@@ -364,20 +364,20 @@ def listed():
         ("amplification", small("drift_max", law=["none"]), {}, "a law with contact, this cube has only 'none'"),
         ("amplification", small("drift_max"), {"responses": ["drift"]}, "did you mean 'drift_max'"),
         ("amplification", small("drift_max"), {"responses": ["storey_shear_max"]}, "'storey_shear_max', which"),
-        ("energy_budget", small(*ENERGIES).sel(building="a"), {}, "needs the axis 'building'"),
-        ("energy_budget", small(*ENERGIES[:4]), {}, "'contact_work', which this cube lacks"),
-        ("compare_laws", small("impulse", law=["none", "linear"]), {}, "two laws with contact, this cube has linear"),
-        ("compare_laws", small("impulse"), {"reference": "linaer"}, "did you mean 'linear'"),
-        ("compare_laws", small("impulse"), {"outputs": ["force"]}, "unknown output"),
-        ("compare_laws", listed(), {}, "scenarios as cases"),
-        ("impact_statistics", small("drift_max", law=["linear"], scene=SINGLE), {}, "single building"),
-        ("impact_statistics", small("impact_count", law=["none"]), {}, "only 'none'"),
-        ("impact_statistics", small("drift_max"), {}, "'impact_count' or 'impact_force_max'"),
-        ("impact_statistics", small("impact_count"), {"over": ["record"]}, "no axis 'record'"),
-        ("impact_statistics", small("impact_count"), {"quantiles": [1.5]}, r"quantiles: 1.5 is not in \[0, 1\]"),
+        ("energy", small(*ENERGIES).sel(building="a"), {}, "needs the axis 'building'"),
+        ("energy", small(*ENERGIES[:4]), {}, "'contact_work', which this cube lacks"),
+        ("laws", small("impulse", law=["none", "linear"]), {}, "two laws with contact, this cube has linear"),
+        ("laws", small("impulse"), {"reference": "linaer"}, "did you mean 'linear'"),
+        ("laws", small("impulse"), {"outputs": ["force"]}, "unknown output"),
+        ("laws", listed(), {}, "scenarios as cases"),
+        ("impacts", small("drift_max", law=["linear"], scene=SINGLE), {}, "single building"),
+        ("impacts", small("impact_count", law=["none"]), {}, "only 'none'"),
+        ("impacts", small("drift_max"), {}, "'impact_count' or 'impact_force_max'"),
+        ("impacts", small("impact_count"), {"over": ["record"]}, "no axis 'record'"),
+        ("impacts", small("impact_count"), {"quantiles": [1.5]}, r"quantiles: 1.5 is not in \[0, 1\]"),
         ("fractiles", small("drift_max"), {}, "needs the axis 'record'; this cube's axes: law"),
         ("fractiles", small("drift_max", record=["one"]), {}, "several values of 'record', and this cube has one"),
-        ("incremental_curves", small("drift_max", scale=[1.0]), {}, "several values of 'scale', and this cube has one"),
+        ("incremental", small("drift_max", scale=[1.0]), {}, "several values of 'scale', and this cube has one"),
     ],
 )
 def test_what_a_comparison_needs_is_told(compare, cube, arguments, message):
@@ -403,7 +403,7 @@ def test_equal_realised_restitution_is_what_a_sweep_on_that_basis_gives(cube):
     settings = SWEPT | {"laws": ["kelvin_voigt"], "restitutions": wanted, "gaps": [0.002], "stiffness_factors": 1.0}
     exact = Sweep(row(), motions(), **settings, restitution_basis="realised").run(workers=1)
     here = {"law": ["kelvin_voigt"], "gap": [0.002], "restitution": wanted}
-    found = analysis.compare_laws(cube, "kelvin_voigt").sel(basis="realised", **here)
+    found = analysis.laws(cube, "kelvin_voigt").sel(basis="realised", **here)
     for name in ("impact_force_max", "displacement_max", "displacement_min"):
         error = abs(found[f"{name}_compared"] / exact[name] - 1.0).max()
         nominal = abs(cube[name].sel(here) / exact[name] - 1.0).max()
@@ -419,7 +419,7 @@ def test_response_without_pounding_is_proportional_to_its_spectral_acceleration(
     still = Sweep(scene, records, "none", scales=[0.5, 1.0, 2.0], **settings).run(workers=1)
     period = float(scene.buildings[0].periods[0])
     sa = analysis.response_spectrum(records, [period], 0.05).pseudo_acceleration.squeeze("period")
-    curves = analysis.incremental_curves(still, ["displacement_max", "displacement_min"], intensity=sa)
+    curves = analysis.incremental(still, ["displacement_max", "displacement_min"], intensity=sa)
     peak = np.maximum(curves.displacement_max, -curves.displacement_min).sel(building="a", storey=1)
     slope = (peak / curves.intensity).values
     np.testing.assert_allclose(slope, (period / (2.0 * np.pi)) ** 2, rtol=2e-3)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.analysis.scenarios import numbers_in
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, checked_arguments
 from pounding_sweep.base.files import FilePath, expanded
 from pounding_sweep.records import UNITS
 from pounding_sweep.records.reader import match_unit
@@ -79,10 +79,9 @@ class Hazard:
     own_unit: tuple[str, float] = ("", 1.0)
 
     def __post_init__(self) -> None:
-        if len(self.intensity) != len(self.rate) or len(self.rate) < 2:
-            raise InputError(
-                f"a hazard of {len(self.intensity)} intensities and {len(self.rate)} rates; give two or more of each"
-            )
+        if np.shape(self.intensity) != np.shape(self.rate) or np.size(self.rate) < 2:
+            sizes = f"{np.size(self.intensity)} intensities and {np.size(self.rate)} rates"
+            raise InputError(f"a hazard of {sizes}; give two or more of each")
         points = zip(self.intensity, self.rate, strict=True)
         _check_points((f"point {i} of the hazard", x, y) for i, (x, y) in enumerate(points, 1))
 
@@ -160,6 +159,9 @@ class Hazard:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = log_normal_share((bottom - shifted) / beta, (top - shifted) / beta)
             return np.exp(at - k * (mu - base) + 0.5 * (k * beta) ** 2 + share)
+
+
+Hazard.__init__ = checked_arguments(Hazard.__init__)  # type: ignore[method-assign]
 
 
 def log_normal_share(low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.base.errors import InputError, check_choice
+from pounding_sweep.base.errors import InputError, check_choice, repr_short
+from pounding_sweep.base.text import read_share
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
 from pounding_sweep.outputs.variables import INNER_DIMS, VALID, VARIABLES, Status
@@ -80,11 +81,15 @@ def chosen_variables(
 
 def numbers_in(interval: str, numbers: Any, what: str) -> np.ndarray:
     """Return numbers, one or more; raises `InputError` unless all lie in an interval such as "[0, 1)"."""
-    at = np.atleast_1d(np.asarray(numbers, dtype=float))
+    try:
+        items = np.atleast_1d(np.asarray(numbers, dtype=object))
+        at: np.ndarray = np.array([read_share(item) for item in items.ravel()]).reshape(items.shape)
+    except ValueError:
+        at = np.array([])
     low, high = map(float, interval[1:-1].split(","))
     inside = (at >= low if interval[0] == "[" else at > low) & (at <= high if interval[-1] == "]" else at < high)
     if at.ndim != 1 or not at.size:
-        raise InputError(f"{what}: {numbers!r}; give a number in {interval}, or a list of one or more")
+        raise InputError(f"{what}: {repr_short(numbers)}; give a number in {interval}, or a list of one or more")
     if not inside.all():
         raise InputError(f"{what}: {at[~inside][0]:g} is not in {interval}")
     return at

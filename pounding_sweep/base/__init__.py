@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from inspect import isfunction
 from typing import Any
+
+from pounding_sweep.base.errors import checked_arguments
 
 STANDARD_GRAVITY = 9.81
 """Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
 
 
 def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
-    """Return a name of a package: its module-level ``__getattr__`` (PEP 562), so that importing it is fast."""
+    """Return a name of a package: its module-level ``__getattr__`` (PEP 562), so that importing it is fast.
+
+    Functions check the names and kinds of their arguments from then on.
+    """
     if name in home:
-        return getattr(import_module(home[name]), name)
+        value = getattr(module := import_module(home[name]), name)
+        if isfunction(value) and not hasattr(value, "__wrapped__"):
+            value = checked_arguments(value)
+            setattr(module, name, value)  # the same object everywhere, as pickle asks
+        return value
     raise AttributeError(f"module {package!r} has no attribute {name!r}")

@@ -7,9 +7,14 @@ exits with code 2, or 1 where a run began well: `WriteError`, `RunError`, `Clust
 from __future__ import annotations
 
 import difflib
+import functools
+import inspect
+import os
 import reprlib
-from collections.abc import Collection, Iterable
-from typing import Any
+from collections.abc import Callable, Collection, Hashable, Iterable
+from typing import Any, TypeVar, cast
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 #: Where something stands in what a user gave, such as ``("masses", 1)``; and a fault, its place and what it is.
 Place = tuple[str | int, ...]
@@ -107,7 +112,36 @@ def unknown(kind: str, value: object, valid: Iterable[str]) -> str:
     return f"unknown {kind} {repr_short(value)}{hint}{', '.join(names[:MAX_NAMES])}{more}"
 
 
+#: Classes by annotation, for arguments that are of one kind.
+_KINDS = {"FilePath": "str or PathLike", "Record": "Record", "Scene": "Scene"}
+
+
+def checked_arguments(function: F) -> F:
+    """Make a public function that refuses arguments it does not take, and those of a wrong kind, by `InputError`."""
+    signature, owner = inspect.signature(function), function.__qualname__.removesuffix(".__init__")
+    names = [name for name in signature.parameters if name != "self"]
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        open_ended = any(item.kind is item.VAR_KEYWORD for item in signature.parameters.values())
+        if wrong := [name for name in kwargs if name not in names and not open_ended]:
+            raise InputError(f"{owner}: {unknown('argument', wrong[0], names)}")
+        try:
+            arguments = signature.bind(*args, **kwargs).arguments
+        except TypeError as error:
+            raise InputError(f"{owner}: {error}; it takes {', '.join(names)}") from None
+        for name, value in arguments.items():
+            kind, default = str(signature.parameters[name].annotation), signature.parameters[name].default
+            must = _KINDS.get(kind.removesuffix(" | None"))
+            classes = [cls.__name__ for cls in type(value).__mro__] + ["PathLike"] * isinstance(value, os.PathLike)
+            if must and value is not default and not {*must.split(" or ")} & {*classes}:
+                raise InputError(f"{owner}: {name} is {repr_short(value)}; it must be a {must}")
+        return function(*args, **kwargs)
+
+    return cast("F", call)
+
+
 def check_choice(kind: str, value: Any, valid: Collection[Any], error: type[InputError] = InputError) -> None:
     """Raise an error with the text of `unknown` unless `value` is among the `valid` values."""
-    if value not in valid:
+    if not isinstance(value, Hashable) or value not in valid:
         raise error(unknown(kind, value, map(str, valid)))

@@ -129,12 +129,13 @@ def number_text(value: float | None) -> str:
     return f"{value:.3g}"
 
 
-def read_share(text: str) -> float:
-    """Return a number from a text, which may be in per cent: 0.01 of "1%"; raises `InputError` if it is none."""
+def read_share(value: Any) -> float:
+    """Return a number, from a text too, which may be in per cent: 0.01 of "1%"; raises `InputError` if it is none."""
+    text = value if isinstance(value, str) else ""
     try:
-        return float(text.rstrip("% ")) / (100.0 if "%" in text else 1.0)
-    except ValueError:
-        raise InputError(f"{text!r} is no number; give one, such as 0.01, or 1%") from None
+        return float(text.rstrip("% ") or value) / (100.0 if "%" in text else 1.0)
+    except (TypeError, ValueError):
+        raise InputError(f"{value!r} is no number; give one, such as 0.01, or 1%") from None
 
 
 def seconds_text(value: float) -> str:

@@ -14,7 +14,7 @@ from inspect import cleandoc, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import InputError, OutputError, check_choice
+from pounding_sweep.base.errors import InputError, OutputError, check_choice, checked_arguments
 from pounding_sweep.base.files import FilePath, expanded
 
 if TYPE_CHECKING:
@@ -183,6 +183,7 @@ def require(dataset: xr.Dataset, key: str) -> None:
         )
 
 
+@checked_arguments
 def plot(
     dataset: xr.Dataset,
     kind: str,

@@ -264,6 +264,14 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
 Listed = BeforeValidator(_as_tuple)
 
 
+def as_mapping(value: Any) -> Any:
+    """Return pairs of a key and a value, as JSON holds mappings, as a mapping."""
+    try:
+        return dict(value) if isinstance(value, list | tuple) else value
+    except (TypeError, ValueError):  # no pairs
+        return value
+
+
 def one_or_several(one: Any, several: Any) -> GetPydanticSchema:
     """Return the schema of one thing, or of a list."""
     union = Annotated[one, Tag("|one")] | Annotated[several, Listed, Tag("|several")]
@@ -338,7 +346,8 @@ def listed(value: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
     """Return one item or several as a list; None if `value` is neither."""
     if single and isinstance(value, single):
         return [value]
-    return list(value) if isinstance(value, Iterable) and not isinstance(value, (str, bytes, dict)) else None
+    one = isinstance(value, str | bytes | dict) or getattr(value, "ndim", 1) == 0
+    return list(value) if isinstance(value, Iterable) and not one else None
 
 
 def valid_part(model: type[Table], raw: Any, faults: Faults) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from pounding_sweep.model.faults import (
     NotNegative,
     Number,
     Positive,
+    as_mapping,
     checked,
     derived,
     one_of,
@@ -700,7 +701,7 @@ _Item = Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|
 #: Storeys by the names of pairs; JSON has them as a list of pairs.
 _Limits = Annotated[
     dict[str, Annotated[Sequence[Integer], Listed, Field(min_length=1)]],
-    BeforeValidator(lambda value: dict(value) if isinstance(value, (list, tuple)) else value),
+    BeforeValidator(as_mapping),
 ]
 
 

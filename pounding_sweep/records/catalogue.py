@@ -15,7 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import MissingRecordError, RecordError, check_choice, repr_short, unknown
+from pounding_sweep.base.errors import (
+    MissingRecordError,
+    RecordError,
+    check_choice,
+    repr_short,
+    unknown,
+)
 from pounding_sweep.base.files import FilePath, expanded, near_file, read_data
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
@@ -145,6 +151,8 @@ def _folders(folders: Folders) -> list[Path]:
         folders = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part.strip()]
     elif isinstance(folders, str | os.PathLike):
         folders = [folders]
+    elif not isinstance(folders, Iterable):
+        raise RecordError(f"folders is {repr_short(folders)}; give a path, or a list of paths")
     return [expanded(folder) for folder in folders]
 
 
@@ -200,6 +208,8 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     >>> find_record("el_centro")
     Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2)
     """
+    if not isinstance(name, str):
+        raise RecordError(f"a record's name is a text, not {repr_short(name)}")
     name = name.strip()
     group, _, component = name.partition("/")
     if (key := _plain_name(group)) in RECORD_SETS:
@@ -298,7 +308,7 @@ def resolve_records(
 ) -> list[Record]:
     """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
     records: list[Record] = []
-    for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
+    for item in [items] if isinstance(items, Record | str | os.PathLike) or not isinstance(items, Iterable) else items:
         group = _plain_name(item) if isinstance(item, str) else None
         records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
     numbers: dict[str, int] = {}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError, check_choice
+from pounding_sweep.model.faults import is_number
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
@@ -138,7 +139,7 @@ def simulate(
     spec, steps, limit = plan.spec, int(plan.steps[0]), float(plan.limit[0])
     longest = DEFAULT_STEP if output_step is None and spec.accuracy is not None else output_step
     if longest is not None:
-        if not (math.isfinite(longest) and longest > 0.0):
+        if not (is_number(longest) and 0.0 < longest < math.inf):
             raise InputError(f"output_step is {output_step!r}; it must be a positive number of seconds")
         steps = max(steps, math.ceil(motion.dt / longest * (1.0 - 1e-9)))
     if motion.dt / steps > limit and not force_unstable:

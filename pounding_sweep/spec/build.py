@@ -37,6 +37,7 @@ from pounding_sweep.model.faults import (
     Flag,
     Number,
     Table,
+    as_mapping,
     called,
     is_number,
     key,
@@ -133,9 +134,7 @@ class _Settings(Table):
 
 _KINDS = f"tables building.NAME of {', '.join(FACTOR_KINDS.values())}"
 #: Values by name of the building; a `Case` has them as pairs.
-_FACTORS = Annotated[
-    dict[str, Any], BeforeValidator(lambda value: dict(value) if isinstance(value, tuple | list) else value)
-]
+_FACTORS = Annotated[dict[str, Any], BeforeValidator(as_mapping)]
 _OF_BUILDINGS: dict[str, Any] = {
     **dict.fromkeys(
         FACTOR_KINDS, (_FACTORS | None, key('a table by name of the building, such as {"left": 1.2}', None))

@@ -12,9 +12,10 @@ from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from importlib import import_module
 from inspect import signature
+from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from pounding_sweep.base.errors import InputError, check_choice
+from pounding_sweep.base.errors import InputError, check_choice, checked_arguments, repr_short
 from pounding_sweep.base.text import counts_text, finite, read_share
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "energy",
-            "responses.energy_budget",
+            "responses.energy",
             "where the energy of each building went, and whether transfers sum to the contacts' work",
             needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
             columns=("law", "building", "pair"),
@@ -119,7 +120,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "impacts",
-            "responses.impact_statistics",
+            "responses.impacts",
             "how often, how hard and how soon floors touch",
             needs="pairs, a law with contact, and impact counts or any other output of contacts",
             requires={"pairs": True, "laws": 1},
@@ -129,7 +130,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "incremental",
-            "responses.incremental_curves",
+            "responses.incremental",
             "responses against intensity as records are scaled up, with the fractiles of the suite",
             needs="an axis of several scales or peak ground accelerations",
             requires={"several": MOTION_DIMS[1:]},
@@ -140,7 +141,7 @@ COMPARISONS: dict[str, Comparison] = {
         ),
         Comparison(
             "laws",
-            "responses.compare_laws",
+            "responses.laws",
             "contact laws against a reference law, at equal nominal and at equal realised restitution",
             needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
             requires={"axes": ["law"], "laws": 2},
@@ -173,6 +174,20 @@ COMPARISONS: dict[str, Comparison] = {
 }
 
 
+def _as_annotated(value: Any, kind: str, name: str) -> Any:
+    """Return an argument as its annotation has it: one number or name as a list of it, and "1%" as 0.01."""
+    if value is None or not kind.startswith(("float", "Sequence[float]", "Sequence[str]", "Iterable[str]")):
+        return value
+    if "[str]" in kind:
+        return [value] if isinstance(value, str) else value
+    single = kind.startswith("float")
+    try:
+        numbers = [read_share(item) for item in ([value] if isinstance(value, str | Real) or single else value)]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {repr_short(value)}; give a number{' or several' * (not single)}") from None
+    return numbers[0] if single else numbers
+
+
 def comparison(key: str) -> Callable[[Function], Function]:
     """Make a function of a cube a comparison.
 
@@ -182,7 +197,9 @@ def comparison(key: str) -> Callable[[Function], Function]:
 
     def register(function: Function) -> Function:
         parameters = signature(function)
+        kinds = {name: str(item.annotation) for name, item in parameters.parameters.items()}
 
+        @checked_arguments
         @wraps(function)
         def make(*args: Any, **kwargs: Any) -> xr.Dataset:
             import xarray as xr
@@ -191,6 +208,8 @@ def comparison(key: str) -> Callable[[Function], Function]:
             from pounding_sweep.output.netcdf import with_texts
 
             bound = parameters.bind(*args, **kwargs)
+            for name, value in bound.arguments.items():
+                bound.arguments[name] = _as_annotated(value, kinds[name], name)
             name, cube = next(iter(bound.arguments.items()))
             attributes = {COMPARISON: key}
             if isinstance(cube, xr.Dataset):

@@ -129,7 +129,7 @@ _LEAST = {"contact_work": 1e-4}
 
 
 @comparison("laws")
-def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] | None = None) -> xr.Dataset:
+def laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] | None = None) -> xr.Dataset:
     """Compare contact laws with a reference law.
 
     Parameters
@@ -163,7 +163,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     >>> import xarray as xr
     >>> force = (("law", "pair"), [[1000.0], [800.0]])
     >>> cube = xr.Dataset({"impact_force_max": force}, {"law": ["linear", "hertz"], "pair": ["left-right"]})
-    >>> compare_laws(cube).impact_force_max_ratio.sel(basis="nominal", law="hertz").values.tolist()
+    >>> laws(cube).impact_force_max_ratio.sel(basis="nominal", law="hertz").values.tolist()
     [0.8]
     """
     cube = pounding_only(cube)
@@ -195,7 +195,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
 
 
 @comparison("impacts")
-def impact_statistics(
+def impacts(
     cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = (0.0, 0.16, 0.5, 0.84, 1.0)
 ) -> xr.Dataset:
     """Count the scenarios that touch, and give the spread of what happens in those.
@@ -228,7 +228,7 @@ def impact_statistics(
     >>> import xarray as xr
     >>> count = (("law", "record", "pair", "storey"), [[[[0.0]], [[2.0]], [[3.0]], [[1.0]]]])
     >>> cube = xr.Dataset({"impact_count": count}, {"law": ["linear"], "pair": ["left-right"], "storey": [1]})
-    >>> statistics = impact_statistics(cube, quantiles=[0.5]).squeeze()
+    >>> statistics = impacts(cube, quantiles=[0.5]).squeeze()
     >>> statistics.touching_share.item(), statistics.impact_count_fractiles.item()
     (0.75, 2.0)
     """
@@ -288,7 +288,7 @@ BESIDE = ("hysteretic_energy", "energy_links")
 
 
 @comparison("energy")
-def energy_budget(cube: xr.Dataset) -> xr.Dataset:
+def energy(cube: xr.Dataset) -> xr.Dataset:
     """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.
 
     Parameters
@@ -316,7 +316,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     >>> import xarray as xr
     >>> energies = {"energy_input": 10.0, "energy_damping": 7.0, "energy_kinetic": 0.5, "energy_strain": 0.5}
     >>> cube = xr.Dataset({name: ("building", [value]) for name, value in energies.items()})
-    >>> energy_budget(cube.assign(contact_work=("pair", [2.0]))).energy_transfer.values.tolist()
+    >>> energy(cube.assign(contact_work=("pair", [2.0]))).energy_transfer.values.tolist()
     [2.0]
     """
     what = "the energy budget"
@@ -451,7 +451,7 @@ LEVELS = 25
 
 
 @comparison("incremental")
-def incremental_curves(
+def incremental(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,
     *,
@@ -502,7 +502,7 @@ def incremental_curves(
     >>> import xarray as xr
     >>> drift = (("record", "scale"), [[0.01, 0.03], [0.02, 0.05]])
     >>> axes = {"record": ["a", "b"], "scale": [1.0, 2.0], "record_pga": ("record", [3.0, 3.0])}
-    >>> curves = incremental_curves(xr.Dataset({"drift_max": drift}, axes), quantiles=[0.5], levels=[4.5])
+    >>> curves = incremental(xr.Dataset({"drift_max": drift}, axes), quantiles=[0.5], levels=[4.5])
     >>> curves.drift_max_fractiles.round(4).values.tolist()
     [[0.0275]]
     """
