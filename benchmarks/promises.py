@@ -27,7 +27,7 @@ from pounding_sweep.outputs.variables import CHANGE, CLASSES, OK_CLAIM, Status, 
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.execute import run_chunk
-from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.spec.spec import METHODS, SweepSpec
 
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
@@ -68,7 +68,8 @@ def reference(spec: SweepSpec) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Converged runs of a sweep's cases, and by how much the last halving of the step changed each."""
     assert spec.cases is not None
     step, rows = REFERENCE_STEP, np.arange(len(spec.cases))
-    plain = replace(spec, method="rk4", dt=step, accuracy=None, precision="float64")
+    method = reference_scheme(spec.scene, np.array([case.gap for case in spec.cases], float))
+    plain = replace(spec, method=method, dt=step, accuracy=None, precision="float64")
     coarse = result = run_cases(plain)
     change = np.full(len(rows), np.inf)
     for _ in range(REFERENCE_HALVINGS):

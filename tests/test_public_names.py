@@ -73,7 +73,7 @@ DIMENSIONS = {
     **dict.fromkeys(("first_impact_time", "approach_speed_max"), _TOUCH),
     **dict.fromkeys(("energy_input", "energy_damping", "energy_transfer_max", "energy_transfer_min"), ("building",)),
     "contact_work": ("pair",),
-    **dict.fromkeys(("status", "energy_residual", "steps_per_contact", "origin", "run"), ()),
+    **dict.fromkeys(("status", "energy_residual", "steps_per_contact", "origin", "run", "unsettled_output"), ()),
 }
 
 #: ``flag_meanings`` of the variable ``status``, by value.

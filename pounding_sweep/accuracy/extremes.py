@@ -43,8 +43,8 @@ from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.refinement import Values, run_once
-from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.run.refinement import Values, run_scenarios
+from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.schemes.stability import largest_step
 
 #: Peaks whose error is judged, and what every run reports beside them; the same of storeys that yield.
@@ -106,7 +106,7 @@ class Batch:
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             task = ChunkTask(self.kernel(numerics), self.record, self.table[rows], variants_of(scene), self.outputs)
-            part = run_once(task)
+            part = run_scenarios(task)
             for name, column in values.items():
                 column[rows] = part[name]
         return variables.mask_invalid(values)
@@ -390,19 +390,19 @@ def peak_error(values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndar
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
-    """Run scenarios by RK4 at ever finer steps until half the step changes nothing that matters.
+    """Run scenarios by `reference_scheme` at ever finer steps until half the step changes nothing that matters.
 
     `shortest` contact (s) of each scenario.
     """
     steps, rows = np.full(len(batch), np.nan), np.flatnonzero(wanted)
-    step = batch.record.dt
+    step, method = batch.record.dt, reference_scheme(batch.scene, batch.table.gaps)
     if len(rows):
         step = min(min(batch.steps) / 4.0, shortest[rows].min() / 40.0, batch.stable_step("rk4")[rows].min() / 4.0)
-    coarse = batch[rows].run(Numerics("rk4", step))
+    coarse = batch[rows].run(Numerics(method, step))
     values = {name: np.full((len(batch), *column.shape[1:]), np.nan) for name, column in coarse.items()}
     while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
         step /= 2.0
-        fine = batch[rows].run(Numerics("rk4", step))
+        fine = batch[rows].run(Numerics(method, step))
         done = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
         done &= peak_error(coarse, fine) <= CONVERGED
         for name, column in fine.items():
@@ -416,7 +416,8 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
     """Whether a change of all inputs by `CHANGE` changes a peak of each of those scenarios by more than the claim."""
     sensitive = np.zeros(len(rows), bool)
     expected = {name: values[rows] for name, values in reference.values.items()}
-    numerics = Numerics("rk4", float(np.nanmin(reference.step[rows])))
+    method = reference_scheme(batch.scene, batch.table.gaps)
+    numerics = Numerics(method, float(np.nanmin(reference.step[rows])))
     for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
         sensitive |= peak_error(moved.run(numerics), expected) > OK_CLAIM
@@ -466,7 +467,7 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     checked = [
         array[:, _exists(batch.scene, name, array.shape[1:])]
         for name, array in values.items()
-        if name not in ("status", "steps_per_contact") and not (batch.law.impulsive and get_variable(name).of_force)
+        if not get_variable(name).always and not (batch.law.impulsive and get_variable(name).of_force)
     ]
     is_finite = np.isfinite(np.hstack(checked))
     finite, empty = is_finite.all(axis=1), ~is_finite.any(axis=1)

@@ -34,7 +34,7 @@ from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import run_once
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, to_json
 
@@ -175,7 +175,8 @@ def measure(
     sample = draw(plan, scenarios, seed)
     table, n = plan.unique[sample.rows], len(sample.rows)
     stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
-    reference = Numerics("rk4", min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
+    method = reference_scheme(spec.scene, table.gaps)
+    reference = Numerics(method, min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
     grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
     limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
     true_steps = np.array([[_step(record, step) for step in axes["step"]] for record in spec.records])

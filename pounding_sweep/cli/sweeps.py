@@ -185,6 +185,13 @@ def _print_description(report: dict[str, Any]) -> None:
     print_read(report["records"], report["records_left_out"])
 
 
+#: What is said of a sweep with a gap of 0.
+_AT_REST = (
+    "floors rest on each other: their number of impacts has no meaning, and the last digits of the inputs may decide "
+    "their forces where three or more buildings touch"
+)
+
+
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
     if not counts["usable"]:
@@ -211,6 +218,7 @@ def _print_run(report: dict[str, Any]) -> None:
         ("kernels", f"{report['kernels_compiled']} compiled, ready after {seconds_text(report['compile_seconds'])}"),
         ("run", seconds_text(report["run_seconds"]) + speed),
     ]
+    lines += [("gap 0", _AT_REST)] if report["at_rest"] else []
     lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
     if report["refined"] is not None:
         lines.append(("refined", f"{report['refined']} of {counts['run']} scenarios run beyond half their step"))

@@ -23,7 +23,7 @@ from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_senten
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
-from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, STATUS, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, OUTPUT_NAMES, STATUS, Status
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import overview_of
 
@@ -125,12 +125,15 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def statuses(status: Any) -> list[dict[str, Any]]:
-    """Return the number of scenarios of each status that occurs, with what it means."""
+def statuses(status: Any, unsettled_output: Any = ()) -> list[dict[str, Any]]:
+    """Return the number of scenarios of each status that occurs, with what it means and which outputs do not settle."""
     codes, times = np.unique(status, return_counts=True)
     counts = dict(zip(codes.tolist(), times.tolist(), strict=True))
+    codes, times = np.unique(np.asarray(unsettled_output, int), return_counts=True)
+    named = ", ".join(f"{OUTPUT_NAMES[code]} ({n})" for code, n in zip(codes, times, strict=True) if code)
+    means = {s: s.meaning + (f", by {named}" if named and s == Status.UNSETTLED else "") for s in STATUS}
     return [
-        {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
+        {"status": int(s), "label": s.label, "count": counts[s], "meaning": means[s], "remedy": s.remedy}
         for s in STATUS
         if s in counts
     ]
@@ -231,7 +234,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
         "Scenarios by status": [
             (str(end["count"]), end["label"], f"{end['meaning']}: {end['remedy']}" if end["remedy"] else end["meaning"])
-            for end in statuses(dataset.get("status", []))
+            for end in statuses(dataset.get("status", []), dataset.get("unsettled_output", []))
         ],
         "Where scenarios are not ok": [(end["label"], end["where"]) for end in cube["not_ok"]],
         errors: [_audit_row(row) for row in cube["audit"]],
@@ -313,7 +316,8 @@ def summarize(path: FilePath) -> dict[str, Any]:
             "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
             "audit": audit_table(arrays),
             "errors_sentence": errors_sentence({**arrays, **texts}, attributes),
-            "statuses": statuses(arrays["status"][...]),
+            "statuses": statuses(*(arrays[name][...] for name in ("status", "unsettled_output") if name in arrays)),
+            "at_rest": "pair_gap" in arrays and bool((arrays["pair_gap"][...] == 0.0).any()),
             "summary": _impacts(arrays) if "pair" in arrays else [],
         }
 

@@ -29,7 +29,7 @@ from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable, with_texts
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
 from pounding_sweep.output.select import select
-from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, STATUS, VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, OUTPUT_NAMES, STATUS, VARIABLES, Status
 from pounding_sweep.records.record import RecordMeasures
 from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
@@ -50,6 +50,7 @@ _PLACES: dict[tuple[str, ...], str] = {
 }
 #: Variables of which a further column says in words what their numbers mean, and these words.
 _WORDS = {"status": np.array([status.label for status in STATUS]), "origin": np.array(ORIGINS)}
+_WORDS["unsettled_output"] = np.array(OUTPUT_NAMES)
 #: Statuses but "ok", as `export_cube` takes them.
 NOT_OK = "not-ok"
 #: Dimension of histories.

@@ -11,8 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -177,13 +179,9 @@ def merge_cubes(
         whole = tuple(slice(0, size) for size in sizes)
         runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), whole)
         origins = dict(zip(_OF_CUBE, number_runs(runs["origin"], runs["run"]), strict=True))
-        results = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
-
-        def values_of(slab: Slab) -> dict[str, np.ndarray]:
-            merged = _merge_slab(results, axes, labels, tolerance, result, slab)
-            return merged | {name: values[slab] for name, values in origins.items()}
-
-        write_in_slabs(cube, target, values_of, overwrite=overwrite)
+        parts = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
+        slab_of = partial(_merge_slab, parts, axes, labels, tolerance, result, of_cube=origins)
+        write_in_slabs(cube, target, slab_of, overwrite=overwrite)
     return result
 
 
@@ -413,6 +411,7 @@ def _merge_slab(
     tolerance: float,
     result: Merged,
     slab: Slab,
+    of_cube: Mapping[str, np.ndarray] = MappingProxyType({}),
 ) -> dict[str, np.ndarray]:
     """Return the values of all parts in a slab as they are stored; raises `InputError` if some are in conflict."""
     files, conflicts, n_conflicts = list(parts), list[str](), 0
@@ -454,7 +453,7 @@ def _merge_slab(
     missing = np.argwhere(origin < 0)
     result.missing += len(missing)
     result.named += map(name_of, missing[: NAMED - len(result.named)].tolist())
-    return values
+    return values | {name: array[slab] for name, array in of_cube.items()}
 
 
 def _with_equal_runs(parts: Parts, sweeps: Sweeps) -> Parts:
@@ -479,8 +478,9 @@ def _read_part(file: str, part: xr.Dataset, along: Mapping[str, list[Any]]) -> d
     chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in along.items()}
     with reading(file):
         read = part[names].reset_coords(drop=True).isel(chosen).load()
-    missing = {"status": int(Status.NOT_RUN), "origin": ORIGINS.index("not_run"), "run": 0}
-    read = read.reindex(along, fill_value={name: value for name, value in missing.items() if name in read})
+    missing = {"status": int(Status.NOT_RUN), "origin": ORIGINS.index("not_run")}
+    missing = {name: missing.get(name, 0) for name in names if VARIABLES[name].fill is None}
+    read = read.reindex(along, fill_value=missing)
     dims = {name: (*along, *VARIABLES[name].dims) for name in names}
     return {name: np.array(as_stored(name, read[name].transpose(*dims[name]).values)) for name in names}
 

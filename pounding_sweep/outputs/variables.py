@@ -132,14 +132,15 @@ class Variable:
     default: bool = False  # it is reported where no ``outputs`` are given
     always: bool = False  # it is in every cube, asked for or not
     of_cube: bool = False  # it says where a result is from, which is known when all scenarios have run
-    flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
-    flag_meanings: str = ""
+    flag_meanings: str = ""  # of a status variable: what its values from 0 mean, separated by blanks
 
     def __post_init__(self) -> None:
         #: What exactly is reported.
         self.definition = DEFINITIONS[self.name]
         of_slot = [REDUCER_OF[self.source]] if self.source in REDUCER_OF else []
         self.needs = frozenset([*self.needs, *of_slot])
+        #: CF flags of a status variable.
+        self.flag_values = tuple(range(len(self.flag_meanings.split())))
         #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
         self.dims = DIMS[self.per]
         #: What stands where there is no value: NaN, `INTEGER_FILL`, or None for a variable that is never missing.
@@ -245,7 +246,8 @@ _ENDINGS = (
     (
         "the estimated error is more than the accuracy asked for, however often the time step was halved, or, "
         f"at a given step, more than {SETTLED:.0%}",
-        "use a smaller dt, or ask for a larger relative error (see error_estimate)",
+        "use a smaller dt or, for floors that rest on each other, the exact scheme; or ask for a larger relative error "
+        "(see unsettled_output, error_estimate)",
     ),
     (
         "a storey fell: with P-Delta its drift passed its height; the scenario ends at that instant, and its values are"
@@ -490,6 +492,9 @@ DEFINITIONS = {
     "the first point of the record; the scenario ends there. Missing where the building stands.",
     "collapsed_storey": "Storey of the building that falls first, from 1 at the bottom; 0 where the building stands.",
     "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
+    "unsettled_output": "Output with the largest estimated error, where that makes the scenario unsettled. At a given "
+    "step, runs of floors that rest on each other (gap 0) are compared with half of it even if no error_estimate is "
+    "asked for, and their error is taken for twice the difference; exact flight needs none.",
     "origin": "Where the result is from: run, a run of this scenario; equal, the run of one that differs only in what "
     "its law ignores; never_touches, the run of the same buildings without pounding, as no gap closes in it; not_run: "
     "there is none.",
@@ -501,6 +506,8 @@ DEFINITIONS = {
     "steps_per_contact": "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness,"
     " effective mass and approach velocity; missing where nothing touched.",
 }
+#: Names by the value of ``unsettled_output``.
+OUTPUT_NAMES = ("none", *DEFINITIONS)
 #: Every reducer by name, in the order in which their slots lie.
 REDUCERS: dict[str, Reducer] = {
     reducer.name: reducer
@@ -677,12 +684,12 @@ _VARIABLES = (
         "status of the scenario",
         dtype="i1",
         always=True,
-        flag_values=tuple(map(int, Status)),
         flag_meanings=" ".join(s.label for s in Status),
     ),
-    _of_cube(
-        "origin", "1", "origin of the result", dtype="i1", flag_values=(0, 1, 2, 3), flag_meanings=" ".join(ORIGINS)
+    Variable(
+        "unsettled_output", "1", "unsettled output", dtype="i1", always=True, flag_meanings=" ".join(OUTPUT_NAMES)
     ),
+    _of_cube("origin", "1", "origin of the result", dtype="i1", flag_meanings=" ".join(ORIGINS)),
     _of_cube("run", "1", "number of the run", dtype="i4"),
     Variable(
         "energy_residual",

@@ -18,7 +18,7 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.outputs.variables import CHANGE, SETTLED, VALID, Status, comparable, get_variable, relative_errors
+from pounding_sweep.outputs.variables import CHANGE, OUTPUT_NAMES, SETTLED, VALID, Status, comparable, relative_errors
 from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
@@ -72,7 +72,8 @@ def apart(kernel: RowKernel, table: Scenarios, result: Values) -> Scenarios:
     for name in {"displacement_max", "displacement_min"} & result.keys():
         far = np.fmax(far, np.fmax.reduce(np.abs(result[name]).reshape(len(table), -1), axis=1, initial=0.0))
     moved = changed(table, APART)
-    return replace(moved, gaps=moved.gaps + APART * np.where(np.isfinite(far), far, 0.0)[:, None])
+    far = np.where(np.isfinite(far), far, 0.0)[:, None] * (table.gaps > 0.0)  # floors at rest on each other stay so
+    return replace(moved, gaps=moved.gaps + APART * far)
 
 
 def run_once(task: ChunkTask) -> Values:
@@ -99,12 +100,25 @@ def run_once(task: ChunkTask) -> Values:
 
 
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
-    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values."""
-    worst = np.zeros(len(fine["status"]))
-    for name, error in relative_errors(outputs, coarse, fine).items():  # of what varies smoothly a part by `leeway`
-        worst = np.maximum(worst, error / leeway if get_variable(name).dtype == "f8" else error)
+    """Relative differences of outputs between two runs, shape (n, outputs); infinite where one has no values."""
     lost = (coarse["status"] == Status.DIVERGED) | (fine["status"] == Status.DIVERGED)
-    return np.where(lost, np.inf, worst)
+    errors = np.zeros((len(lost), len(outputs)))
+    for i, (name, error) in enumerate(relative_errors(outputs, coarse, fine).items()):
+        errors[:, i] = error / (leeway if fine[name].dtype.kind == "f" else 1.0)  # a part of what varies smoothly
+    return np.where(lost[:, None], np.inf, errors)
+
+
+def mark_unsettled(result: Values, outputs: Sequence[str], errors: np.ndarray, accuracy: float) -> None:
+    """Give scenarios with errors beyond `accuracy` their status, and name an output that has one."""
+    estimate = errors.max(axis=1, initial=0.0)
+    if "error_estimate" in result:
+        result["error_estimate"] = estimate
+    # a number of impacts is named where all else is settled
+    weights = np.array([1.0 if result[name].dtype.kind == "f" else 1e-9 for name in outputs])
+    for row in np.flatnonzero(np.isin(result["status"], VALID) & ~(estimate <= accuracy)):
+        result["status"][row] = Status.UNSETTLED
+        worst = int(np.argmax(np.where(errors[row] <= accuracy, 0.0, errors[row] * weights)))
+        result["unsettled_output"][row] = OUTPUT_NAMES.index(outputs[worst])
 
 
 def _run(task: ChunkTask) -> Values:
@@ -112,15 +126,15 @@ def _run(task: ChunkTask) -> Values:
     result = run_once(task)
     if "amplification" in task.outputs:
         moved = run_once(task._replace(table=changed(task.table)))
-        result["amplification"] = differences(comparable(task.outputs), moved, result) / CHANGE
+        result["amplification"] = differences(comparable(task.outputs), moved, result).max(axis=1, initial=0.0) / CHANGE
     return result
 
 
 def _run_refined(task: ChunkTask, accuracy: float) -> Values:
     """Run scenarios until half the step changes no output by more than `accuracy`."""
-    kernel, record, table, _, outputs = task
-    rows, result, halvings = np.arange(len(table)), Values(), 0
-    estimate = np.full(len(table), np.inf)
+    kernel, record, table, *_ = task
+    rows, result, halvings, outputs = np.arange(len(table)), Values(), 0, comparable(task.outputs)
+    errors = np.full((len(table), len(outputs)), np.inf)
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
         kernel, halvings = halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
@@ -130,8 +144,8 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
             coarse = run_once(task._replace(table=apart(task.kernel, table, fine)))
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
-        estimate[rows] = differences(comparable(outputs), coarse, fine, leeway(kernel, accuracy, allowed))
-        rest = (estimate[rows] > allowed) | ~np.isin(fine["status"], VALID)
+        errors[rows] = differences(outputs, coarse, fine, leeway(kernel, accuracy, allowed))
+        rest = (errors[rows].max(axis=1, initial=0.0) > allowed) | ~np.isin(fine["status"], VALID)
         if len(rows) == len(table):
             result = fine
         else:
@@ -140,18 +154,24 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     if not halvings:  # half the step is more of them than can be run
         result = run_once(task)
-    result["status"][np.isin(result["status"], VALID) & ~(estimate <= accuracy)] = Status.UNSETTLED
-    return {**result, "error_estimate": estimate}
+    mark_unsettled(result, outputs, errors, accuracy)
+    return result
 
 
 def run_scenarios(task: ChunkTask) -> Values:
     """Run scenarios to the kernel's accuracy, or at its step, and what else their outputs ask for; see `run_once`."""
-    kernel, record, table, _, outputs = task
+    kernel, record, table, *_ = task
     if kernel.accuracy is not None:
         return _run_refined(task, kernel.accuracy)
-    result = _run(task)
-    if "error_estimate" in outputs:
-        fine = run_once(task._replace(kernel=halved(kernel, record), table=apart(kernel, table, result)))
-        result["error_estimate"] = estimate = differences(comparable(outputs), result, fine)
-        result["status"][np.isin(result["status"], VALID) & ~(estimate <= SETTLED)] = Status.UNSETTLED
+    result, outputs = _run(task), comparable(task.outputs)
+    # floors that rest on each other magnify errors by any factor: either run errs as much as the other
+    least = -np.inf if kernel.numerics.scheme.flies_exactly else kernel.law.thickness
+    resting = np.asarray((table.gaps <= least).any(axis=1))
+    rows = np.flatnonzero(resting | ("error_estimate" in task.outputs))
+    if len(rows):
+        coarse, errors = {name: values[rows] for name, values in result.items()}, np.zeros((len(table), len(outputs)))
+        part = task.part(rows)._replace(kernel=halved(kernel, record))
+        fine = run_once(part._replace(table=apart(kernel, part.table, coarse)))
+        errors[rows] = differences(outputs, coarse, fine, np.where(resting[rows], ROUNDS, 1.0))
+        mark_unsettled(result, outputs, errors, SETTLED)
     return result

@@ -371,7 +371,7 @@ def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
 #: Lower, median and upper fractile of a suite: a normal variable's mean and one standard deviation to each side.
 QUANTILES = (0.16, 0.5, 0.84)
 #: Results that are no response.
-_NO_RESPONSES = {"status", "origin", "run", "energy_residual", "steps_per_contact", "time_step"}
+_NO_RESPONSES = {*(name for name, variable in VARIABLES.items() if variable.always), "energy_residual", "time_step"}
 _NO_RESPONSES |= {"collapse_time", "collapsed_storey"}
 
 

@@ -28,8 +28,8 @@ from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.spec.design import Design, design_of
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
-_ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_residual", "first_impact_time"}
-_ASIDE |= {"origin", "run", "collapse_time"}
+_ASIDE = {"time_step", "error_estimate", "energy_residual", "first_impact_time", "collapse_time"}
+_ASIDE |= {name for name, variable in VARIABLES.items() if variable.always}
 #: Times that the points are drawn anew for an interval.
 RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
