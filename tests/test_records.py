@@ -12,10 +12,11 @@ import pytest
 from record_files import CSV_TEXT, at2, save
 from scipy.integrate import cumulative_simpson
 
-from pounding_sweep.base.errors import InputError, RecordError
+from pounding_sweep.base.errors import InputError, MissingRecordError, RecordError
 from pounding_sweep.records import (
     PULSES,
     RECORDS_VARIABLE,
+    Reading,
     Record,
     find_record,
     list_records,
@@ -26,6 +27,7 @@ from pounding_sweep.records import (
     resolve_records,
     synthetic_record,
 )
+from pounding_sweep.records.catalogue import describe_files
 
 # --- the record itself ------------------------------------------------------------------------------------------
 
@@ -201,6 +203,65 @@ def test_list_records_shows_bad_files_beside_good_ones(folder):
         if isinstance(record, Record):
             assert find_record(name) == record
     assert "no such folder" in dict(list_records(folder / "nowhere"))[str(folder / "nowhere")]
+
+
+def test_folders_and_patterns(tmp_path):
+    """In order of file name, each with the folder or pattern that found it."""
+    recs = tmp_path / "recs [1]"
+    (recs / "sub").mkdir(parents=True)
+    for name in ("ARL360.AT2", "ARL090.AT2", "STM090.AT2", "b.csv", "notes.md", "sub/C.AT2"):
+        save(recs, CSV_TEXT if name == "b.csv" else at2(), name)
+    names = {
+        "recs [1]": ["ARL090", "ARL360", "STM090", "b"],
+        "recs [1]/A*.AT2": [],  # brackets are those of a pattern
+        "recs ?1?/A*.AT2": ["ARL090", "ARL360"],
+        "recs*/**/*.AT2": ["ARL090", "ARL360", "STM090", "C"],
+        "recs ?1?/?.csv": ["b"],
+    }
+    for item, expected in names.items():
+        if not expected:
+            with pytest.raises(MissingRecordError, match="no record file matches; check the path"):
+                resolve_records([item], base=tmp_path)
+            continue
+        records = resolve_records([item], base=tmp_path)
+        assert [record.name for record in records] == expected
+        assert {record.reading.group for record in records} == {item}
+    assert [r.name for r in resolve_records("*.AT2", base=recs / "sub")] == ["C"]
+    assert [r.name for r in resolve_records(recs / "sub")] == ["C"]
+    mixed = resolve_records(["el_centro", "recs [1]/sub", "recs ?1?/A*", recs / "b.csv"], base=tmp_path)
+    assert [record.name for record in mixed] == ["el_centro", "C", "ARL090", "ARL360", "b"]
+    assert describe_files(mixed) == [
+        ("recs [1]/sub", "record files in order of name: 1"),
+        (
+            "recs ?1?/A*",
+            "record files in order of name: 2; components of one station are records of their own: ARL090 and ARL360",
+        ),
+    ]
+    with pytest.raises(RecordError, match="same name"):
+        resolve_records(["recs ?1?/A*", "recs [1]"], base=tmp_path)
+    (recs / "empty").mkdir()
+    with pytest.raises(MissingRecordError, match="empty: no record file matches"):
+        resolve_records([recs / "empty"])
+
+
+@pytest.mark.parametrize(
+    ("names", "stations"),
+    [
+        (["RSN949_NORTHR_ARL090", "RSN949_NORTHR_ARL360"], ["RSN949_NORTHR_ARL090 and RSN949_NORTHR_ARL360"]),
+        (["MYG002.EW", "MYG002.NS", "MYG002.UD"], ["MYG002.EW and MYG002.NS and MYG002.UD"]),
+        (["TCU045-E", "TCU045-N"], ["TCU045-E and TCU045-N"]),
+        (["HI.ARS1..HNE.D", "HI.ARS1..HNN.D"], ["HI.ARS1..HNE.D and HI.ARS1..HNN.D"]),
+        (["rec001", "rec002", "rec003"], []),  # numbers, not azimuths
+        (["one", "two"], []),
+    ],
+)
+def test_components_of_one_station(names, stations):
+    reading = Reading("g", "", "", group="recs")
+    records = [Record(name, 0.01, [1.0], reading=reading) for name in names]
+    ((group, text),) = describe_files(records)
+    assert group == "recs"
+    assert text.partition("of their own: ")[2] == ", ".join(stations)
+    assert describe_files([Record("alone090", 0.01, [1.0]), Record("alone360", 0.01, [1.0])]) == []
 
 
 def test_resolve_records(folder, tmp_path_factory, monkeypatch):

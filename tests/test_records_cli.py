@@ -37,6 +37,23 @@ def folder(tmp_path):
     return path
 
 
+@pytest.mark.filterwarnings("always:a record:UserWarning")  # printed, as in a process of its own
+def test_folders_and_patterns_in_sweep_files(tmp_path, folder):
+    """The plan says how many records were found, and that components of one station are several."""
+    (folder / "ARL360.AT2").write_text(at2(60))
+    for item in ('"records/*.AT2"', '"records"', '{ path = "records/A*", scale = 0.5 }'):
+        plan = call("plan", write(tmp_path, asking(item))).stdout
+        assert "record files in order of name: 2; components of one station are" in " ".join(plan.split())
+        assert plan.index("ARL090  ") < plan.index("ARL360  ")
+        report = json.loads(call("plan", write(tmp_path, asking(item)), "--json").stdout)
+        assert [record["name"] for record in report["records"]][1:] == ["ARL090", "ARL360"]
+        assert {record["scale"] for record in report["records"][1:]} == {0.5 if "scale" in item else 1.0}
+    failed = call("plan", write(tmp_path, asking('"records/*.V2"')), code=2).stderr
+    assert "records/*.V2: no record file matches" in failed
+    report = call("plan", write(tmp_path, asking('"records/*.V2"')), "--skip-missing-records", "--json").stdout
+    assert json.loads(report)["records_left_out"] == ["records/*.V2"]
+
+
 # -- records -----------------------------------------------------------------------------------------------------------
 
 

@@ -101,15 +101,15 @@ def read_as(record: Record) -> dict[str, Any]:
         "dt": record.dt,
         "pga_g": record.pga / STANDARD_GRAVITY,
         "scale": record.scale,
-        **(asdict(reading) if reading else dict.fromkeys(("unit", "unit_from", "step_from", "column"))),
+        **(asdict(reading) if reading else dict.fromkeys(("unit", "unit_from", "step_from", "column", "group"))),
         "read": str(reading or record.source or "not from a file"),
         "source": record.source,
     }
 
 
-def print_read(rows: list[dict[str, Any]], missing: list[str]) -> None:
-    """Print what was read of each record of a sweep, one line a record; of very many the first."""
-    lines = []
+def print_read(rows: list[dict[str, Any]], missing: list[str], files: list[tuple[str, str]]) -> None:
+    """Print what folders and patterns gave, and what was read of each record of a sweep; of very many the first."""
+    lines = list(files)
     for row in rows[:_LISTED]:
         scale = "" if row["scale"] == 1.0 else " (scaled by {scale:.4g})"
         text = "{points} points, dt {dt:g} s, PGA {pga_g:.4g} g" + scale + "; {read}"

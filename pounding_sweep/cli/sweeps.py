@@ -168,12 +168,14 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
 
 def _description(sweep: Sweep) -> dict[str, Any]:
     """Describe the row, records and laws of a sweep."""
+    from pounding_sweep.records.catalogue import describe_files
     from pounding_sweep.spec.spec import overview
 
     spec = sweep.spec
     return {
         "row": [{"name": name, "about": text} for name, text in overview(spec.scene)],
         "records": [read_as(record) for record in spec.records],
+        "record_files": describe_files(spec.records),
         "records_left_out": list(spec.records_left_out),
         "own_laws": {law.key: law.sha256 for law in spec.own_laws},
     }
@@ -182,7 +184,7 @@ def _description(sweep: Sweep) -> dict[str, Any]:
 def _print_description(report: dict[str, Any]) -> None:
     print_pairs([(item["name"], item["about"]) for item in report["row"]])
     print()
-    print_read(report["records"], report["records_left_out"])
+    print_read(report["records"], report["records_left_out"], report["record_files"])
 
 
 #: What is said of a sweep with a gap of 0.

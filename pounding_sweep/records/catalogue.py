@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import glob
 import importlib.resources
 import importlib.util
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.files import FilePath, expanded, near_file, read_data
+from pounding_sweep.base.text import printable
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Reading, Record
 
@@ -300,17 +302,60 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
     return list(listed.items())
 
 
+def read_files(item: FilePath, base: FilePath | None, read: Callable[[Path], Record]) -> list[Record] | None:
+    """Read the files that a folder or a pattern (with *, ? or [) stands for, in order of name; None for other items."""
+    text, path = os.fspath(item), Path(base or "") / expanded(item)
+    folder, named = os.path.isdir(path), _plain_name(text) in {"", *KNOWN_RECORDS, *RECORD_SETS}
+    if named or os.path.isfile(path) or not (folder or glob.has_magic(text)):
+        return None
+    matches = glob.glob(os.path.join(glob.escape(os.fspath(base or "")), expanded(item)), recursive=True)
+    files = _files(path) if folder else sorted(filter(Path.is_file, map(Path, matches)))
+    if not files:
+        raise MissingRecordError(f"{path}: no record file matches; check the path", text)
+    records = [(record, record.reading) for record in map(read, files)]
+    return [replace(record, reading=reading and replace(reading, group=printable(text))) for record, reading in records]
+
+
+#: The component at the end of a record's name, an azimuth (two are at right angles) or letters, or in the middle.
+_COMPONENT = re.compile(
+    r"(?i)[-_. ]*(?:(?<!\d)(\d{3})|(?:NS|EW|UD)[12]?|[-_.](?:[NEWVZ]|UP|DWN)|H[12])$|(?<=\.)[BEHS][HNLG][ENZ12](?=\.)"
+)
+
+
+def describe_files(records: Iterable[Record]) -> list[tuple[str, str]]:
+    """Say how many records each folder and pattern gave, and which are components of one station."""
+    groups: dict[str, dict[tuple[str, int], list[str]]] = {}
+    for record in records:
+        if record.reading and record.reading.group:
+            match = _COMPONENT.search(record.name)
+            station = _COMPONENT.sub("", record.name), int(match[1]) % 90 if match and match[1] else -1
+            groups.setdefault(record.reading.group, {}).setdefault(station, []).append(record.name)
+    described = []
+    for group, stations in groups.items():
+        several = [" and ".join(names) for names in stations.values() if len(names) in (2, 3)]
+        text = f"record files in order of name: {sum(map(len, stations.values()))}"
+        if several:
+            several[3:] = ["..."] * (len(several) > 3)
+            text += f"; components of one station are records of their own: {', '.join(several)}"
+        described.append((group, text))
+    return described
+
+
 def resolve_records(
     items: Record | FilePath | Iterable[Record | FilePath],
     folders: Folders = None,
     base: FilePath | None = None,
     column: str | int | None = None,
 ) -> list[Record]:
-    """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
+    """Turn records, paths, folders, patterns and names of records and sets into records; no two have the same name."""
     records: list[Record] = []
     for item in [items] if isinstance(items, Record | str | os.PathLike) or not isinstance(items, Iterable) else items:
         group = _plain_name(item) if isinstance(item, str) else None
-        records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
+        read = partial(read_record, column=column)
+        if isinstance(item, str | os.PathLike) and (files := read_files(item, base, read)) is not None:
+            records += files
+        else:
+            records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base, column)]
     numbers: dict[str, int] = {}
     for index, record in enumerate(records, 1):
         if (first := numbers.setdefault(record.name, index)) < index:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -64,20 +62,17 @@ _UNIT = (
     r"hours?|days?)"
 )
 _NOT_COMPONENT = r"(?!(?:ns|h)(?![^\W_]))"
-#: A heading of time in another unit than seconds: "time (ms)", "Time_ms", "t/ms", "time in ms"; or the unit alone.
+#: A heading of time in another unit than seconds: "time (ms)", "t/ms", "time in ms"; or the unit alone, but NS and H.
 _NOT_SECONDS = (
     rf"(?im)(?<![^\W_]){_TIME}(?:[^,;\n]{{0,12}}[(\[]\s*|\s*[_/]\s*|[\s_]+in[\s_]+)({_UNIT})(?![^\W_])"
-    # a heading of its own may mean north-south or horizontal
     rf"|(?<![^\W_]){_TIME}[ \t]+{_NOT_COMPONENT}({_UNIT})(?![^\W_])|^\W*{_NOT_COMPONENT}({_UNIT})\s*[,;\t]"
 )
 _TIME_HEADING = re.compile(rf"\W*(?:(?:relative)?{_TIME}|elapsed|s|secs?|seconds?)(?![^\W_])", re.IGNORECASE)
 #: Headings of spectra, and titles of them.
 _SPECTRAL = re.compile(
-    r"\W*(?:periods?|per[ií]odo|freq\w*|frecuencia|hz|p?s[avd]|fas|(?:pseudo[\s-]*)?spectral|fourier)(?![^\W_])"
-    r"|.*[(\[]\s*(?:hz|rad/s)\s*[)\]]",
-    re.IGNORECASE,
+    r"(?i)\W*(?:periods?|per[ií]odo|freq\w*|frecuencia|hz|p?s[avd]|fas|(?:pseudo[\s-]*)?spectral|fourier)(?![^\W_])"
+    r"|.*[(\[]\s*(?:hz|rad/s)\s*[)\]]"
 )
-_X_HEADING = re.compile(rf"{_SPECTRAL.pattern}|(?:index|n|no|sample|point|step)s?\b", re.IGNORECASE)
 _SPECTRUM = r"^\W*(?:\w+[\s-]+){0,3}?(?:response|fourier)\b.{0,60}\bspectr(?:um|a)\b"
 _INDEX_HEADING = re.compile(
     r"\W*(?:index|idx|i|n|no|nr|num|number|point|points|sample|samples|step|steps|row|id|unnamed\b.*)?\W*",
@@ -100,28 +95,27 @@ _COUNT = r"^\W*(NDATA|NO\. OF POINTS|NUMBER OF DATA|sample_count)\s*:\s*(\d{1,9}
 _DATE = re.compile(r"\s*\"?\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T ]\d+(?::[\d.]+)+Z?)?\"?(?:\s*[,;|]\s*|\s+)")
 #: Headings of components, of which rows of one component have none.
 _COMPONENT = re.compile(r"[NSEWUDHVXYZLT][1-3]?|N-?S|E-?W|U-?D|UP|[NS]\d+[EW]|.*[(\[].*[)\]]", re.IGNORECASE)
-_FILM = "is a film record, digitised at uneven times, which is not read; take the corrected record, of volume 2"
 
 
 def parse_columns(source: RecordText) -> Content:
     """Read columns from the first row of numbers on, or rows of one component."""
     points, where, wraps, start = None, "", source.layout == "rows", 1
     for match, place in source.find(_COUNT, last=MOST_HEADER if source.firm else 1):
-        points, where, start = int(match[2]), f"line {place}", place + 1
         wraps = wraps or match[1] in ("NDATA", "NO. OF POINTS")
+        points, where, start = int(match[2]), f"line {place}", place + 1
     header, line, row = _read_header(source, start)
     steps = stated_steps(source, header)
     # a first line "N dt" or "dt N", perhaps with further numbers, or one with the number of rows below it
-    first, following = _numbers(row) or [], next(_rows(source, line + 1), (line, ""))
+    rows, first = list(_rows(source, line + 1)), _numbers(row) or []
+    second = (_numbers(rows[0][1]) or []) if rows else []
     interval, count = sorted(first[:2]) if len(first) in (2, 3) else (0.0, 0.0)
-    second = _numbers(following[1]) or []
     fits = second and count.is_integer() and count > 1 and 0.0 < interval < 1.0
-    counts_rows = max(first, default=0.0) > 1.0 and sum(1 for _ in _rows(source, line + 1)) in first
+    counts_rows = len(rows) > 1 and len(rows) in first
     if counts_rows or (fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= interval))):
-        intervals = [interval] if fits else [number for number in first if STEP_RANGE[0] <= number <= STEP_RANGE[1]]
         points, where = None if counts_rows else int(count), f"line {line}"
+        intervals = [number for number in first if STEP_RANGE[0] <= number <= STEP_RANGE[1]]
         steps[:0] = [(number, f"{row[:40]!r}, {where}") for number in intervals[:1]]
-        line, row = following
+        line, row = rows[0]
         wraps = wraps or (points is not None and (len(_cells(row)) != 2 or source.numbers(line).size != 2 * points))
     column: str | None = None
     heading: list[tuple[int, str]] = []
@@ -139,7 +133,7 @@ def parse_columns(source: RecordText) -> Content:
     check_quantity(remarks, *heading)
     quoted = [f"{text[:60]!r} (line {place})" for place, text in dict.fromkeys([*heading, *remarks[:2]])]
     title = header[0][1].lstrip("#%!/ ") if len(header) > 1 else ""
-    peak = find_peak(source, last=line, column=number) if source.firm else None
+    peak = find_peak(source, line, number) if source.firm else None
     units = stated_units(remarks, *heading)
     return Content(values, step, units, title, header=", ".join(quoted), column=column, peak=peak)
 
@@ -152,10 +146,8 @@ def _read_header(source: RecordText, start: int) -> tuple[Lines, int, str]:
         if line >= start and (floats(row) if source.layout == "rows" else _numbers(row)):
             return header, line, row
         if (date := _DATE.match(row)) and _numbers(row[date.end() :]):
-            raise RecordError(
-                f"its first column holds dates ({date[0].strip(' ,;')!r}, line {line}), which are not read as times; "
-                "delete that column, and give dt= in seconds"
-            )
+            what = f"{date[0].strip(' ,;')!r}, line {line}"
+            raise RecordError(f"its first column holds dates ({what}), not times; delete it, and give dt= in seconds")
         header += [(line, row[:MOST_HEADER])] if re.search(r"\w", row) else []
     raise RecordError(
         f"has no row of numbers in its first {MOST_HEADER} lines; give a PEER AT2 file, two columns (time, "
@@ -165,19 +157,17 @@ def _read_header(source: RecordText, start: int) -> tuple[Lines, int, str]:
 
 def _check_rows(source: RecordText, header: Lines, line: int, row: str) -> None:
     """Refuse rows that are not values of one component one after another."""
-    columns = len(_cells(row))
+    texts, columns = [text for _, text in _rows(source, line)], len(_cells(row))
     heads = _headings(header[-1][1], row, columns) if header else []
-    if len(heads) > 1 and all(_COMPONENT.fullmatch(head) or _TIME_HEADING.match(head) for head in heads):
-        raise RecordError(f"line {header[-1][0]} heads several components: {heads}; give column= in place of layout")
-    first = np.diff([(_numbers(text) or [0.0])[0] for _, text in islice(_rows(source, line), 50)])
-    if columns > 1 and len(first) > 2 and 0.0 < first.max() < 1.5 * first.min():
-        raise RecordError(f"line {line} begins a column that rises like times; give column= in place of layout")
-    whole = [place for place, text in _rows(source, line) if not re.search(r"[.eE]", text)]
-    if columns > 1 and whole[:1] == [line] and len(whole) < sum(1 for _ in _rows(source, line)):
-        raise RecordError(
-            f"line {line} holds whole numbers, unlike the rows below: is it part of the header? Delete what is above "
-            "the values, or write them as 0.0"
-        )
+    rises, fault = np.diff([(_numbers(text) or [0.0])[0] for text in texts[:50]]), ""
+    if heads and all(_COMPONENT.fullmatch(head) or _TIME_HEADING.match(head) for head in heads):
+        fault = f"line {header[-1][0]} heads several components: {heads}"
+    elif columns > 1 and len(rises) > 2 and 0.0 < rises.max() < 1.5 * rises.min():
+        fault = f"line {line} begins a column that rises like times"
+    elif columns > 1 and not re.search(r"[.eE]", row) and any("." in text for text in texts):
+        fault = f"line {line} holds whole numbers, unlike rows below, as headers do"
+    if fault:
+        raise RecordError(f"{fault}; delete what is above the values, or give column= in place of layout='rows'")
 
 
 def _read_table(
@@ -192,10 +182,9 @@ def _read_table(
             where, heads = place, names
     motion = [head for head in heads if re.search(ACC, head, re.IGNORECASE) and not _SPECTRAL.match(head)]
     timed = [index for index, head in enumerate(heads) if _TIME_HEADING.match(head)]
-    spectral = [(place, head) for place, head in [(where, head) for head in heads] if _SPECTRAL.match(head)]
+    spectral = [(where, head) for head in heads if _SPECTRAL.match(head)]
     spectral += [] if timed else [(place, match[0]) for match, place in source.find(_SPECTRUM, last=line)]
-    if columns > 1 and spectral and not (timed and motion):
-        place, words = spectral[0]
+    for place, words in spectral if columns > 1 and not (timed and motion) else ():
         raise not_acceleration("a spectrum", f"{words.strip()!r}, line {place}")
     if columns > 1 and re.search(_NOT_SECONDS, text):
         raise RecordError(f"its times are not in seconds ({text[:24]!r}); convert them")
@@ -281,11 +270,10 @@ def _headings(line: str, row: str, columns: int) -> list[str]:
         if plain.startswith("DataSequence:"):  # of CWA: "DataSequence: Time U(+); N(+); E(+)"
             splits.append(re.findall("[A-Za-z]+", plain)[1:])
     for heads in splits:
-        if any(map(NUMBER.fullmatch, heads)) and not _TIME_HEADING.match(heads[0]):
-            continue
-        # two words are a title, unless they look like headings
-        known = any(_TIME_HEADING.match(head) or re.search(r"[(\[]", head) for head in heads) or _X_HEADING.match(plain)
-        if separators[0] == " " and columns == 2 and not known and not all(map(_COMPONENT.fullmatch, heads)):
+        # two words are a title, unless they look like headings; numbers are none
+        known = any(_TIME_HEADING.match(head) or re.search(r"[(\[]", head) for head in heads) or _SPECTRAL.match(plain)
+        title = separators[0] == " " and columns == 2 and not known and not all(map(_COMPONENT.fullmatch, heads))
+        if title or (any(map(NUMBER.fullmatch, heads)) and not _TIME_HEADING.match(heads[0])):
             continue
         if len(heads) == columns and (same or _TIME_HEADING.match(heads[0]) or _INDEX_HEADING.fullmatch(heads[0])):
             return [head.strip("\"' ") for head in heads]
@@ -316,7 +304,6 @@ def _numbers(row: str) -> list[float] | None:
 
 
 # --- NIED's CSV and GeoCSV: columns behind one of dates; ObsPy's and IRIS' lists of values, perhaps with dates --------
-# https://www.kyoshin.bosai.go.jp, http://geows.ds.iris.edu/documents/GeoCSV.pdf
 
 _TRACE = rf"^TIMESERIES\s+([^\s,]+),\s*(\d{{1,9}}) samples,\s*({NUMBER.pattern} sps),[^,]*,[^,]*,[^,]*(?:,(.*))?$"
 
@@ -338,12 +325,10 @@ def _parse_timeseries(source: RecordText) -> Content:
     traces = source.find(_TRACE)
     chosen, column = source.choose({i: match[1] for i, (match, _) in enumerate(traces, 1)})
     match, line = traces[chosen - 1]
-    part = replace(source, lines=_without_dates(source.lines[: traces[chosen][1] - 1 if traces[chosen:] else None]))
-    values, where = part.numbers(line + 1, int(match[2]), f"line {line}"), f"its last word, line {line}"
-    units = [Stated(match[4].strip(), where)] if match[4] and match[4].strip() else []
-    return Content(
-        values, choose_step(source, stated_steps(source, [(line, match[3])])), units, match[1], column=column
-    )
+    values = replace(source, lines=_without_dates(source.lines)).numbers(line + 1, int(match[2]), f"line {line}")
+    units = [Stated(word, f"its last word, line {line}") for word in (match[4] or "").split()[:1]]
+    step = choose_step(source, stated_steps(source, [(line, match[3])]))
+    return Content(values, step, units, match[1], column=column)
 
 
 # --- COSMOS: a line of points, step and unit above the values --------------------------------------------------------
@@ -356,11 +341,9 @@ def _parse_cosmos(source: RecordText) -> Content:
     blocks = [(match, line) for match, line in above if match[2].lower().startswith("acc")]
     if not blocks:
         raise not_acceleration(above[0][0][2].lower(), f"line {above[0][1]}")
-    headings = source.find(r"\bChan(?:nel)?\s*\d+")
-    above_block = [bisect_left(headings, line, key=lambda heading: heading[1]) for _, line in blocks]
-    chosen, column = source.choose(
-        {i: headings[n - 1][0][0] if n else f"channel {i}" for i, n in enumerate(above_block, 1)}
-    )
+    headings = source.find(r"\bChan(?:nel)?\s*\d+")[::-1]
+    names = (next((head[0] for head, at in headings if at < line), "a channel") for _, line in blocks)
+    chosen, column = source.choose(dict(enumerate(names, 1)))
     match, line = blocks[chosen - 1]
     stated = [(line, " ".join(source.lines[line - 1][:MOST_HEADER].split()))]
     steps = stated_steps(source, stated)
@@ -371,8 +354,8 @@ def _parse_cosmos(source: RecordText) -> Content:
             steps = [(step, f"real header, number {place}") for step, place in places if step > 0.0][:1]
     values = source.numbers(line + 1, int(match[1]), f"line {line}")
     title = " ".join(source.lines[0].split())
-    peak = find_peak(source, max((above_line for _, above_line in above if above_line < line), default=1), line)
-    return Content(values, choose_step(source, steps), stated_units(stated), title, column=column, peak=peak)
+    step, peak = choose_step(source, steps), find_peak(source, line)
+    return Content(values, step, stated_units(stated), title, column=column, peak=peak)
 
 
 # --- GeoNet: for each component lines of text, perhaps 100 numbers, then values ten a row ----------------------------
@@ -400,7 +383,7 @@ def _parse_geonet(source: RecordText) -> Content:
         check_count(count, len(values), f"line {start}")
     units = [Stated(unit[2] or unit[3], f"{unit[0]!r}, line {line}")]
     title = f"{source.lines[start].strip()}, {names[chosen]}"
-    values, peak = values[:count] * float(unit[1] or 1.0), find_peak(source, start, first)
+    values, peak = values[:count] * float(unit[1] or 1.0), find_peak(source, first)
     return Content(values, choose_step(source, steps), units, title, column=column, peak=peak)
 
 
@@ -429,7 +412,7 @@ def _parse_knet(source: RecordText) -> Content:
         motion = (motion - motion.mean()) * (to_float(scale[1]) / to_float(scale[2]))
     fields = {text[:18].strip(): text[18:].strip() for text in source.lines[: end[0]]}
     title = f"{fields.get('Station Code')} {fields.get('Dir.')}, earthquake of {fields.get('Origin Time')}"
-    return Content(motion, step, [Stated("gal", "Scale Factor, in gal")], title, peak=find_peak(source, last=end[0]))
+    return Content(motion, step, [Stated("gal", "Scale Factor, in gal")], title, peak=find_peak(source, end[0]))
 
 
 # --- PEER: a header with the number of points and the time step, then accelerations row by row -----------------------
@@ -457,7 +440,7 @@ def _parse_peer(source: RecordText) -> Content:
     default = ("g", "AT2 files are in g unless they say otherwise") if peer else None
     # words behind IN that are no known unit, and factors between units, leave no default
     units, last = stated_units(header), len(header) + 1
-    phrases = ([] if units else source.find(BEHIND_IN, last=last)) + source.find(rf"{CONVERTED}\S*", last=last)
+    phrases = ([] if units else source.find(BEHIND_IN, last=last)) + source.find(rf"(?<!\d){CONVERTED}\S*", last=last)
     units += [Stated(match[match.re.groups].strip(), f"{match[0][:60]!r}, line {line}") for match, line in phrases]
     return Content(values, step, units, "".join(titles[:2][-1:]), default)
 
@@ -466,25 +449,18 @@ def _parse_peer(source: RecordText) -> Content:
 # https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html
 
 
-#: SMC's mark of a real number that is missing is 1.7e38.
-_SMC_MISSING = 1e38
-
-
 def _parse_smc(source: RecordText) -> Content:
     lines, title = source.lines, source.lines[0].strip()
     if match := re.search("velocity|displacement|spectra", title, re.IGNORECASE):
-        quantity = match[0].lower().replace("spectra", "a spectrum")
-        raise not_acceleration(quantity, f"{title!r}, line 1")
+        raise not_acceleration(match[0].lower().replace("spectra", "a spectrum"), f"{title!r}, line 1")
     integers, real = (floats(" ".join(lines[first:last])) for first, last in ((11, 17), (17, 27)))
     if not integers or not real or len(integers) != 48 or len(real) != 50:
         raise RecordError("lines 12 to 27 are not the numbers of an SMC header; get the file again")
     where = f"second real number of the header, {real[1]:g} samples/s, line 18"
-    steps = [(1.0 / (real[1] or float("nan")), where)] if real[1] < _SMC_MISSING else []
-    if not steps and "UNCORRECTED" in title.upper():
-        raise RecordError(f"{_FILM} ({title!r}, line 1)")
-    remarks, points = (int(number) for number in integers[15:17])
+    steps = [(1.0 / (real[1] or float("nan")), where)] if real[1] < 1e38 else []  # 1.7e38: missing
+    remarks, points = map(int, integers[15:17])
     first = 28 + remarks if remarks >= 0 else next(n for n, text in enumerate(lines[27:], 28) if text[:1] != "|")
-    step, peak = choose_step(source, steps), find_peak(source, last=12)
+    step, peak = choose_step(source, steps), find_peak(source, 12)
     values = source.numbers(first, points if points >= 0 else None, "the number of points")
     return Content(values, step, [Stated("cm/s2", "that of SMC files")], " ".join(lines[5].split()), peak=peak)
 
@@ -602,7 +578,8 @@ def read_record(
         source = replace(text, dt=dt, column=column, layout=layout, firm=reader is not READERS[-1])
         content = _PARSERS[reader.parser](source)
         unit, unit_from = choose_unit(content, wanted)
-        check_peak(content, unit)
+        if content.peak:
+            check_peak(content.peak, content.values, unit)
         if "in place of" in unit_from:
             warnings.warn(f"{file}: units={wanted!r} is {unit_from}", UserWarning, stacklevel=2)
         with np.errstate(over="ignore"):

@@ -113,9 +113,9 @@ class RecordText:
         wanted, numbers = str(self.column).strip().lower(), list(headings)
         if self.column is not None:
             plain = {number: re.sub(r"\s*[(\[].*", "", heading).lower() for number, heading in headings.items()}
-            named = [n for n, heading in headings.items() if wanted in (heading.lower(), plain[n])]
-            by_name = named and not isinstance(self.column, int)  # headings may be numbers
-            numbers = named if by_name else [n for n in headings if wanted == str(n)]
+            numbers = [n for n, heading in headings.items() if wanted in (heading.lower(), plain[n])]
+            if not numbers or isinstance(self.column, int):  # headings may be numbers
+                numbers = [n for n in headings if wanted == str(n)]
         elif len(headings) > 1:
             raise RecordError(f"has {len(headings)} components: {listed}; give column= a heading or a number")
         if len(numbers) != 1:
@@ -180,22 +180,18 @@ def plain_words(block: str) -> Array | None:
 def load_text(file: Path, record: str) -> RecordText:
     """Read a regular file of bounded size as text, whatever its encoding; `record` is the name it is read for."""
     try:
-        status, raw = file.stat(), b""
-        if stat.S_ISREG(status.st_mode) and status.st_size <= MAX_FILE_BYTES:  # opening a pipe would wait for ever
-            with file.open("rb") as stream:
-                raw = stream.read(status.st_size + 1)  # memory for what is asked is taken at once
+        status = file.stat()
+        regular, size = stat.S_ISREG(status.st_mode), status.st_size
+        raw = file.read_bytes() if regular and size <= MAX_FILE_BYTES else b""  # opening a pipe would wait for ever
     except FileNotFoundError:
         about = "check the path; by name alone a sweep finds records in the folders of POUNDING_SWEEP_RECORDS"
         raise MissingRecordError(f"{file}: no such file; {near_file(file)}{about}", record) from None
     except (OSError, ValueError) as error:
         raise RecordError(f"can't be read: {getattr(error, 'strerror', None) or error}") from None
-    if not stat.S_ISREG(status.st_mode):
+    if not regular:
         raise RecordError("is a folder or a device; give a file")
-    if status.st_size > MAX_FILE_BYTES:
-        limit = f"{MAX_FILE_BYTES // 2**20} MiB are refused"
-        raise RecordError(
-            f"has {status.st_size / 2**20:.0f} MiB; files of more than {limit}: is it a record? If so, cut it"
-        )
+    if size > MAX_FILE_BYTES:
+        raise RecordError(f"has {size / 2**20:.0f} MiB; more than {MAX_FILE_BYTES // 2**20} MiB are refused; cut it")
     for pattern, what in read_data("records.toml")["not_read"].items():
         if re.match(pattern.encode(), raw, re.DOTALL | re.IGNORECASE):
             raise RecordError(f"is {what}")
@@ -222,18 +218,18 @@ _SIGNS = str.maketrans({"²": "2", "⁻": "-", "_": "/", **dict.fromkeys("^*·")
 
 ACC = r"(?<![^\W_])(?:acc(?:n|l|[eé]l(?:[eé]ration)?s?)?|acel(?:eraci[oó]n)?|accelerazione|beschl(?:eunigung)?|ivme)"
 _S = r"s(?:ec(?:ond)?s?)?"
-ACCELERATION_UNIT = (
+_ACCELERATION_UNIT = (
     rf"(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}[\s/_^*·]*(?:{_S}(?![^\W_])|[-⁻]?\s?[2²])|mps2|(?:m|%\s?|milli-?|percent\s?)?g(?:'s)?"
     r"|gals?)(?![^\W_])"
 )
-_UNIT = rf"(?:{ACCELERATION_UNIT}|(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}(?:-1)?|mps|[cm]?m|in(?:ch)?|ft|counts?)(?![^\W_]))"
+_UNIT = rf"(?:{_ACCELERATION_UNIT}|(?:(?:[cm]?m|in|ft)[\s/_·*]*{_S}(?:-1)?|mps|[cm]?m|in(?:ch)?|ft|counts?)(?![^\W_]))"
 #: What stands behind the name of an acceleration: perhaps its component, then the unit and nothing else.
-_BEHIND = rf"(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?(?P<unit>{ACCELERATION_UNIT})"
+_BEHIND = rf"(?:(?:[xyzhvneu123]|ns|ew|ud|n-s|e-w|u-d|h[12])[\s_.,:;/-]+)?(?:in\s+)?(?P<unit>{_ACCELERATION_UNIT})"
 #: Units of a column by its heading: in brackets at its end, behind the word acceleration, or as the heading.
 _HEADING_UNITS = (
     rf"[(\[]\s*(?P<unit>{_UNIT}\.?|[^()\[\]\n]{{0,24}}/[^()\[\]\n]{{0,24}}?)\s*[)\]]\W*$",
     rf"{ACC}(?![^\W_])[\s_.,:;/=-]*{_BEHIND}\W*(?:[(\[].*)?$",
-    rf"^\W*(?P<unit>(?!g\W*$){ACCELERATION_UNIT})\W*$",
+    rf"^\W*(?P<unit>(?!g\W*$){_ACCELERATION_UNIT})\W*$",
 )
 _UNITS = (
     r"(?:\bin\s+)?(?:\b|(?<=amplitude)|(?<=field_))(?:units?|unidad(?:es)?|einheit(?:en)?|unit[ée]s?)\b\s*"
@@ -243,12 +239,12 @@ _UNITS = (
 _END = r"(?=\s*(?:[.,;:()\[\]]|$))"
 #: Units that a line of a header states: after "units", or else after "in", or behind the word acceleration.
 _REMARK_UNITS = (
-    (rf"{_UNITS}(?:utc[\s|]+|(?:[^,;()\[\]\n]{{1,20}}[,;]\s*){{0,3}}?)(?P<unit>{ACCELERATION_UNIT}){_END}",),
+    (rf"{_UNITS}(?:utc[\s|]+|(?:[^,;()\[\]\n]{{1,20}}[,;]\s*){{0,3}}?)(?P<unit>{_ACCELERATION_UNIT}){_END}",),
     (rf"{_UNITS}(?:{_S}\s*[,;]\s*|utc[\s,;|]+)?(?P<unit>{_UNIT}){_END}",),
     (rf"{_UNITS}(?(sign)|(?(bracket)|(?!)))(?!\s*(?:{_S}|ms|min|hz?)\s*(?:$|[,;)\]]))(?P<unit>[^()\[\],;\n]{{1,40}})",),
     (
         rf"{ACC}\.?(?:[ \t]+[^\W\d_]+){{0,3}}?[ \t]*[(\[]\s*(?P<unit>[^()\[\]\n]{{1,24}}?)\s*[)\]]",
-        rf"\b(?:in|en)\s+(?P<unit>(?!m?g\b){ACCELERATION_UNIT}|counts?){_END}",
+        rf"\b(?:in|en)\s+(?P<unit>(?!m?g\b){_ACCELERATION_UNIT}|counts?){_END}",
         rf"(?:{ACC}.{{0,80}}?|(?:values?|data|amplitudes?|motions?|samples|ordinates|series)\s+)\b(?:in|en)\s+"
         rf"(?P<unit>m?g(?:'s)?){_END}",
         rf"{ACC}(?![^\W_])[\s_.:/=-]*{_BEHIND}(?=[\s.]*(?:[,;|\t]|$))",
@@ -317,37 +313,30 @@ def check_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | 
 
 #: Peaks that headers state, of the values as they are: one number, or one of each column.
 _PEAK = (
-    r"(?:^peak value\s*:|^PGA_(\S+?)\s*:|^(?:raw )?PGA values?\s*\((\w+)\)\s*:|(?<!uncor )\bmax\s*="
-    r"|^peak +acceleration\s*=|^acceleration: +peak\b|\bpk(?: +acc)?\s*=|^acel\. max\.\s*\((\w+)\), C1-C6\s*:"
-    r"|^max\. acc\. \((\w+)\))(.*)"
+    r"(?:^peak value\s*:|^PGA_\S+?\s*:|(?<!uncor )\bmax\s*=|^peak +acceleration\s*=|^acceleration: +peak\b"
+    r"|\bpk(?: +acc)?\s*=|^max\. acc\.|(^(?:raw )?PGA values?\b|^acel\. max\..*, C1-C6))(.*)"
 )
 
 
-def find_peak(source: RecordText, first: int = 1, last: int | None = None, column: int = 1) -> Peak | None:
-    """Find the peak of a column that the header between two lines states."""
-    for match, line in source.find(_PEAK, first, last):
-        ahead = match[1] or match[2] or match[3] or match[4] or ""
-        numbers = list(NUMBER.finditer(re.sub(r"\([^)]*\)", "", match[5])))
-        index = column - 1 if match[2] or match[3] else 0
-        if index < len(numbers) and (value := to_float(numbers[index][0])):
-            behind = re.match(r"\s*([^\s,]+)", numbers[index].string[numbers[index].end() :])
-            unit = match_unit(ahead or (behind[1] if behind else "")) or ""
-            places = len(numbers[index][0].lower().partition("e")[0].partition(".")[2])
-            return Peak(value, unit, 10.0**-places, f"{' '.join(match[0].split())[:60]!r}, line {line}")
+def find_peak(source: RecordText, last: int, column: int = 1) -> Peak | None:
+    """Find the peak of a column that the header before a line states: the last one, where components follow another."""
+    for match, line in reversed(source.find(_PEAK, last=last)):
+        numbers = NUMBER.findall(re.sub(r"\(.*?\)", "", match[2]))[column - 1 if match[1] else 0 :]
+        if numbers and (value := to_float(numbers[0])):
+            units = filter(None, map(match_unit, re.split(r"[\s(),:_]+", match[0])))
+            last_place = 10.0 ** -len(numbers[0].partition(".")[2])
+            return Peak(value, next(units, ""), last_place, f"{' '.join(match[0].split())[:60]!r}, line {line}")
     return None
 
 
-def check_peak(content: Content, unit: str) -> None:
+def check_peak(peak: Peak, values: Array, unit: str) -> None:
     """Refuse values that do not reach the peak that their header states, or exceed it."""
-    if (peak := content.peak) is None:
-        return
     ratio = UNITS[peak.unit or unit] / UNITS[unit]
-    stated, reached = abs(peak.value) * ratio, float(np.abs(content.values).max(initial=0.0))
+    stated, reached = abs(peak.value) * ratio, float(np.abs(values).max(initial=0.0))
     if np.isfinite(reached) and abs(reached - stated) > 0.02 * stated + peak.last_place * ratio:
         raise RecordError(
             f"its header states a peak of {stated:.4g} {unit} ({peak.where}), its values reach {reached:.4g} {unit}: "
-            "the unit is another one, or the file was scaled, cut or damaged; get it again, give units=, or correct "
-            "the peak in the header"
+            "in another unit, scaled, cut or damaged; get the file again, give units=, or correct the peak"
         )
 
 
@@ -360,14 +349,7 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
             stated.setdefault(match_unit(item.text) or item.text, item)
     valid = [unit for unit in stated if unit in UNITS]
     if others and not valid:
-        quantity, where = _QUANTITIES[plain_unit(others[0].text)], others[0].where
-        if quantity != "counts":
-            raise not_acceleration(quantity, where)
-        if not wanted:
-            raise RecordError(
-                f"holds counts, not acceleration ({where}); take the file of the acceleration, or give units= and "
-                "scale= for what one count is"
-            )
+        raise not_acceleration(_QUANTITIES[plain_unit(others[0].text)], others[0].where)
     if wanted:
         over = " and ".join(item.where for unit, item in stated.items() if unit != wanted)
         return wanted, f"given{', in place of ' + over if over else ''}"
@@ -386,7 +368,6 @@ def choose_unit(content: Content, wanted: str | None) -> tuple[str, str]:
 
 
 _SECONDS = {name: float(size) for size in _SPELLINGS["seconds"] for name in _SPELLINGS["seconds"][size]}
-_RATES = ("hz", "sps")
 _STEP = (
     r"(?i)(?<![^\W_])"
     r"(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
@@ -416,7 +397,7 @@ def stated_steps(source: RecordText, lines: Iterable[tuple[int, str]]) -> list[S
         for match in re.finditer(_STEP, text):
             unit = (match[1] or match[3]).lower()
             number, where = to_float(match[2]), f"{match[0].strip()!r}, line {line}"
-            if unit in _RATES:
+            if unit in ("hz", "sps"):
                 steps.append((1.0 / (number or float("nan")), where))
             elif match[1] is None or unit in _SECONDS:
                 steps.append((number * _SECONDS.get(unit, float("nan")), where))
@@ -440,9 +421,8 @@ def choose_step(source: RecordText, stated: Sequence[Step]) -> Step:
     different = list({f"{step:.6g}": (step, where) for step, where in reversed(stated)}.values())
     if source.dt is not None:
         wrong = [(step, where) for step, where in different if abs(step - source.dt) > 1e-6 * step]
-        for step, where in wrong if source.firm else ():
-            if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
-                continue
+        if wrong and source.firm and STEP_RANGE[0] <= wrong[0][0] <= STEP_RANGE[1]:
+            step, where = wrong[0]
             raise RecordError(f"its time step is {step:g} s, dt={source.dt:g} was given; leave dt out ({where})")
         over = " and ".join(where for _, where in wrong)
         return source.dt, f"given{', in place of ' + over if over else ''}"
@@ -453,7 +433,7 @@ def choose_step(source: RecordText, stated: Sequence[Step]) -> Step:
     return different[0]
 
 
-def _last_places(numbers: Iterable[str], size: int) -> Array:
+def _last_places(numbers: Iterable[str]) -> Array:
     """Return the size of one unit in the last printed place in use, e.g. 0.01 for "1.25", of each number."""
 
     def last_place(number: str) -> float:
@@ -461,8 +441,7 @@ def _last_places(numbers: Iterable[str], size: int) -> Array:
         return 10.0 ** (max(-400, min(300, int(exponent[:6] or 0))) - len(mantissa.partition(".")[2]))
 
     # Writers drop trailing zeros, and "%g" coarsens as time grows: the finest place still to come is the one in use.
-    sizes = np.fromiter(map(last_place, numbers), np.float64, size)
-    return np.minimum.accumulate(sizes[::-1])[::-1]
+    return np.minimum.accumulate([*map(last_place, numbers)][::-1])[::-1]
 
 
 @np.errstate(all="ignore")
@@ -488,7 +467,7 @@ def step_of_times(
     if time.size == 1:
         return choose_step(source, stated)
     passed, index, steps = time[1:] - time[0], np.arange(1, time.size), np.diff(time)
-    slack = (0.51 if time[0] == 0 else 1.02) * _last_places((word for _, word in printed()), time.size)[1:]
+    slack = (0.51 if time[0] == 0 else 1.02) * _last_places(word for _, word in printed())[1:]
     slack += 2e-7 * np.maximum(np.maximum(np.abs(time[1:]), abs(time[0])), passed)  # for float32 times
     if source.dt is not None and (np.abs(passed - index * source.dt) <= slack + 1e-6 * source.dt * index).all():
         return source.dt, "given, and explains the times"

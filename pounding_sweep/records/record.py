@@ -29,6 +29,7 @@ class Reading:
     unit_from: str
     step_from: str
     column: str | None = None
+    group: str | None = None  # the folder or pattern that its file was found by
 
     def __str__(self) -> str:
         column = f"column {self.column}; " if self.column else ""

@@ -62,7 +62,7 @@ from pounding_sweep.records import (
     resolve_records,
     synthetic_record,
 )
-from pounding_sweep.records.catalogue import Folders
+from pounding_sweep.records.catalogue import Folders, read_files
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
     AXES,
@@ -294,6 +294,10 @@ class _Reader:
         try:
             if isinstance(item, (Record, str, os.PathLike)):
                 return resolve_records([item], folders=folders, base=base)
+            if isinstance(item, dict) and isinstance(path := item.get("path"), str | os.PathLike):
+                read = lambda file: record_of_table({**item, "path": file}, Path(), folders)  # noqa: E731
+                if (records := read_files(path, base, read)) is not None:
+                    return records
             return [record_of_table(item, Path(base or "."), folders)]
         except MissingRecordError as error:
             if not self.arguments["skip_missing_records"]:
