@@ -27,7 +27,9 @@ from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY, cqc_correlatio
 from pounding_sweep.analysis.hazard import hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_sweep
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import read_record_set, record_measures
 
 OUTPUTS = ["displacement_max", "displacement_min", "closing_max"]
@@ -392,6 +394,112 @@ def test_records_that_never_touch_are_told():
     assert rows[0]["gap"] is None
     assert rows[0]["gap_observed"] == pytest.approx(0.04)
     assert rows[2]["rate_observed"] == pytest.approx(1e-3 * np.sum((0.05 / np.array([0.02, 0.03])) ** -2) / 3)
+
+
+# -- rows that yield: the cube's own runs ------------------------------------------------------------------------------
+
+RUN_GAPS, STRIPES = (0.02, 0.03, 0.05, 0.08, 0.12), np.geomspace(0.5, 10.0, 10)
+
+
+def yielding(away, gaps=RUN_GAPS, stripes=STRIPES, fallen=math.inf):
+    """Record r touches from 60 g^0.8 exp(0.4 `away`) m/s2 on, or falls from `fallen` m/s2 on, before it has touched."""
+    scene = Scene([Building("a", [100.0], [2e4], yield_strengths=[90.0]), Building("b", [90.0], [3e4])], gaps=[0.05])
+    names, capacity = [f"r{i}" for i in range(len(away))], 60.0 * np.array(gaps)[:, None] ** 0.8 * np.exp(0.4 * away)
+    touches = (stripes > capacity[..., None]) & (stripes <= fallen)
+    axes = {"law": ["none", "linear"], "gap": gaps, "stiffness": [1e5, 1e6], "record": names, "scale": stripes}
+    count = np.zeros((2, len(gaps), 2, len(away), len(stripes), 1, 1))
+    count[1] = touches[:, None, ..., None, None]
+    status = np.broadcast_to(
+        np.where(~touches & (stripes > fallen), int(Status.COLLAPSED), 0)[:, None], count.shape[1:5]
+    )
+    about = sweep_attribute(scene, "el_centro", laws="none")
+    return hand_cube(axes, {"impact_count": count}, scene=scene, status=[0 * status, status], attributes=about)
+
+
+NORMAL = norm.ppf((np.arange(30) + 0.5) / 30)
+
+
+def test_a_row_that_yields_is_answered_by_its_own_runs():
+    """Where the intensity from which it touches is lognormal, the rate has a closed form."""
+    site = Hazard.power_law(0.02, 2.0)
+    result = gap_for_probability(yielding(NORMAL), [0.05], hazard=site, curve=[0.1]).squeeze("pair")
+    result = result.squeeze("law")
+    assert result["rate"].dims == ("gap_number",)  # the same for both stiffnesses
+    medians = 60.0 * np.array(RUN_GAPS) ** 0.8
+    rates = 0.02 * medians**-2.0 * math.exp(2.0 * 0.4**2)
+    np.testing.assert_allclose(result["rate"][:4], rates[:4], rtol=0.08)
+    assert result["rate"][4].isnull()  # half of it stems from stronger motions than were run
+    target = -math.log(0.95) / 50.0
+    gap = ((0.02 * math.exp(2.0 * 0.4**2) / target) ** 0.5 / 60.0) ** 1.25
+    assert result["gap_in_years"].item() == pytest.approx(gap, rel=0.05)
+    assert result["gap_in_years_lower"] < gap < result["gap_in_years_upper"]
+    rows = gap_rows(result)
+    assert [row["gap"] for row in rows[1:]] == list(RUN_GAPS)
+    assert rows[2]["probability"] == pytest.approx(-math.expm1(-50.0 * result["rate"][1].item()))
+    low, middle, high = (1e3 * result[f"gap_in_years{end}"].item() for end in ("_lower", "", "_upper"))
+    words = f"a-b: {middle:.0f} mm ({low:.0f} to {high:.0f}) touch with 5 % probability in 50 years"
+    assert result.attrs["answer"] == words
+    low, middle, high = low / 1e3, middle / 1e3, high / 1e3
+    figure = FIGURES["gap-for-probability"].draw(result)
+    (ax,) = [ax for ax in figure.axes if ax.get_title()]
+    assert ax.get_legend_handles_labels()[1] == ["lognormal", "gaps of the cube"]
+    assert ax.lines[1].get_xdata() == pytest.approx([1e3 * low, 1e3 * middle, 1e3 * high])
+
+
+@pytest.mark.slow
+def test_intervals_of_a_row_that_yields_hold_the_gap_that_suites_were_drawn_from():
+    rng, site, held = np.random.default_rng(1), Hazard.power_law(0.02, 2.0), []
+    gap = ((0.02 * math.exp(2.0 * 0.4**2) / (-math.log(0.95) / 50.0)) ** 0.5 / 60.0) ** 1.25
+    for _ in range(60):
+        cube = yielding(rng.standard_normal(20)).isel(stiffness=[0])
+        result = gap_for_probability(cube, [0.05], hazard=site, curve=[0.1])
+        ends = [
+            result[f"gap_in_years{end}"].fillna(limit).item() for end, limit in (("_lower", 0.0), ("_upper", np.inf))
+        ]
+        held.append(ends[0] <= gap <= ends[1])
+    assert 0.88 <= np.mean(held) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("p", "gaps", "stripes", "said"),
+    [
+        (0.001, RUN_GAPS[:3], STRIPES, r"more than 50 mm \(add gaps above 50 mm to the sweep\) touch with 0.1 %"),
+        (0.001, RUN_GAPS, STRIPES, r"more than 80 mm \(add motions above 10 m s-2 to the sweep\)"),
+        (0.9, RUN_GAPS, STRIPES, r"less than 20 mm \(add gaps below 20 mm to the sweep\)"),
+        (0.05, (0.4, 0.5), STRIPES[:2], r"gaps unknown from these runs \(add motions below 0.5 m s-2 or motions above"),
+    ],
+)
+def test_beyond_what_was_run_it_says_what_to_add(p, gaps, stripes, said):
+    cube = yielding(NORMAL, gaps, stripes)
+    result = gap_for_probability(cube, [p], hazard=Hazard.power_law(0.02, 2.0), curve=[0.1])
+    assert re.match(f"a-b: {said}", result.attrs["answer"])
+    assert result["gap_in_years"].isnull().all()
+
+
+def test_a_building_that_fell_counts_as_touching():
+    """From 4 m/s2 on all records fall: touches of later ones are as frequent as those, whatever the gap."""
+    site = Hazard.power_law(0.02, 2.0)
+    fallen, stands = (
+        gap_for_probability(yielding(NORMAL, fallen=end), [0.05], hazard=site, curve=[0.1]) for end in (4.0, math.inf)
+    )
+    rates = [result["rate"].isel(gap_number=3).item() for result in (fallen, stands)]
+    assert rates[0] == pytest.approx(0.02 * 4.0**-2.0, rel=0.2)
+    assert rates[1] < 0.5 * rates[0]
+    assert "% of the touches at the largest gap are falls" in fallen.attrs["answer"]
+    assert float(fallen["falls"].item()) > 0.9 > float(stands["falls"].item()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "settings", "said"),
+    [
+        ({}, {"levels": [1.0]}, "leave intensities"),
+        ({"gap": [0]}, {}, "needs several values of 'gap'"),
+        ({"law": [0]}, {}, "a law with contact"),
+    ],
+)
+def test_rows_that_yield_without_what_is_needed(change, settings, said):
+    with pytest.raises(InputError, match=said):
+        gap_for_probability(yielding(NORMAL).isel(change), hazard="k0=0.02,kappa=2", **settings)
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ LABELS = ("record", "storey")
 TWO_AXES = "two axes of several numbers such as gap and restitution"
 FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli" or axes of several numbers'
 #: What several values of an axis are called.
-_PLURAL = {"law": "laws with contact", "pga": "PGAs", "sa": "spectral accelerations"}
+_PLURAL = {"law": "laws with contact", "gap_number": "gaps", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
 _DPI = (10, 1200)
 #: Options of figures as their docstrings describe them.

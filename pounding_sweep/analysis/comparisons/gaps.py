@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
+from pounding_sweep.analysis.comparisons.stripes import gaps_of_stripes
 from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of, stored_sweep, uncoupled_runs
 from pounding_sweep.analysis.scenarios import (
@@ -350,19 +351,22 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
         "gap_in_years": f"in {years:g} years",
         "rate": "the row's gap",
     }
-    others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
+    stems = [stem for stem in tables if stem in result]
+    others = [str(dim) for dim in result[stems[0]].dims if dim not in ("pair", "intensity", "probability")]
     first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
     about = {"units": "m", "over": over_text({"record": int(result.attrs["suite"])})}
     rows: list[Row] = []
-    for stem, given in tables.items():
-        if stem not in result:
-            continue
+    for stem in stems:
         names = {f"{stem}{end}": f"{stem.partition('_')[0]}{end}" for end in _ENDS}
         if stem == "rate":
             names |= {"beyond": "beyond", "row_gap": "gap"}
+        elif stem == "gap_in_years":
+            names |= {"more_than": "more than", "less_than": "less than", "falls": "share of falls"}
         names |= {"records": "records", "never": "never touches"}
+        names = {name: heading for name, heading in names.items() if name in result.variables}
         for row in plain_rows(result.reset_coords()[[*names]].rename(names)):
-            level = row.pop("intensity", None)
+            level, number = row.pop("intensity", None), row.pop("gap_number", None)
+            given = tables[stem] if number is None else "the cube's gap"
             row["given"] = given if level is None else f"{given} {level:.4g} {result['intensity'].attrs['units']}"
             if stem == "gap_in_years":
                 row["rate"] = -math.log1p(-row["probability"]) / years
@@ -380,15 +384,37 @@ def answers(result: xr.Dataset) -> str:
         for row in rows
         if row["given"] == "the row's gap" and row["probability"]
     }
-    rows = [row for row in rows if row["gap"] and row["given"].startswith("in " * ("gap_in_years" in result))]
+    rows = [row for row in rows if row["given"].startswith("in " * ("gap_in_years" in result))]
+    rows = [row for row in rows if row["gap"] or "more than" in row]
     pairs: dict[str, list[str]] = {}
     for row in rows:
-        gap, low, high = (f"{1e3 * row[name]:.0f}" for name in ("gap", "gap_lower", "gap_upper"))
-        pairs.setdefault(row["pair"], []).append(f"{gap} mm ({low} to {high}) with {100 * row['probability']:g} %")
+        words = _gap_words(row, result.attrs)
+        pairs.setdefault(row["pair"], []).append(f"{words} with {100 * row['probability']:g} %")
     texts = {pair: ", ".join(parts).replace(" with", " touch with", 1) for pair, parts in pairs.items()}
     when = f" probability {'given ' * ('gap_in_years' not in result)}{rows[0]['given']}" if rows else ""
     lines = [f"{pair}: {text}{when}{row_gaps.get(pair, '')}" for pair, text in texts.items()]
     return "; ".join(lines) if len(rows) <= result.sizes.get("pair", 1) * result.sizes["probability"] else ""
+
+
+def _gap_words(row: Row, about: Mapping[str, Any]) -> str:
+    """Return a gap with its interval, or what is known where the runs of a cube do not go as far, and what to run."""
+    low, gap, high = (row[name] and f"{1e3 * row[name]:.0f}" for name in ("gap_lower", "gap", "gap_upper"))
+    if gap:
+        return f"{gap} mm ({f'{low or 0} to {high}' if high else f'{low} or more'})"
+    weaker, stronger = (
+        f"motions {side} {x:.3g} {about['tried_units']}"
+        for side, x in zip(("below", "above"), about["tried"], strict=True)
+    )
+    for side, end, motions, gaps in (
+        ("more", about["gaps"][1], stronger, "above"),
+        ("less", about["gaps"][0], weaker, "below"),
+    ):
+        if last := row[f"{side} than"]:
+            add = f"add gaps {gaps} {1e3 * end:g} mm to the sweep" if last == end else f"add {motions} to the sweep"
+            if side == "more" and row["share of falls"] > 0.5:
+                add = f"{100 * row['share of falls']:.0f} % of the touches at the largest gap are falls alone"
+            return f"{side} than {1e3 * last:g} mm ({add})"
+    return f"gaps unknown from these runs (add {weaker} or {stronger} to the sweep, or gaps)"
 
 
 @comparison("gap-for-probability")
@@ -411,7 +437,8 @@ def gap_for_probability(
     Parameters
     ----------
     cube : xarray.Dataset
-        A cube with the axis ``record``, or the result of `pounding_sweep.analysis.required_gap`.
+        A cube with the axis ``record``, or the result of `pounding_sweep.analysis.required_gap`; of a row that yields,
+        with a hazard, one with contact and several gaps.
     probabilities : sequence of float
         Shares of the motions under which the pair may touch, in (0, 1).
     intensity : str or DataArray, optional
@@ -467,6 +494,13 @@ def gap_for_probability(
     m + Z s' / sqrt(n) and s' = s sqrt((n - 1) / C), Z normal and C chi-square distributed with n - 1 degrees of
     freedom. They are of the records alone: the hazard is taken as it is.
 
+    Of a row that yields the rate is that by the fragility of the touch with each gap of the cube, all of one
+    dispersion, with its interval; a building that fell counts as touching. The gap is interpolated between these,
+    straight in logarithms. ``rate`` is then along ``gap_number``, of ``row_gap``, and missing where more than half of
+    it stems from intensities that were not run. Where the gaps do not reach the probability, ``gap_in_years`` is
+    missing, ``more_than`` or ``less_than`` is the last known gap, and the attribute ``answer`` says what to add to the
+    sweep.
+
     Examples
     --------
     >>> import xarray as xr
@@ -479,6 +513,26 @@ def gap_for_probability(
     numbers_in("(0, 1)", confidence, "confidence")
     numbers_in("(0, inf)", years, "years")
     site = None if hazard is None else hazard_of(hazard)
+    if site is not None and _row_yields(cube):
+        if levels is not None or behaviour is not None:
+            raise InputError(
+                "of a row that yields, gaps for a hazard are those of its own runs; leave intensities (--given) and "
+                "factors of rules out"
+            )
+        motions = {"intensity": intensity, "records": records, "folders": folders}
+        strength = intensity_of(cube, **motions)
+        context = _check_site(site, cube, intensity, strength, years) | {"confidence": confidence}
+        targets = -np.log1p(-np.array([*probabilities, *curve])) / years
+        known, numbers = gaps_of_stripes(cube, site, strength, targets, confidence=confidence, **motions)
+        own, size = site.own_unit if site.own_unit[1] != 1.0 else (strength.attrs["units"], 1.0)
+        context |= {
+            "suite": cube.sizes.get("record", 1),
+            "gaps": [known["row_gap"].min().item(), known["row_gap"].max().item()],
+            "tried": [strength.where(strength > 0.0).min().item() / size, strength.max().item() / size],
+            "tried_units": own,
+        }
+        known |= {name: known[name].isel(probability=slice(len(probabilities))) for name in ("more_than", "less_than")}
+        return _with_numbers(known, numbers, probabilities, curve, context)
     gaps = cube
     if cube.attrs.get(COMPARISON) != "required-gap":
         gaps = required_gap(cube, records, behaviour=behaviour, folders=folders)
@@ -504,13 +558,7 @@ def gap_for_probability(
             "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         )
     if site is not None:
-        if not isinstance(intensity, xr.DataArray):
-            check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
-        if site.units not in ("", units):
-            raise InputError(
-                f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
-            )
-        attributes |= {"hazard": site.source, "years": years}
+        attributes |= _check_site(site, cube, intensity, strength, years)
     bounds = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
     median, spread, count, never, gap, in_years, rate, beyond = xr.apply_ufunc(
         partial(_of_pair, (*probabilities, *curve), bounds, site, years),
@@ -539,9 +587,34 @@ def gap_for_probability(
         if "row_gap" in gaps.coords:
             numbers["rate"] = rate
             variables["beyond"] = described(beyond, "1", "share of the rate from intensities beyond the hazard's")
+    return _with_numbers(variables, numbers, probabilities, curve, attributes)
+
+
+def _check_site(
+    site: Hazard, cube: xr.Dataset, intensity: str | xr.DataArray | None, strength: xr.DataArray, years: float
+) -> dict[str, Any]:
+    """Return what is said of a hazard, which must be of the intensity that is asked for."""
+    units = strength.attrs["units"]
+    if not isinstance(intensity, xr.DataArray):
+        check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
+    if site.units not in ("", units):
+        raise InputError(
+            f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
+        )
+    return {"hazard": site.source, "years": years, "intensity": f"{strength.attrs['long_name']} ({units})"}
+
+
+def _with_numbers(
+    variables: dict[str, xr.DataArray],
+    numbers: Mapping[str, xr.DataArray],
+    probabilities: Sequence[float],
+    curve: Sequence[float],
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return a result with gaps and rates, each with its ends, and the answer in words."""
     n = len(probabilities)
     for stem, parts in numbers.items():
-        for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=True):
+        for end, part in zip(_ENDS, parts.transpose("number", "probability", ..., missing_dims="ignore"), strict=False):
             name, units = f"{stem}{end}", "year-1" if stem == "rate" else "m"
             array = described(part, units, f"{_MEANINGS[stem]}, {_ENDS[end]}")
             if stem != "rate" and name != "gap_observed":
@@ -553,12 +626,18 @@ def gap_for_probability(
     return result.assign_attrs(answer=answers(result))
 
 
+def _row_yields(cube: xr.Dataset) -> bool:
+    """Whether a cube says that a storey of its row yields."""
+    return "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields)
+
+
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
     """Return required gaps per intensity, which they must grow with, of scales of both signs along ``direction``."""
-    if "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields):
+    if _row_yields(cube):
         raise InputError(
             "required gaps of a row that yields do not grow in proportion to the intensity, so that those at others "
-            "can't be told; leave the intensity and the hazard out, for gaps at each scale of the cube"
+            "can't be told; leave the intensity out, for gaps at each scale of the cube, or add a hazard, for those of "
+            "its runs with contact"
         )
     if "thickness" in exact.coords:
         raise InputError(

@@ -725,25 +725,26 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     return finish(axes, x, fill(y, 32), "Incremental dynamic analysis", *notes, legend=4)
 
 
-@figure_of("gap-for-probability", "cube", "pair, several record")
+@figure_of("gap-for-probability", "cube", "pair, several record|gap_number")
 def gap_for_probability(cube: xr.Dataset) -> Figure:
     """Draw the probability that a pair touches, and its annual rate, against the gap.
 
     One column per pair. Lines are the lognormal of the records' required gaps, bands its confidence intervals of the
     gap, dots the shares of the records; one line for each intensity, else for each scale of the cube, five at most,
-    evenly chosen. Bars are intervals for the least probability. Below, with a hazard: in years, and gaps by rules.
+    evenly chosen. Bars are intervals for the least probability. Below, with a hazard: in years, and gaps by rules; of a
+    row that yields that alone, by the cube's own runs.
     """
     result = with_dims(result_of(cube, "gap-for-probability"), "pair")
     axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "suite")
-    keep = {"record", "curve", "rule", "probability", axis}
-    result, selection = select_default(result, keep, ["median", "trial_gap"])
+    keep = {"record", "curve", "rule", "probability", "gap_number", axis}
+    result, selection = select_default(result, keep, ["median", "trial_gap", "rate"])
     words, years = result.attrs.get("answer", ""), float(result.attrs.get("years", 0.0))
-    rows = ["probability of touching (-)", *[f"probability in {years:g} years (-)"] * bool(years)]
+    rows = ["probability of touching (-)"] * ("gap" in result) + [f"probability in {years:g} years (-)"] * bool(years)
     axes = subplots(len(rows), result.sizes["pair"], (2.2, 3.4, 1.2, 2.7))
     for ax in axes[:, 0]:
         ax.set(yscale="log", ylim=(1e-3, 1.0))
     result = select_lines(with_dims(result, axis, absent=""), axis).sel(probability=result["probability"].min())
-    for ax, pair in panels(axes[0], result, "pair"):
+    for ax, pair in panels(axes[0], result, "pair") if "gap" in result else ():
         for number, style in zip(range(result.sizes[axis]), DASHED, strict=False):
             part = pair.isel({axis: number})
             label = "lognormal" if axis == "suite" else coord_text(part, axis)
@@ -752,11 +753,12 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
             shares = np.linspace(1.0, 0.0, gaps.size, endpoint=False)
             dots = {"marker": ".", "markersize": 3, "label": "shares of the records" if not number else ""}
             ax.plot(gaps, shares, color=style["color"], linestyle="none", **dots)
-    for ax, pair in panels(axes[1], result.isel({axis: 0}), "pair") if years else ():
+    for ax, pair in panels(axes[-1], result.isel({axis: 0}), "pair") if years else ():
         _draw_gaps(ax, pair, "gap_in_years", {"color": COLOURS[0]}, "lognormal")
         if "rate" in pair:
-            row_gap, share = 1e3 * pair["row_gap"].item(), -np.expm1(-years * pair["rate"])
-            ax.plot(row_gap, share, "kX", clip_on=False, label=f"the row's gap: {row_gap:.3g} mm")
+            row_gaps, shares = 1e3 * np.ravel(pair["row_gap"]), -np.expm1(-years * np.ravel(pair["rate"]))
+            label = "gaps of the cube" if "gap_number" in pair.dims else f"the row's gap: {row_gaps[0]:.3g} mm"
+            ax.plot(row_gaps, shares, "kX", clip_on=False, label=label)
         for name, number in _group_rules(pair).items() if "rule_gap" in pair else ():
             gap = 1e3 * pair["rule_gap"].values[number]
             ax.axvline(gap, 0.0, 0.2, color=COLOURS[1 + number], linewidth=2.0, label=f"{name}: {gap:.3g} mm")
@@ -764,7 +766,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
         right.set_yticks(-np.expm1(-years * rates), [f"{rate:g}" for rate in rates])
         right.minorticks_off()
         right.set_ylabel("annual rate (1/year)")
-        ax.legend(loc="upper right", fontsize=8)
+        if len(rows) > 1:
+            ax.legend(loc="upper right", fontsize=8)
     drawn = [name for name in ("trial_gap", "curve_gap", "curve_gap_in_years", "row_gap", "rule_gap") if name in result]
     axes[0, 0].set_xlim(0.0, 1.05e3 * result.reset_coords()[drawn].to_dataarray().max().item())
     rules = spell_units(result["rule_gap"].attrs["long_name"]) if "rule_gap" in result else ""

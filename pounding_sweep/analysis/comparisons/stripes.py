@@ -1,0 +1,88 @@
+"""How often pairs touch with each gap of a cube, by its own runs, and the gaps for given rates.
+
+`gaps.gap_for_probability` takes these for rows that yield, whose required gaps do not grow with the intensity.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pounding_sweep.analysis.comparisons import check_needs
+from pounding_sweep.analysis.comparisons.fragility import equal_axes, fragility
+from pounding_sweep.analysis.hazard import Hazard
+from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, described, fell, need_variables, pounding_only
+
+#: Intensities over which a curve is integrated, and the largest share of a rate from intensities that were not run.
+_STEPS, _UNTRIED = 200, 0.5
+
+
+def gaps_of_stripes(
+    cube: xr.Dataset, site: Hazard, strength: xr.DataArray, rates: np.ndarray, **motions: Any
+) -> tuple[dict[str, xr.DataArray], dict[str, xr.DataArray]]:
+    """Return what is known of gaps, and annual rates of touching and gaps for some, with ends along ``number``.
+
+    A lognormal against the intensity is fitted for each gap, all with one dispersion, and convolved with the hazard; a
+    building that fell counts as touching. ``rate`` is along ``gap_number``, missing where more than half of it stems
+    from intensities that were not run, ``beyond``; ``gap_in_years`` along ``probability`` is interpolated between these
+    gaps, else it is missing and ``more_than`` or ``less_than`` is the last known gap. ``row_gap`` are the gaps (m).
+    `strength` are the intensities, `motions` arguments of `fragility` that say which, and the confidence.
+    """
+    what = "a gap for a probability of a row that yields"
+    check_needs(cube, what, several=["gap"], laws=1)
+    cube = pounding_only(cube.sel(gap=cube["gap"] > 0.0).sortby("gap"))
+    contacts = cube[need_variables(cube, what, TOUCH_VARIABLES, one=True)]
+    touch = (contacts.to_dataarray() > 0.0).any("variable")
+    only_fell = fell(cube) & ~(touch.any("storey") if "storey" in touch.dims else touch)
+    cube = cube.assign(contacts.where(~fell(cube), 1.0))
+    tried = strength.values[strength.values > 0.0]
+    at = np.geomspace(tried.min(), tried.max(), _STEPS)
+    fits = fragility(cube, levels=at.tolist(), one_dispersion=["gap"], **motions)
+    happened = fits["happened"].isel(gap=-1)
+    falls = only_fell.isel(gap=-1).mean([dim for dim in only_fell.isel(gap=-1).dims if dim != "pair"])
+    falls = falls / happened.mean([dim for dim in happened.dims if dim != "pair"])
+    fits = fits.isel({dim: 0 for dim in equal_axes(fits) if dim != "gap"}, drop=True).transpose("gap", "pair", ...)
+    # half of the motions between two intensities are taken at either
+    mass = xr.DataArray(0.5 * np.convolve(-np.diff(site.exceeded(at)), [1.0, 1.0]), {"intensity": at}, ("intensity",))
+    inside = xr.dot(fits["probability"], mass, dim="intensity")
+    total = inside.copy(data=site.touching(fits["median"].values, fits["dispersion"].values))
+    ends = xr.dot(fits["probability_interval"], mass, dim="intensity") + total - inside
+    beyond = (1.0 - inside / total).drop_vars("gap").rename(gap="gap_number")
+    by_number = xr.concat([total, *(ends.sel(bound=end, drop=True) for end in ("lower", "upper"))], "number")
+    by_number = by_number.drop_vars("gap").rename(gap="gap_number").where(beyond <= _UNTRIED)
+    gaps = cube.coords.get("pair_gap", cube["gap"]).reset_coords(drop=True).drop_vars("gap").rename(gap="gap_number")
+    gaps = gaps.broadcast_like(fits["median"].isel(gap=0, drop=True).coords["pair"])
+    found = xr.apply_ufunc(
+        lambda rate, gap: _gaps_at(rate, gap, rates),
+        *(by_number, gaps),
+        input_core_dims=[["number", "gap_number"], ["gap_number"]],
+        output_core_dims=[["answer", "probability"]],
+        vectorize=True,
+    )
+    texts = "which is needed: the last one of the cube whose rate is known"
+    known = {
+        "falls": described(falls, "1", "share of falls without a touch in the touches at the largest gap", bare=True),
+        "beyond": described(beyond, "1", "share of the rate from intensities that were not run"),
+        "row_gap": described(gaps, "m", "gap of the cube"),
+        "more_than": described(found.isel(answer=3), "m", f"gap more than {texts}"),
+        "less_than": described(found.isel(answer=4), "m", f"gap less than {texts}"),
+    }
+    return known, {"gap_in_years": found.isel(answer=slice(3)).rename(answer="number"), "rate": by_number}
+
+
+def _gaps_at(rates: np.ndarray, gaps: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Return the gaps at which a rate and its two bounds are met, then the last known gaps below and above those."""
+    result = np.full((5, targets.size), np.nan)
+    for row, rate in zip(result, rates, strict=False):
+        known = np.isfinite(rate)
+        if known.any():
+            falling = np.log(np.minimum.accumulate(rate[known]))[::-1]
+            outside = {"left": np.nan, "right": np.nan}
+            row[:] = np.exp(np.interp(np.log(targets), falling, np.log(gaps[known])[::-1], **outside))
+    known = np.isfinite(rates[0])
+    if known.any():
+        result[3] = np.where(targets < rates[0, known].min(), gaps[known].max(), np.nan)
+        result[4] = np.where(targets > rates[0, known].max(), gaps[known].min(), np.nan)
+    return result
