@@ -147,7 +147,7 @@ def test_histories_are_run_finer_until_they_show_a_contact(monkeypatch):
     monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
     one = simulate_shown(build_spec(scene=made.scene(), records=pulses("one"), laws="linear"))
     assert one.attrs["time_step"] == 1e-3
-    assert 30 <= instants_in_contact(one) < 60
+    assert 40 <= instants_in_contact(one) < 60
     assert instants_in_contact(one.where(one["penetration"] > 1.0)) == np.inf
 
 

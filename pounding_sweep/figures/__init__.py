@@ -131,9 +131,9 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
                         "choose others with --at"
                     ) from None
                 if source in ("cube", "design") and isinstance(figure, NotebookFigure):
-                    study = prepared.attrs.get("title", UNTITLED)
-                    figure.caption[0] = figure.caption[0][:1].upper() + figure.caption[0][1:]
-                    figure.name_subject(study * (study != UNTITLED))
+                    subject = figure.caption[0].replace("_", " ")
+                    figure.caption[0] = subject[:1].upper() + subject[1:]
+                    figure.name_subject(prepared.attrs.get("title", "").removeprefix(UNTITLED))
                 return figure
 
         first, *options = signature(draw).parameters
@@ -210,8 +210,7 @@ def plot(
     title : str, optional
         Title in place of the figure's own, which names the study and what is shown; "" leaves it out.
     caption : path, optional
-        Text file to write the caption into: the figure's own title, the values that it is of, how many records and
-        laws it shows, and how others are drawn.
+        Text file for the caption: the title, the values that the figure is of, how many records and laws it shows.
     report : callable, optional
         Called with the caption but for the title.
     **options

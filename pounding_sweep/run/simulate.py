@@ -326,7 +326,7 @@ def simulate_one(
 
 #: Share of every reported peak that histories show, instants of their deepest contact, and how often the step is
 #: halved for them at most.
-SHOWN, _INSTANTS, _HALVINGS = 0.99, 30, 8
+SHOWN, _INSTANTS, _HALVINGS = 0.99, 40, 8
 
 
 def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:

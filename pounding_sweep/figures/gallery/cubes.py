@@ -88,6 +88,7 @@ _AMPLIFIED = (
 #: Lines of records, what their band is called, and the number of impacts from which their axis is logarithmic.
 _EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
 _LARGEST: Any = {"linewidth": 0.8, "linestyle": ":"}
+_GREY: Any = {"color": "0.55"}
 _BAND, _MANY = "16 to 84 % of the records", 100
 _RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|drift_ratio_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
@@ -100,11 +101,6 @@ _COMPARISONS = "|".join([*_COMPARED, *(f"{name}_compared" for name in _COMPARED)
 _LAWS = 3
 
 
-def _axis_name(axis: PlotAxis) -> str:
-    """Return what a title calls an axis."""
-    return (axis.label.rpartition(" (")[0] or axis.label).partition(",")[0]
-
-
 def _draw_records(panel: Any, along: np.ndarray, values: np.ndarray, style: Any, *, upright: bool = False) -> None:
     """Draw a line for each of few records (axis 1 of the values), of many the band of the middle two thirds.
 
@@ -113,7 +109,7 @@ def _draw_records(panel: Any, along: np.ndarray, values: np.ndarray, style: Any,
     shown = values if upright else np.where(values == 0.0, np.nan, values)
     if values.shape[1] <= _NAMED:
         panel.plot(*(shown, along)[:: 1 if upright else -1], **style | _EACH)
-        panel.plot([], [], label="each record", **_EACH | {"color": "0.2"})
+        panel.plot([], [], label="each record", **_EACH | {"color": "0.4", "alpha": 1.0})
         return
     valued = np.isfinite(shown).any(axis=1)
     band = np.nanquantile(values[valued], (0.16, 0.84), axis=1)
@@ -178,7 +174,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
             panel.yaxis.set_major_formatter("{x:g}")
         panel.set_ylim(bottom=0.0)
     subject = " and ".join(long_name(cube[name], name) for name in rows)
-    return finish(axes, axis.label, [*rows.values()], f"{subject} by {_axis_name(axis)}", selection)
+    return finish(axes, axis.label, [*rows.values()], f"{subject} by {axis.name}", selection)
 
 
 @figure_of("amplification", "cube", f"law, {_RESPONSES}|{_RATIOS}, {CONTACT}, {NO_CONTACT}|{_RATIOS}")
@@ -208,8 +204,9 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
         if axis.dim == "storey":
             panel.set_xticks(axis.values(result))
     labels = [fill(choose_response(result, "amplification", name)[1], 24) for name in rows]
-    subject = f"Responses with pounding over responses without, by {_axis_name(axis)}"
-    return finish(axes, axis.label, labels, subject, selection, over)
+    return finish(
+        axes, axis.label, labels, f"Responses with pounding over those without by {axis.name}", selection, over
+    )
 
 
 @figure_of("law-comparison", "cube", f"law, pair, {_COMPARISONS}, several law")
@@ -237,7 +234,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         panel.set_title(f"pair {pair}\nequal {basis} restitution")
     label = "coefficient of restitution (-)" if axis.name == "restitution" else axis.label  # nominal or realised
     response = f"{get_variable(name).long_name}\nover the reference's (-)"
-    subject = f"{get_variable(name).long_name} over that of {law_name(ratio, reference)}, by {_axis_name(axis)}"
+    subject = f"{get_variable(name).long_name} over that of {law_name(ratio, reference)}, by {axis.name}"
     return finish(axes, label, response, subject, selection)
 
 
@@ -333,17 +330,15 @@ def response_map(
             if names := _label_ticks(cube, along.name, per):
                 axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
     axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
-    looks: dict[str, tuple[Any, Any]] = {
-        f"{'no such storey or ' * ('storey' in drawn)}not ok": (
-            {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"},
-            hatched := bool((cube[name].isnull() & cube["share"].isnull()).any()),
-        ),
-        "no contact": ({"color": colormaps["Greys"](0.3)}, (cube["share"] == 0.0).any()),
-        "less than half of the records touch": ({"color": colormaps["Greys"](0.1)}, (cube["share"] > 0.0).any()),
-    }
-    for text, (look, is_drawn) in looks.items():
+    hatched, shade = bool((cube[name].isnull() & cube["share"].isnull()).any()), colormaps["Greys"]
+    none = "no such storey or " * ("storey" in drawn) + "not ok"
+    for text, is_drawn, look in (
+        (none, hatched, {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"}),
+        ("no contact", (cube["share"] == 0.0).any(), {"color": shade(0.3)}),
+        ("less than half of the records touch", (cube["share"] > 0.0).any(), {"color": shade(0.1)}),
+    ):
         axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
-    subject = f"{long_name(cube[name], name)} by {_axis_name(across)} and {_axis_name(upward)}"
+    subject = f"{long_name(cube[name], name)} by {across.name} and {upward.name}"
     notes = "largest of the storeys" * storeys, "hatched: info --status says why" * hatched
     return finish(axes, across.label, upward.label, subject, selection, others, *notes)
 
@@ -542,9 +537,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.set_xticks(x, names, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
-    return finish(
-        axes[:, :buildings], "", "energy (kN m)", "Where the energy of each building went", selection, legend=2
-    )
+    return finish(axes[:, :buildings], "", "energy (kN m)", "Where the energy went", selection, legend=2)
 
 
 #: Dashes of fractiles but the median, and looks of records that are named: none is black.
@@ -609,12 +602,9 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     notes: dict[str, str] = {}
     for ax, end in panels(axes[0], lines, per):
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
-            part = end.isel({axis: number})
-            _draw_fit(ax, part, coord_text(part, axis), style, marker, notes)
+            _draw_fit(ax, end.isel({axis: number}), [axis], style, marker, notes)
         for part, dashes in zip(without, DASHED, strict=False):
-            label = join_nonempty(law_name(part, "none"), coord_text(part, axis) * (len(without) > 1))
-            look = {"color": "0.55", "linestyle": dashes["linestyle"]}
-            _draw_fit(ax, part.sel({per: end[per]}), label, look, "*", notes)
+            _draw_fit(ax, part.sel({per: end[per]}), ["law", axis][: len(without)], dashes | _GREY, "*", notes)
         ax.set_ylim(-0.02, 1.02)
     label = _scale_intensities(axes[0, 0].xaxis, result)  # shared: nothing drawn later would move it
     below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
@@ -630,7 +620,7 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None
     return figure
 
 
-def _draw_fit(ax: Any, part: xr.Dataset, name: str, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
+def _draw_fit(ax: Any, part: xr.Dataset, names: Any, style: dict[str, Any], marker: str, notes: dict[str, str]) -> None:
     """Draw one fit with its band and the observed shares; notes say what is missing."""
     happened = part["happened"].values.ravel()
     tried = np.isfinite(happened)
@@ -651,7 +641,8 @@ def _draw_fit(ax: Any, part: xr.Dataset, name: str, style: dict[str, Any], marke
     else:
         known = f"median {spell_units(median_words(part))}".removesuffix("median ")
     letter = notes.setdefault(note, f"({ascii_lowercase[len(notes)]})") if note else ""
-    label = ": ".join(filter(None, (name, f"{known} {letter}".strip())))
+    named = join_nonempty(*(coord_text(part, name) for name in names))
+    label = ": ".join(filter(None, (named, f"{known} {letter}".strip())))
     ax.plot([], [], label=fill(label, _ENTRY), **(mark if fit else style))
     order = np.argsort(x, kind="stable")  # a mark for trials of one intensity, if several share it, else of a class
     groups = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1)
@@ -695,11 +686,8 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     # half of the curves, and so many that one is expected beyond the fractile
     needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
     below = 1.3 + 0.08 * names * response.sizes["record"]  # inches for the legend
-    shared: Any = {
-        "sharex": True if turn else "col",
-        "sharey": "col" if turn else True,
-    }  # a response axis for each building
-    axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), **shared)
+    shared = (True, "col") if turn else ("col", True)  # a response axis for each building
+    axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), sharex=shared[0], sharey=shared[1])
     thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
     records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
     for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
@@ -772,9 +760,8 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_xlim(0.0, 1.05e3 * result.reset_coords()[drawn].to_dataarray().max().item())
     rules = spell_units(result["rule_gap"].attrs["long_name"]) if "rule_gap" in result else ""
     intervals = f"lognormal with {result.attrs['confidence']:.0%} intervals"
-    suite = f"{result.attrs['suite']} records"
-    subject = "Probability that a pair touches, by gap"
-    figure = finish(axes, "gap (mm)", rows, subject, words, suite, intervals, rules, selection)
+    notes = words, f"{result.attrs['suite']} records", intervals, rules, selection
+    figure = finish(axes, "gap (mm)", rows, "Probability that a pair touches, by gap", *notes)
     figure.legends[0].set_title(spell_units(result.attrs.get("intensity", "")), {"size": 9})
     return figure
 
@@ -825,8 +812,8 @@ def required_gap(cube: xr.Dataset) -> Figure:
         gaps.margins(y=0.1)
     axes[0, 0].set_ylim(bottom=0.0)
     rows = "required gap (mm)", "rule over exact (-)\nbelow 1: too small"
-    subject = "Required gaps, exact and by separation rules"
-    return finish(axes, "", rows, subject, selection, f"factors {result.attrs['factors']}", legend=4)
+    notes = selection, f"factors {result.attrs['factors']}"
+    return finish(axes, "", rows, "Required gaps, exact and by separation rules", *notes, legend=4)
 
 
 def _group_rules(pair: xr.Dataset) -> dict[str, int]:

@@ -168,21 +168,14 @@ def force_penetration(
 
 def _loops(depth: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Return penetration and force of each contact, NaN between them; from no force and back, upright at a jump."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], depth > 0.0, [False]])))
-    parts = []
-    for start, end in ends.reshape(-1, 2).tolist():
-        d, f = depth[start:end], force[start:end]
-        first, last = _force_at_touch(d, f), _force_at_touch(d[::-1], f[::-1])
-        parts += [[[0.0, 0.0, *d, 0.0, 0.0, np.nan], [0.0, first, *f, last, 0.0, np.nan]]]
-    return np.concatenate(parts, axis=1) if parts else np.empty((2, 0))
-
-
-def _force_at_touch(depth: np.ndarray, force: np.ndarray) -> float:
-    """Return the force just after a touch, on the line through the first two instants; 0 if it changes its sign."""
-    if len(depth) < 2 or depth[1] <= depth[0]:
-        return 0.0
-    limit = force[0] - depth[0] * (force[1] - force[0]) / (depth[1] - depth[0])
-    return float(limit) if limit * force[0] > 0.0 else 0.0
+    parts, bounds = [np.empty((2, 0))], np.flatnonzero(np.diff(np.concatenate([[False], depth > 0.0, [False]])))
+    for start, end in bounds.reshape(-1, 2).tolist():
+        d, f, limits = depth[start:end], force[start:end], []
+        for i, j in ((0, 1), (-1, -2)):  # on the line through the two instants next to each touch, if of their sign
+            slope = (f[j] - f[i]) / (d[j] - d[i]) if len(d) > 1 and d[j] > d[i] else f[i] / d[i]
+            limits.append(max((f[i] - slope * d[i]) * np.sign(f[i]), 0.0) * np.sign(f[i]))
+        parts.append(np.array([[0.0, 0.0, *d, 0.0, 0.0, np.nan], [0.0, limits[0], *f, limits[1], 0.0, np.nan]]))
+    return np.concatenate(parts, axis=1)
 
 
 @figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
@@ -282,12 +275,9 @@ def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, floa
     for number, item in enumerate(scene.row):
         edges = left[number], right[number]
         if isinstance(item, Wall):
-            met = [
-                one.contact_elevation.isel(pair=contact.place, storey=contact.storey - 1).item()
-                for contact in scene.contacts
-                if contact.pair in (number - 1, number)
-            ]
-            ax.fill_between(edges, 0.0, max(met, default=top), facecolor="0.85", edgecolor="0.4", hatch="///")
+            met = [c for c in scene.contacts if c.pair in (number - 1, number)]
+            wall = max((one.contact_elevation.values[c.place, c.storey - 1] for c in met), default=top)
+            ax.fill_between(edges, 0.0, wall, facecolor="0.85", edgecolor="0.4", hatch="///")
             continue
         colour = next(colours)
         columns = ax.plot([], [], [], [], color=colour, linewidth=1.4)
