@@ -10,6 +10,7 @@ from numpydoc.docscrape import NumpyDocString
 
 from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import hertz_stiffness
+from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import build
@@ -40,6 +41,7 @@ _OWN = {
     ("[scene]", "row"): "The row, left to right: buildings, and a wall at either end.",
     ("[scene]", "gaps"): "Gap (m) of each pair of neighbours, left to right; a preset's own where not given.",
     ("[scene]", "contact"): "Reference contact properties, below.",
+    ("[[scene.row]], a building", "isolation"): "Isolators that the building is put on, below.",
     ("[[scene.row]], a wall", "wall"): "Says that this is a wall.",
     ("[[scene.row]], a wall", "name"): "Coordinate label in every result.",
     ("[scene.contact]", "hertz"): "What `hertz_stiffness` follows from, in its place; below.",
@@ -66,8 +68,9 @@ _OWN = {
 
 #: Values of a key in words, by the annotation of its parameter.
 _WORDS = {
-    **dict.fromkeys(("float", "Number", "Positive", "NotNegative"), "a number"),
-    **dict.fromkeys(("Positives", "NotNegatives", "Strengths", "Annotated[Positives"), "a list of numbers"),
+    **dict.fromkeys(("float", "Number", "Positive", "NotNegative", "Finite"), "a number"),
+    "Annotated[Positives": "a list of numbers",
+    **dict.fromkeys(("OfStoreys", "OfStoreysOrZero", "Strengths"), "a number or a list of numbers"),
     **dict.fromkeys(("bool", "Flag"), "true or false"),
     **dict.fromkeys(("str", "Label", "str | os.PathLike[str]", "Annotated[str"), "a text"),
     "int": "a whole number",
@@ -107,7 +110,17 @@ def _parameters(taker: Callable[..., Any], *more: str, first: str = "") -> Keys:
             default = None
         found[first if first and not found else name] = _WORDS.get(annotation, "a list"), default
     return found | {
-        name: ("a text" if name == "preset" else "true" if name == "wall" else "a value", None) for name in more
+        name: (
+            "a text"
+            if name == "preset"
+            else "true"
+            if name == "wall"
+            else "a table"
+            if name == "isolation"
+            else "a value",
+            None,
+        )
+        for name in more
     }
 
 
@@ -120,9 +133,13 @@ def _arguments(section: str) -> Keys:
 #: Heading -> (keys, what takes their values).
 _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "[scene]": (_parameters(Scene, "preset"), Scene),
-    "[[scene.row]], a building": (_parameters(Building), Building),
+    "[[scene.row]], a building": (_parameters(Building, "isolation"), Building),
     "bouc_wen of a building": (_parameters(BoucWen), BoucWen),
     "foundation of a building": (_parameters(Foundation), Foundation),
+    "isolation of a building": (
+        {name: keys for name, keys in _parameters(base_isolated).items() if name != "building"},
+        base_isolated,
+    ),
     "[[scene.row]], a wall": (_parameters(Wall, "wall"), Wall),
     "[scene.contact]": (_parameters(ContactProperties, "hertz"), ContactProperties),
     "[[scene.links]]": (_parameters(Link), Link),

@@ -256,3 +256,22 @@ def test_reference_by_exponent():
     contact = ContactProperties(linear_stiffness=1.0, hertz_stiffness=2.0)
     assert [contact.reference(x) for x in (1.0, 1.5, 2.0)] == [1.0, 2.0, None]
     assert ContactProperties().reference(1.0) is None
+
+
+def test_floors_meet_by_their_elevations_above_the_datum_of_the_row():
+    """A neighbour up the hill, and one with a basement whose columns are struck above its base."""
+    low = Building("low", [9.0] * 3, 1e5)
+    hill = Building("hill", [9.0] * 2, 1e5, base_elevation=3.0)
+    assert [(c.left, c.right) for c in Scene([low, hill], 0.1).contacts] == [(1, 3), (2, 4)]
+    with pytest.raises(SceneError, match="'hill' has floors at 5, 8 m"):
+        Scene([Building("low", [9.0], 1e5), Building("hill", [9.0] * 2, 1e5, base_elevation=2.0)], 0.1)
+    deep = Building("deep", [9.0], 1e5, storey_heights=6.0, base_elevation=-2.0)
+    scene = Scene([Building("shed", [9.0], 1e5, storey_heights=1.0), deep], 0.1, contacts="floors and columns")
+    assert [(c.struck, c.xi) for c in scene.contacts] == [(1, 0.5)]  # 3 m above the base of a storey of 6 m
+    # a floor below the base of its neighbour strikes nothing
+    lifted = Building("lifted", [9.0], 1e5, base_elevation=3.5)
+    above = Scene(
+        [Building("shed", [9.0] * 2, 1e5, storey_heights=[3.0, 2.0]), lifted], 0.1, contacts="floors and columns"
+    )
+    assert [(c.storey, c.struck) for c in above.contacts] == [(2, 1)]
+    assert hill.elevations.tolist() == [3.0, 6.0]  # of its own base, by which it rocks and its height is told

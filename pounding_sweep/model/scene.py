@@ -20,6 +20,7 @@ from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short
 from pounding_sweep.base.text import html_table, label_fault
 from pounding_sweep.model.faults import (
     Faults,
+    Finite,
     Flag,
     Fraction,
     Integer,
@@ -39,6 +40,8 @@ from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, names_file, r
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
+#: Below these shares of the stiffness of the storey above, at first and after yielding, a first storey is of isolators.
+ISOLATING = (0.25, 0.1)
 #: Largest exponent of Bouc and Wen.
 MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
@@ -213,6 +216,9 @@ class Building:
         What the building stands on, free to sway and to rock; fixed to the ground where not given. Rayleigh damping is
         that of the building on a fixed base, and acts on its motion relative to the base; periods and modes are those
         of both together.
+    base_elevation : float
+        Elevation (m) of the building's base above the datum of the row, below 0 for one that is deeper: floors of
+        neighbours meet where their elevations above that datum agree.
 
     Raises
     ------
@@ -241,13 +247,16 @@ class Building:
     bouc_wen: BoucWen | None = field(default=None, kw_only=True)
     dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
+    base_elevation: Finite = field(default=0.0, kw_only=True)
+    FILE_KEYS: ClassVar = ("isolation",)  # a sweep file's reader replaces it
     n_storeys: int = derived()
     #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
     yields: tuple[bool, ...] = derived()
     hardenings: tuple[float, ...] = derived()
     dashed: tuple[bool, ...] = derived()
     uniform_hardening: float = derived()  # of all storeys, NaN if they differ
-    elevations: np.ndarray = derived()  # of floors above the common base (m), shape (n_storeys,)
+    elevations: np.ndarray = derived()  # of floors above the building's base (m), shape (n_storeys,)
+    levels: np.ndarray = derived()  # of floors above the datum of the row (m), shape (n_storeys,)
     #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
     #: leave of it (kN/m); and P / (k h)
     geometric_stiffnesses: tuple[float, ...] = derived()
@@ -271,6 +280,7 @@ class Building:
             dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
         )
         set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
+        set_fields(self, levels=self.base_elevation + self.elevations)
         with Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
@@ -328,6 +338,13 @@ class Building:
                 f"{repr_short(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
                 "which would feed energy in; bring the ratios of the first two modes closer together",
             )
+
+    @property
+    def on_isolators(self) -> bool:
+        """Whether the first storey is too soft for columns beside the one above: isolators."""
+        first, above = (*self.stiffnesses, 0.0)[:2]
+        yielded = first * (self.hardenings[0] if self.yields[0] else 1.0)
+        return first < ISOLATING[0] * above and yielded < ISOLATING[1] * above
 
     @property
     def inertias(self) -> np.ndarray:
@@ -425,14 +442,17 @@ class Facing(NamedTuple):
 
 def meetings(left: Building, right: Building, tolerance: float) -> tuple[list[tuple[int, int]], list[list[Facing]]]:
     """Return the floors (from 0) of neighbours that are level, and of both those that stand before columns."""
-    (z, d), (y, e) = ((item.elevations, np.array(item.slab_depths or 0.0)) for item in (left, right))
+    (z, d), (y, e) = ((item.levels, np.array(item.slab_depths or 0.0)) for item in (left, right))
     over = z[:, None] - y[None, :]
     level = np.argwhere((over <= tolerance + d.reshape(-1, 1)) & (-over <= tolerance + e.reshape(1, -1)))
     facing: list[list[Facing]] = []
-    for side, middles, elevations in ((0, z - 0.5 * d, y), (1, y - 0.5 * e, z)):
-        levels = np.append(0.0, elevations)
+    for side, middles, elevations, base in (
+        (0, z - 0.5 * d, y, right.base_elevation),
+        (1, y - 0.5 * e, z, left.base_elevation),
+    ):
+        levels = np.append(base, elevations)
         storeys = np.searchsorted(levels, middles) - 1
-        floors = np.setdiff1d(np.flatnonzero(storeys < len(elevations)), level[:, side])
+        floors = np.setdiff1d(np.flatnonzero((storeys >= 0) & (storeys < len(elevations))), level[:, side])
         below = storeys[floors]
         xi = (middles[floors] - levels[below]) / np.diff(levels)[below]
         facing.append(list(map(Facing, floors.tolist(), below.tolist(), xi.tolist())))
@@ -885,7 +905,7 @@ class Scene:
                     raise SceneError(text + (", ".join(map(str, sorted(meeting))) or "none"), ("storeys",))
             if not meeting and not self.allow_unmet:
                 pairs = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
-                where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in pairs)
+                where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.levels)} m" for b in pairs)
                 likely = (
                     "; likely storey_heights in mm given for m" if max(b.elevations[0] for b in pairs) > 100.0 else ""
                 )

@@ -117,10 +117,10 @@ def coordinate_values(values: Any) -> np.ndarray:
 
 
 def _scene_coordinates(scene: Scene) -> Coordinates:
-    elevations = np.concatenate([building.elevations for building in scene.buildings])
+    elevations = np.concatenate([building.levels for building in scene.buildings])
     floors, contacts = ("building", "storey"), ("pair", "storey")
     names, numbers = [building.name for building in scene.buildings], np.arange(1, scene.n_storeys + 1)
-    text = "elevation of the floor above the base"
+    text = "elevation of the floor above the datum of the row"
     result = {
         "building": coordinate(floors[:1], names, "", "building, left to right"),
         "storey": coordinate(floors[1:], numbers, "1", "storey, 1 at the bottom"),

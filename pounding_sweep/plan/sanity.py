@@ -32,8 +32,6 @@ MARKS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 999999.0, -32768.0)
 WEIGHT_LIKE = (400.0, 0.24)
 #: Share of its yield drift that some storey of a row that may yield reaches.
 _ELASTIC = 0.01
-#: Below these shares of the stiffness of the storey above, at first and after yielding, a first storey is of isolators.
-_ISOLATING = (0.25, 0.1)
 #: Values that one warning names.
 _NAMED = 3
 
@@ -190,20 +188,13 @@ def _weight_like(building: Building) -> list[str]:
     ]
 
 
-def _on_isolators(building: Building) -> bool:
-    """Whether the first storey is too soft for columns beside the one above: their drift is meant, and is no ratio."""
-    first, above = (*building.stiffnesses, 0.0)[:2]
-    yielded = first * (building.hardenings[0] if building.yields[0] else 1.0)
-    return first < _ISOLATING[0] * above and yielded < _ISOLATING[1] * above
-
-
 def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray], laws: Iterable[Law] = ()) -> Iterator[str]:
     """Say of the largest values of outputs, shape (building or pair, storey), what is outside any real building."""
     scene, drifts = variants.scene, largest.get("drift_max")
     if drifts is not None:
         floors = np.concatenate([d[: b.n_storeys] for b, d in zip(scene.buildings, drifts, strict=True)])
         places = [f"{b.name}, storey {i}" for b in scene.buildings for i in range(1, b.n_storeys + 1)]
-        isolators = [i == 0 and _on_isolators(b) for b in scene.buildings for i in range(b.n_storeys)]
+        isolators = [i == 0 and b.on_isolators for b in scene.buildings for i in range(b.n_storeys)]
         ratios = np.where(isolators, 0.0, floors / variants.storey_heights)
         if text := LIMITS["drift"].doubt(zip(places, ratios.tolist(), strict=True)):
             yield f"{text}; a linear spring knows nothing of a storey that has failed"

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, TypeAdapter, create_model
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, create_model
 
 from pounding_sweep.base.errors import (
     Fault,
@@ -49,9 +49,9 @@ from pounding_sweep.model.faults import (
     valid_part,
 )
 from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, hertz_stiffness
-from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.presets import base_isolated, get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.records import (
     Record,
@@ -267,6 +267,8 @@ class _Reader:
                 contact = dict(contact)
                 contact["hertz_stiffness"] = faults.attempt(place, called, hertz_stiffness, contact.pop("hertz"))
             table = {"row": (), **table, "contact": contact}
+            if isinstance(row := table["row"], list | tuple) and row:
+                table["row"] = [self._isolated(("scene", "row", i), item) for i, item in enumerate(row)]
         if isinstance(table, dict) and "preset" in table:
             if table["row"] != ():
                 raise SceneError("preset and row exclude each other; give one of them", ("preset",))
@@ -276,6 +278,18 @@ class _Reader:
             table = {"gaps": preset.gaps, **table, "row": preset.row, "contact": contact}
         scene = TypeAdapter(Scene).validate_python(table, context={"base": self.arguments["base"]})
         return scene if len(faults.entries) == before else None
+
+    def _isolated(self, place: Place, item: Any) -> Any:
+        """Put a building whose table has isolators on them; return all others of a row as they are."""
+        if not isinstance(item, dict) or "isolation" not in item:
+            return item
+        on_fixed_base = {key: value for key, value in item.items() if key != "isolation"}
+        try:
+            building = TypeAdapter(Building).validate_python(on_fixed_base)
+        except ValidationError:  # which the row tells
+            return on_fixed_base
+        at = (*place, "isolation")
+        return self.faults.attempt(at, called, base_isolated, item["isolation"], building=building) or building
 
     def _records(self, value: Any) -> list[Record] | None:
         before, kinds = len(self.faults.entries), (Record, str, os.PathLike, dict)

@@ -264,14 +264,19 @@ def _building(item: Building) -> str:
     weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
     if item.p_delta:
         weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
+    if item.on_isolators and item.yields[0]:
+        soft = replace(item, stiffnesses=[item.hardenings[0] * item.stiffnesses[0], *item.stiffnesses[1:]])
+        first += f" s before its isolators yield, {', '.join(f'{period:.3g}' for period in soft.periods[:2])} s after,"
+    else:
+        first += " s,"
     if item.foundation is not None:
         weight += f", on a foundation (on a fixed base {fixed} s)"
-    return f"{item.n_storeys} storey{plural}, {item.elevations[-1]:g} m high, period{plural} {first} s, {weight}"
+    return f"{item.n_storeys} storey{plural}, {item.elevations[-1]:g} m high, period{plural} {first} {weight}"
 
 
 def _pair(scene: Scene, pair: int) -> str:
     left, right = scene.row[pair : pair + 2]
-    elevations = [z for item in scene.buildings for z in item.elevations]
+    elevations = [z for item in scene.buildings for z in item.levels]
     contacts = [contact for contact in scene.contacts if contact.pair == pair]
     meets = [elevations[c.right if c.left < 0 else c.left] for c in contacts if c.struck < 0]
     limited = " (limited by the scene)" if scene.pair_names[pair] in dict(scene.storeys) else ""
@@ -289,7 +294,7 @@ def _pair(scene: Scene, pair: int) -> str:
         for does in ("strikes", "passes through"):
             floors = [f.floor for f in facing if (f.floor + 1 in struck) is (does == "strikes")]
             if floors and isinstance(item, Building):
-                levels = _listed(sorted(item.elevations[floors]))
+                levels = _listed(sorted(item.levels[floors]))
                 parts.append(f"{item.name} {does} columns of {other.name} at {levels} m")
     return "; ".join(parts)
 
