@@ -160,6 +160,7 @@ NETWORKS = {
     "VEL. DE MUESTREO, C1-C6 (muestras/s)   : /100/100/100\nVEL. DE MUESTREO, C7-C12 (muestras/s)  : \n"
     "INTERVALO DE MUESTREO, C1-C6 (s)       : /0.01/0.01/0.01\n"
     "ACEL. MAX.(Gal), C1-C6                 : /0.5000/1.0000/1.5000\n"
+    "ACEL. MAX., C1-C6, EN LA MUESTRA       : /10692/16112/16295\nACEL. MAX.(Gal), C7-C12                : \n"
     "UNIDADES DE LOS DATOS                  : Gal (cm/s/s)\nDATOS DE ACELERACION:\n---------+---------+\n"
     "   CANAL-1   CANAL-2   CANAL-3\n         T      N00E         V\n---------+---------+\n" + COMPONENTS,
     "usc.s0a": USC,

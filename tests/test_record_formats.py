@@ -474,7 +474,8 @@ def test_only_a_heading_of_time_gives_a_step(tmp_path):
     path = save(tmp_path, f"x,acc (g)\n{ROWS}")
     refused(path, "has no time step: its first column is headed 'x', not time; give dt=")
     assert read_record(path, dt=0.02).dt == 0.02
-    assert read_record(save(tmp_path, f"# matched to a response spectrum\ntime,acc (g)\n{ROWS}")).dt == 0.01
+    for title in ("# matched to a response spectrum\ntime,acc (g)", "Response spectrum compatible\n,acc (g)"):
+        assert read_record(save(tmp_path, f"{title}\n{ROWS}")).dt == 0.01
     assert read_record(save(tmp_path, f"El Centro\n{ROWS.replace(',', ' ')}"), units="g").dt == 0.01  # a title
 
 
@@ -626,6 +627,9 @@ BAD = {
     "a step in furlongs": at2(points="NPTS= 7, DT= .01 FURLONG"),
     "a step of hours": at2(points="NPTS= 7, DT= 10 SEC"),
     "a column of dates": "date,acc (g)\n2001-01-01 00:00:00.00,0.1\n2001-01-01 00:00:00.01,0.2\n",
+    "a first row far above": "t (s),acc (g)\n0,400\n" + "".join(f"{i / 100},{i % 3}\n" for i in range(1, 20)),
+    "times of day": "t;acc (g)\n00:00:00.00;0,1\n00:00:00.01;0,2\n",
+    "days and times": "date,t,acc (g)\n2001-01-01,00:00:00.00,0.1\n2001-01-01,00:00:00.01,0.2\n",
     "a column of days": "01.02.2001 00:00:01;0,1\n01.02.2001 00:00:02;0,2\n",
     "CSMIP, on film": CSMIP.partition("{n} Acc")[0] + in_rows([0.0, 0.1, 0.005, 0.2] * 4, "{:7.3f}"),
     "USC, on film": "FILE     0 OF UNCORRECTED ACCELEROGRAM DATA OF VOLUME I:\n" + in_rows([0, 2, 127], "{:5d}"),

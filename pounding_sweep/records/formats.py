@@ -73,7 +73,9 @@ _SPECTRAL = re.compile(
     r"(?i)\W*(?:periods?|per[ií]odo|freq\w*|frecuencia|hz|p?s[avd]|fas|(?:pseudo[\s-]*)?spectral|fourier)(?![^\W_])"
     r"|.*[(\[]\s*(?:hz|rad/s)\s*[)\]]"
 )
-_SPECTRUM = r"^\W*(?:\w+[\s-]+){0,3}?(?:response|fourier)\b.{0,60}\bspectr(?:um|a)\b"
+_SPECTRUM = (
+    r"^\W*(?!.*(?:match|compatib|target|scaled))(?:\w+[\s-]+){0,3}?(?:response|fourier)\b.{0,60}\bspectr(?:um|a)\b"
+)
 _INDEX_HEADING = re.compile(
     r"\W*(?:index|idx|i|n|no|nr|num|number|point|points|sample|samples|step|steps|row|id|unnamed\b.*)?\W*",
     re.IGNORECASE,
@@ -92,7 +94,8 @@ _EMPTY_CELL = r"(?m)(?:^|,)[ \t]*,"
 #: The number of points in the headers of ESM, China, AFAD and GeoCSV; rows of the first two wrap.
 _COUNT = r"^\W*(NDATA|NO\. OF POINTS|NUMBER OF DATA|sample_count)\s*:\s*(\d{1,9})(?!\S)"
 #: A date, and perhaps a time of day, in the first column of a row.
-_DATE = re.compile(r"\s*\"?\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T ]\d+(?::[\d.]+)+Z?)?\"?(?:\s*[,;|]\s*|\s+)")
+_DAY, _CLOCK = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}", r"\d{1,2}(?::[\d.]+)+Z?"
+_DATE = re.compile(rf"\s*\"?(?:{_DAY}(?:[T ,;|\t]{_CLOCK})?|{_CLOCK})\"?(?:\s*[,;|]\s*|\s+)")
 #: Headings of components, of which rows of one component have none.
 _COMPONENT = re.compile(r"[NSEWUDHVXYZLT][1-3]?|N-?S|E-?W|U-?D|UP|[NS]\d+[EW]|.*[(\[].*[)\]]", re.IGNORECASE)
 
@@ -211,6 +214,11 @@ def _read_table(
             f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
             "or head the column 'time (s)'"
         )
+    motions = np.abs(np.delete(values, [time] if time >= 0 else [], axis=1)).max(axis=1)
+    if len(motions) > 9 and motions[0] > 20.0 * motions[1:].max() > 0.0:
+        raise RecordError(
+            f"line {line}: its first values are far above all others; delete that row if it belongs to the header"
+        )
     if time < 0 or counts or (not timed and not untitled and (steps or source.dt is not None)):
         step = choose_step(source, steps)
     elif not timed and not untitled:
@@ -314,7 +322,7 @@ def _without_dates(lines: list[str]) -> list[str]:
 
 def _parse_dated(source: RecordText) -> Content:
     content = parse_columns(replace(source, lines=_without_dates(source.lines), first_column=2))
-    for _, line in source.find("^#Offset$", last=MOST_HEADER):  # of NIED: what the recorder shows at rest
+    for _, line in source.find(r"^#Offset\W*$", last=MOST_HEADER):  # of NIED: what the recorder shows at rest
         heads, offsets = (_cells(text.lstrip("#")) for text in source.lines[line : line + 2])
         offset = dict(zip(heads, map(to_float, offsets), strict=True))[content.column or heads[0]]
         content = replace(content, values=content.values - offset)

@@ -314,7 +314,7 @@ def check_quantity(lines: Iterable[tuple[int, str]], heading: tuple[int, str] | 
 #: Peaks that headers state, of the values as they are: one number, or one of each column.
 _PEAK = (
     r"(?:^peak value\s*:|^PGA_\S+?\s*:|(?<!uncor )\bmax\s*=|^peak +acceleration\s*=|^acceleration: +peak\b"
-    r"|\bpk(?: +acc)?\s*=|^max\. acc\.|(^(?:raw )?PGA values?\b|^acel\. max\..*, C1-C6))(.*)"
+    r"|\bpk(?: +acc)?\s*=|^max\. acc\.|(^(?:raw )?PGA values?\b|^acel\. max\.\(\w+\), C1-C6))(.*)"
 )
 
 
@@ -373,13 +373,14 @@ _STEP = (
     r"(?:d_?t|delta[ _]?t|Δt|time[ _-]?(?:step|interval|increment)|sampl\w*[ _-]?(?:interval|period|step)|"
     r"intervalo de muestreo(?:, C1-C6)?|zeitschritt|pas de temps|equally spaced (?:at|intervals of)|at intervals of|"
     r"at(?=\s+[\d.]+ sec intervals))(?:[ _]s)?\s*(?:[(\[]\s*(\w+)\s*[)\]])?"
-    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?({NUMBER.pattern})[ \t]*((?!(?:and|at|for|from|in|with)\b)[^\W\d_]*+)(?!\s*[=:(])"
+    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?\s*({NUMBER.pattern})[ \t]*((?!(?:and|at|for|from|in|with)\b)[^\W\d_]*+)"
+    r"(?!\s*[=:(])"
 )
 _RATE = (
     r"(?i)(?<![^\W_])"
     r"(?:(?:sampl\w*|data)[ _-]?(?:rate|freq\w*)(?:_hz)?|fs(?=\s*[=:])|sampled at|(?:frecuencia|tasa|vel\w*\.?) de "
     r"muestreo(?:, C1-C6)?|abtast\w*)\s*(?:[(\[]\s*(?:hz|sps|samples/s\w*|muestras/s\w*)\s*[)\]])?"
-    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?({NUMBER.pattern})(?:\s*(?:hz|sps))?"
+    rf"\s*(?:[=:]|\bof\b|\bis\b)?\s*/?\s*({NUMBER.pattern})(?:\s*(?:hz|sps))?"
     rf"|({NUMBER.pattern})\s*(?:(?:muestras|samples|points|pts|puntos)\s*(?:/|por|per)\s*s|sps\b)"
 )
 #: Headers of more lines are of no record; of longer lines only the beginning counts.
