@@ -47,8 +47,8 @@ WIDEST = 5.0
 #: Least dispersion of the curves that intervals are made of, points of their grids, each refined from the one before,
 #: and by how much the logarithm of a likelihood that does not count is lower than the largest.
 SHARPEST, _GRIDS, _UNLIKELY = 1e-3, (24, 24, 24, 24, 64), 8.0
-#: Intensities at which curves are given, where none are.
-LEVELS = 100
+#: Intensities at which curves are given, where none are: so many at equal steps, and of their logarithms.
+LEVELS = 60
 #: Curves are said to cross where the probability is farther from 0 and 1 than this.
 SEEN = 1e-3
 #: Ends of an interval.
@@ -294,7 +294,7 @@ def fragility(
     confidence : float or None
         Of the intervals, in (0, 1); None for no intervals, which take a fit per record.
     levels : sequence of float, optional
-        Intensities at which curves are given; by default `LEVELS` of them, up to the largest of the cube.
+        Intensities at which curves are given; by default about 2 `LEVELS` of them, up to the largest of the cube.
     quantiles : sequence of float
         Probabilities, in (0, 1), at which the intensity is given.
     one_dispersion : sequence of str
@@ -356,7 +356,8 @@ def fragility(
         raise InputError("every ground motion of this cube has intensity 0; run the sweep with scales above zero")
     units, name = strength.attrs["units"], strength.attrs["long_name"]
     words = about.in_words(level)
-    at = np.geomspace(x.max() / LEVELS, x.max(), LEVELS)
+    at = np.union1d(*(space(x.max() / LEVELS, x.max(), LEVELS)[:-1] for space in (np.linspace, np.geomspace)))
+    at = np.append(at, x.max())
     if levels is not None:
         at = numbers_in("(0, inf)", levels, f"levels ({units})")
     cache: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
