@@ -161,6 +161,24 @@ def test_a_row_that_falls_is_its_twin_up_to_the_fall(method, dt, bound):
             np.testing.assert_allclose(mine / size, theirs / size, rtol=0, atol=bound, err_msg=name)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("strength", [180.0, 1.4e4])
+def test_exact_flight_ends_where_an_elastic_storey_falls(strength):
+    """A low storey that yields late, beyond its height, or moves there by and by: time and values are those of rk4."""
+    scene = ps.Scene(
+        [ps.Building("a", [100.0], [4e4], 0.02, [0.3], yield_strengths=[strength], hardening=0.09, p_delta=True)]
+    )
+    scales = np.linspace(1.8, 12.0, 16) * (1.0 if strength < 1e3 else 5.0)
+    lanes = {"scale": scales, "gaps": np.ones((16, 0)), "stiffness": np.ones(16), "restitution": np.ones(16)}
+    record, found = motion(1201), []
+    for method, dt in (("rk4", 5e-4), ("exact", 5e-3)):
+        kernel = RowKernel(scene, LAWS["none"], Numerics(method, dt), reducers_for(OUTPUTS))
+        found.append(variables_of(kernel, kernel.run(record, **lanes), OUTPUTS, record))
+    assert {*found[0]["status"].tolist()} == {Status.OK, Status.COLLAPSED}
+    for name in ("status", "collapse_time", "drift_max", "energy_input"):
+        np.testing.assert_allclose(found[0][name], found[1][name], rtol=1e-7, err_msg=name)
+
+
 def test_a_storey_rests_where_its_weight_and_its_spring_agree():
     """(k - P / h) d = (1 - r) k p: by the twin; and where that is beyond what it holds, it does not rest."""
     got = ps.simulate(LEANING_YIELDS, motion(251, 1.5), law="kelvin_voigt", method="rk4", dt=5e-4)

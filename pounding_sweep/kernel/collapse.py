@@ -58,11 +58,12 @@ def locate_event(group: Group, asks: Any, h: Any, motion: Callable[[Storey], Ser
 
 def apply_events(group: Group, lands: Any, h: Any) -> None:
     """End the scenarios in which a fall ends this sub-step of a step of length h."""
-    s = group.state
+    s, spec = group.state, group.spec
+    step = 0.0 if spec.series else group.prop("longest") if spec.staged else h  # series are right at any length
     for storey in group.iter_storeys(group.spec.falling):
         due = lands & (storey.fall <= s["fraction"] + group.limit.same_time)
         with when_any(due):
-            resolved = h * size(storey.drift("v")) <= RESOLVED * storey.drift_limit
+            resolved = step * size(storey.drift("v")) <= RESOLVED * storey.drift_limit
             flag = where(resolved, float(FLAG_COLLAPSED), float(FLAG_BLURRED))
             storey.put(due, collapse_time=group.clock(h))
             s.put(due, maximum(s["collapsed"], flag), "collapsed")

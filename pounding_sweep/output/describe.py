@@ -23,7 +23,7 @@ from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_senten
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
-from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, OUTPUT_NAMES, STATUS, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, OUTPUT_NAMES, STATUS, VALID, Status
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import overview_of
 
@@ -231,7 +231,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         "Scenario axes": axes[False],
         "Within a scenario": axes[True],
         "Further coordinates": coordinates,
-        f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": variables,
+        f"Variables{'' if status is None else ' (range over scenarios that are ok or fell)'}": variables,
         "Scenarios by status": [
             (str(end["count"]), end["label"], f"{end['meaning']}: {end['remedy']}" if end["remedy"] else end["meaning"])
             for end in statuses(dataset.get("status", []), dataset.get("unsettled_output", []))
@@ -261,7 +261,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
 
 
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
-    """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
+    """Smallest and largest finite value, of the scenarios that are ok or fell where there is a status."""
     if values.dtype.kind not in "iuf":
         return "-"
     low, high = np.inf, -np.inf
@@ -271,7 +271,7 @@ def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
         part: Any = dict(zip(dims, slab, strict=True))
         valid = values.isel(part).astype(float)
         if status is not None and set(status.dims) <= set(valid.dims):
-            valid = valid.where(status.isel(part, missing_dims="ignore") == int(Status.OK))
+            valid = valid.where(status.isel(part, missing_dims="ignore").isin(VALID))
         array = valid.values[np.isfinite(valid.values)]
         low, high = min(low, array.min(initial=np.inf)), max(high, array.max(initial=-np.inf))
     return f"{_number(float(low))} to {_number(float(high))}" if low <= high else "no values"
@@ -323,13 +323,13 @@ def summarize(path: FilePath) -> dict[str, Any]:
 
 
 def _impacts(arrays: Mapping[str, netCDF4.Variable]) -> list[dict[str, Any]]:
-    """Return what each law does to each pair, one row per law and pair, over the scenarios with status ok."""
+    """Return what each law does to each pair, one row per law and pair, over the scenarios that are ok or fell."""
     status, laws, pairs = arrays["status"], _texts(arrays["law"]), _texts(arrays["pair"]).tolist()
     titles = {key: item.title for key, item in LAWS.items()}
     if "law_title" in arrays:
         titles |= dict(zip(laws.tolist(), _texts(arrays["law_title"]).tolist(), strict=True))
     across = tuple(axis for axis, dim in enumerate(status.dimensions) if dim not in arrays["law"].dimensions)
-    ok, law_of_scenario, largest = status[...] == Status.OK, np.expand_dims(laws, across), {}
+    ok, law_of_scenario, largest = np.isin(status[...], VALID), np.expand_dims(laws, across), {}
     # the largest of all floors; missing where no floors meet
     for name in (name for name in ("impact_force_max", "impact_count") if name in arrays):
         array = arrays[name]
