@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import OUTPUTS, motions, row
+from scenes import OUTPUTS, make, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.engine import compile
@@ -25,6 +25,7 @@ from pounding_sweep.outputs.variables import Status, get_variable, inner_shape, 
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
+from pounding_sweep.run import estimate
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.axes import contact_stiffness
@@ -42,6 +43,7 @@ PRODUCT = {
     "scales": [0.5, 1.0],
     "method": "rk4",
     "dt": 0.005,
+    "audit": 0.0,
     "outputs": OUTPUTS,
 }
 
@@ -133,7 +135,9 @@ def test_copies_are_told_from_runs(stub_engine, tmp_path):
 
 
 def test_what_has_no_result_has_no_run(stub_engine):
-    cube = Sweep(row(), motions(), "linear", gaps=[0.001, 0.5], stiffness_factors=[1.0, 1e6], dt=0.005).run()
+    cube = Sweep(
+        row(), motions(), "linear", gaps=[0.001, 0.5], stiffness_factors=[1.0, 1e6], method="rk4", dt=5e-3
+    ).run()
     refused = cube.status == Status.BEYOND_STABILITY_LIMIT
     assert refused.any()
     assert ((cube.run == 0) == refused).all()
@@ -184,7 +188,7 @@ def test_listed_cases_equal_brute_force(monkeypatch):
         {"law": "kelvin_voigt", "record": "one", "gap": (0.002, 0.9), "scale": -1.0},
         {"law": "kelvin_voigt", "record": "two", "gap": (0.9, 0.9)},
     ]
-    sweep = Sweep(scene, records, cases=cases, method="rk4", dt=0.005, outputs=OUTPUTS)
+    sweep = Sweep(scene, records, cases=cases, method="rk4", dt=0.005, audit=0.0, outputs=OUTPUTS)
     cube = sweep.run(workers=1)
     by_name = {r.name: r for r in records}
     for i, case in enumerate(cases):
@@ -380,8 +384,8 @@ def test_the_summary_counts():
     assert found["steps"] == {"one": 149 * 4, "two": 149 * 2}
     assert found["kernels"] == 3  # linear runs in the kernel of kelvin_voigt
     assert 0 < found["seconds"] == plan.summary(workers=1)["seconds"] / 2
-    # 2 x 3 floors, 3 x 2 pairs (4 bytes the counts), status and steps per contact
-    assert found["cube_bytes"] == 320 * (2 * 3 * 8 + 2 * (8 + 4 + 8) + 1 + 8)
+    # 2 x 3 floors, 3 x 2 pairs (4 bytes the counts), status, what did not settle and steps per contact
+    assert found["cube_bytes"] == 320 * (2 * 3 * 8 + 2 * (8 + 4 + 8) + 1 + 1 + 8)
 
 
 # -- the stability limit -----------------------------------------------------------------------------------------------
@@ -432,3 +436,22 @@ def test_scenes_and_sweeps_in_notebooks():
     table = cells_of(Sweep(row(), motions()[0], ["linear", "none"], gaps=[0.001 * i for i in range(1, 13)]))
     assert table[1] == ["law", "2", "['linear', 'none']"]
     assert table[2][2].startswith("[0.001, 0.002, ")
+
+
+def test_a_run_is_timed_by_some_scenarios_of_each_law(monkeypatch):
+    """Where every scenario takes three times its estimate, so does the run."""
+    plan, clock, laws = make().plan(), [0.0], []
+
+    def run(task):
+        steps = task.kernel.numerics.steps(task.record)
+        index = [record.name for record in plan.spec.records].index(task.record.name)
+        clock[0] += 3.0 * plan.scenario_seconds(index, steps) * len(task.table)
+        laws.append(task.kernel.law.key)
+
+    monkeypatch.setattr(estimate, "run_scenarios", run)
+    monkeypatch.setattr(estimate.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(estimate, "missing_kernels", lambda shapes: ([], []))
+    assert estimate.measured_seconds(plan) == pytest.approx(3.0 * plan.summary()["seconds"])
+    assert {*laws} == {"linear", "kelvin_voigt", "none"}
+    monkeypatch.setattr(estimate, "missing_kernels", lambda shapes: (shapes, []))
+    assert estimate.measured_seconds(plan) is None

@@ -138,8 +138,9 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
 
 @command("plan")
 def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
-    """Show what a sweep would run and at what cost, without running it."""
+    """Show what a sweep would run and at what cost; a few scenarios are run for it where their kernels are ready."""
     from pounding_sweep.engine.compile import still_to_compile
+    from pounding_sweep.run.estimate import measured_seconds
     from pounding_sweep.run.execute import check_scheduler
 
     workers = check_scheduler("threads", options.workers)
@@ -147,8 +148,12 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
     plan = sweep.plan()
     kernels, seconds = still_to_compile(plan.shapes())
     summary = plan.summary(workers)
+    measured = measured_seconds(plan)
+    if measured is not None:
+        summary["seconds"] = measured / workers
     report = {
         **summary,
+        "seconds_measured": measured is not None,
         "workers": workers,
         "sweep_sha256": plan.digest,
         "kernels_to_compile": kernels,

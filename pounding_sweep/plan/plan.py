@@ -247,7 +247,8 @@ class Plan:
         axes = counts_text({name: len(values) for name, values in self.spec.axes.items()})
         ranges = {name: dict.fromkeys((plan["steps_least"][name], most)) for name, most in plan["steps"].items()}
         steps = ", ".join(f"{' to '.join(map(str, counts))} ({name})" for name, counts in ranges.items())
-        missing, run = plan.get("kernels_to_compile"), f"about {seconds_text(plan['seconds'])}"
+        missing = plan.get("kernels_to_compile")
+        run = "under a second" if plan["seconds"] < 1.0 else f"about {seconds_text(plan['seconds'])}"
         kernels = "" if missing is None else f", {missing} to compile" if missing else ", all compiled"
         workers = f"{plan['workers']} worker{'s' * (plan['workers'] != 1)}"
         if missing:
